@@ -1,0 +1,7 @@
+"""mjbench: which way of stepping MuJoCo from Python is fastest, and do all ways agree.
+
+Importing this package imports neither MuJoCo nor any optional dependency; import the room you
+need (`mjbench.models`, `mjbench.workload`, `mjbench.paths`, ...). docs/architecture.md is the map.
+"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,139 @@
+"""The one place that knows how MuJoCo releases differ, from 2.3.7 on.
+
+Everything is asked by name, never by release number (enum values move between releases), and
+nothing here is meant to be called inside a timed region.
+"""
+
+import functools
+from typing import Any
+
+import mujoco
+import numpy as np
+
+# Components of mjSTATE_INTEGRATION by the MjData field that holds them.
+_FIELD_OF_STATE = {
+    "TIME": "time",
+    "QPOS": "qpos",
+    "QVEL": "qvel",
+    "ACT": "act",
+    "HISTORY": "history",
+    "WARMSTART": "qacc_warmstart",
+    "CTRL": "ctrl",
+    "QFRC_APPLIED": "qfrc_applied",
+    "XFRC_APPLIED": "xfrc_applied",
+    "EQ_ACTIVE": "eq_active",
+    "MOCAP_POS": "mocap_pos",
+    "MOCAP_QUAT": "mocap_quat",
+    "USERDATA": "userdata",
+    "PLUGIN": "plugin_state",
+    "PLASTIC": "plastic",
+}
+
+
+@functools.cache
+def state_spec(name: str) -> int:
+    """Return the value of `mjtState.mjSTATE_<name>` in this release."""
+    return int(getattr(mujoco.mjtState, f"mjSTATE_{name}"))
+
+
+def state_size(model: Any, spec: int) -> int:
+    """Return the number of mjtNum of a state specification (see mj_stateSize)."""
+    return int(mujoco.mj_stateSize(model, spec))
+
+
+def get_state(model: Any, data: Any, out: np.ndarray, spec: int) -> None:
+    """Copy the state components in `spec` to `out`, a contiguous float64 row."""
+    mujoco.mj_getState(model, data, out, spec)  # by position: the keyword was renamed in 3.3.6
+
+
+def set_state(model: Any, data: Any, row: np.ndarray, spec: int) -> None:
+    """Write the state components in `spec` from `row`, a contiguous float64 row."""
+    mujoco.mj_setState(model, data, row, spec)
+
+
+def state_columns(model: Any, spec: int) -> dict[str, slice]:
+    """Return where each MjData field stands in a state row of `spec`, in row order.
+
+    Keys are MjData field names (`qpos`, `qacc_warmstart`, ...); empty fields are left out. The
+    order of a row is that of the components' bits (mj_getState).
+    """
+    bits = {}
+    for attribute in dir(mujoco.mjtState):
+        if attribute.startswith("mjSTATE_"):
+            value = int(getattr(mujoco.mjtState, attribute))
+            if value & spec and value & (value - 1) == 0:
+                name = attribute.removeprefix("mjSTATE_")
+                bits[value] = _FIELD_OF_STATE.get(name, name.lower())
+    columns, start = {}, 0
+    for value, field in sorted(bits.items()):
+        size = state_size(model, value)
+        if size:
+            columns[field] = slice(start, start + size)
+        start += size
+    return columns
+
+
+def rollout_threads() -> bool:
+    """Return whether `mujoco.rollout` of this release runs on threads (3.2.7 on)."""
+    from mujoco import rollout
+
+    return hasattr(rollout, "Rollout")
+
+
+def rollout_unavailable() -> str | None:
+    """Return why `mujoco.rollout` cannot run a full physics state here, or None if it can."""
+    try:
+        import inspect
+
+        from mujoco import rollout
+    except ImportError as error:
+        return f"this MuJoCo has no mujoco.rollout ({error})"
+    if "control_spec" not in inspect.signature(rollout.rollout).parameters:
+        return "mujoco.rollout takes full physics states from MuJoCo 3.1.2 on"
+    return None
+
+
+def batch_unavailable() -> str | None:
+    """Return why `mujoco.batch` cannot be used here, or None if it can."""
+    try:
+        from mujoco import batch  # noqa: F401
+    except ImportError:
+        return "mujoco.batch exists from MuJoCo 3.17.0 on"
+    return None
+
+
+def solver_iterations(data: Any) -> int:
+    """Return the solver iterations of the last step, summed over constraint islands."""
+    if hasattr(data, "solver_niter"):
+        islands = max(1, min(int(data.nisland), len(data.solver_niter)))
+        return int(data.solver_niter[:islands].sum())
+    return int(data.solver_iter)
+
+
+def warning_counts(data: Any) -> np.ndarray:
+    """Return a copy of the warning counters, one per mjtWarning."""
+    return np.array(data.warning.number)
+
+
+def warning_names() -> list[str]:
+    """Return the names of mjtWarning in counter order, such as `BADQPOS`."""
+    names = {
+        int(getattr(mujoco.mjtWarning, name)): name.removeprefix("mjWARN_")
+        for name in dir(mujoco.mjtWarning)
+        if name.startswith("mjWARN_")
+    }
+    return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
+
+
+def has_sleep(model: Any) -> bool:
+    """Return whether the model lets islands sleep, which mjSTATE_INTEGRATION does not hold."""
+    bit = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
+    return bit is not None and bool(model.opt.enableflags & int(bit))
+
+
+def enum_name(enum: Any, value: int, prefix: str) -> str:
+    """Return the name of an enum's value without its prefix, such as `Newton` for mjSOL_NEWTON."""
+    for name in dir(enum):
+        if name.startswith(prefix) and int(getattr(enum, name)) == int(value):
+            return name.removeprefix(prefix).lower()
+    return str(int(value))

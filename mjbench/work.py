@@ -1,0 +1,122 @@
+"""Was it the same work? The reference run, with what each step had to do.
+
+`observe` steps a workload in the plainest way there is (one MjData, reset before every
+simulation, one `mj_step` a step) and counts contacts, constraints and solver iterations. Its
+final states are what every path is compared with. It is never timed.
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench import compat
+from mjbench.workload import Workload, start_data
+
+
+@dataclass(frozen=True)
+class Work:
+    """What one step did on average, over all steps of all simulations.
+
+    Attributes:
+      contacts: contacts (`data.ncon`) per step.
+      constraints: scalar constraints (`data.nefc`) per step.
+      solver_iterations: solver iterations per step, summed over constraint islands.
+    """
+
+    contacts: float
+    constraints: float
+    solver_iterations: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the counters by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The reference run of a workload.
+
+    Attributes:
+      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
+      warnings: (nbatch, nwarning) how often each mjtWarning was raised.
+      work: what a step did, averaged over the simulations without warnings.
+      start_contacts: contacts at the first simulation's start.
+    """
+
+    final_state: np.ndarray
+    warnings: np.ndarray
+    work: Work
+    start_contacts: int
+
+    @property
+    def healthy(self) -> np.ndarray:
+        """(nbatch,) whether a simulation raised no warning; a rising counter is divergence."""
+        return ~self.warnings.any(axis=1)
+
+    def diagnosis(self) -> str:
+        """Return the warnings raised, by name and count of simulations, such as `BADQACC 3`."""
+        counts = (self.warnings > 0).sum(axis=0)
+        names = compat.warning_names()
+        return ", ".join(f"{names[i]} in {n}" for i, n in enumerate(counts) if n)
+
+
+def observe(workload: Workload) -> Observation:
+    """Run the workload as the reference, counting what every step does."""
+    model, spec = workload.model, compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
+    final_state = np.empty_like(workload.initial_state)
+    warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
+    counts = np.zeros((workload.nbatch, 3))
+    start_contacts = 0
+    for i in range(workload.nbatch):
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, workload.initial_state[i], spec)
+        if i == 0:
+            mujoco.mj_forward(model, data)
+            start_contacts = int(data.ncon)
+            compat.set_state(model, data, workload.initial_state[i], spec)
+        counts[i] = _step(model, data, workload.control[i], workload.hold)
+        warnings[i] = compat.warning_counts(data)
+        compat.get_state(model, data, final_state[i], spec)
+    healthy = ~warnings.any(axis=1)
+    mean = counts[healthy].sum(axis=0) / max(1, int(healthy.sum()) * workload.nstep)
+    return Observation(final_state, warnings, Work(*map(float, mean)), start_contacts)
+
+
+def _step(model: Any, data: Any, control: np.ndarray, hold: int) -> tuple[int, int, int]:
+    """Step one simulation through its controls; return the three counters, summed."""
+    contacts = constraints = iterations = 0
+    for ctrl in control:
+        data.ctrl[:] = ctrl
+        for _ in range(hold):
+            mujoco.mj_step(model, data)
+            contacts += int(data.ncon)
+            constraints += int(data.nefc)
+            iterations += compat.solver_iterations(data)
+    return contacts, constraints, iterations
+
+
+def describe(model: Any) -> dict[str, Any]:
+    """Return the facts of a model that decide what a step costs, at its start state.
+
+    Keys: nq, nv, nu, na (sizes), contacts and constraints (at the start state), timestep (s),
+    integrator, cone and solver (by name).
+    """
+    data = start_data(model)
+    mujoco.mj_forward(model, data)
+    return {
+        "nq": int(model.nq),
+        "nv": int(model.nv),
+        "nu": int(model.nu),
+        "na": int(model.na),
+        "contacts": int(data.ncon),
+        "constraints": int(data.nefc),
+        "timestep": float(model.opt.timestep),
+        "integrator": compat.enum_name(
+            mujoco.mjtIntegrator, model.opt.integrator, "mjINT_"
+        ),
+        "solver": compat.enum_name(mujoco.mjtSolver, model.opt.solver, "mjSOL_"),
+        "cone": compat.enum_name(mujoco.mjtCone, model.opt.cone, "mjCONE_"),
+    }

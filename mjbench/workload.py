@@ -1,0 +1,177 @@
+"""The same simulation work for every path: start states, controls and number of steps.
+
+A `Workload` holds everything that decides what is computed. Two paths given the same workload
+must reach the same final states; two releases given the same workload do the same steps.
+"""
+
+import dataclasses
+import functools
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench import compat
+from mjbench.errors import InputError
+
+# Spread of the random starts around the keyframe: positions in metres or radians (tangent
+# space), velocities per second. Small enough that a settled heap stays settled.
+START_POSITION_SD = 1e-3
+START_VELOCITY_SD = 1e-2
+# Controls: an Ornstein-Uhlenbeck process around the keyframe's control, with this correlation
+# time, and this share of half the control range (of one unit where there is no range) as its
+# standard deviation.
+CONTROL_TIME_S = 0.1
+CONTROL_SHARE = 0.25
+CONTROL_UNLIMITED_SD = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Workload:
+    """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
+
+    Attributes:
+      model: the MjModel.
+      initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, warm-start included.
+      control: (nbatch, ncontrol, nu) controls in the actuators' units.
+      hold: steps for which each control is held (an RL user's frame_skip).
+      seed: the seed that starts and controls were drawn from.
+    """
+
+    model: Any
+    initial_state: np.ndarray
+    control: np.ndarray
+    hold: int
+    seed: int
+
+    @property
+    def nbatch(self) -> int:
+        """Number of simulations."""
+        return self.initial_state.shape[0]
+
+    @property
+    def ncontrol(self) -> int:
+        """Number of controls per simulation."""
+        return self.control.shape[1]
+
+    @property
+    def nstep(self) -> int:
+        """Number of steps per simulation."""
+        return self.ncontrol * self.hold
+
+    @property
+    def steps(self) -> int:
+        """Number of calls to mj_step of the whole workload."""
+        return self.nbatch * self.nstep
+
+    @functools.cached_property
+    def step_control(self) -> np.ndarray:
+        """(nbatch, nstep, nu) controls, one for every step."""
+        if self.hold == 1:
+            return self.control
+        return np.repeat(self.control, self.hold, axis=1)
+
+    def digest(self) -> str:
+        """Return 16 hexadecimal digits that name the start states, controls and hold."""
+        content = hashlib.blake2b(digest_size=8)
+        content.update(np.int64([self.nbatch, self.ncontrol, self.hold]).tobytes())
+        content.update(np.ascontiguousarray(self.initial_state).tobytes())
+        content.update(np.ascontiguousarray(self.control).tobytes())
+        return content.hexdigest()
+
+    def only(self, keep: np.ndarray) -> "Workload":
+        """Return the workload of the simulations where the boolean mask `keep` is true."""
+        if keep.all():
+            return self
+        return dataclasses.replace(
+            self,
+            initial_state=np.ascontiguousarray(self.initial_state[keep]),
+            control=np.ascontiguousarray(self.control[keep]),
+        )
+
+    def first(self, ncontrol: int) -> "Workload":
+        """Return the same workload stopped after its first `ncontrol` controls."""
+        return dataclasses.replace(
+            self, control=np.ascontiguousarray(self.control[:, :ncontrol])
+        )
+
+
+def make(model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0) -> Workload:
+    """Return a random but reproducible workload around the model's typical regime.
+
+    Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and
+    velocity, with the warm-start that a step from there would leave; controls are smooth noise
+    within the control range. The same arguments give the same workload.
+
+    Raises:
+      InputError: sizes below 1, or nstep not a multiple of hold.
+    """
+    for name, value in (("nbatch", nbatch), ("nstep", nstep), ("hold", hold)):
+        if value < 1:
+            raise InputError(f"{name} must be at least 1, got {value}")
+    if nstep % hold:
+        raise InputError(
+            f"nstep {nstep} is not a multiple of hold {hold};"
+            f" {nstep - nstep % hold or hold} or {nstep + hold - nstep % hold} is"
+        )
+    starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+    return Workload(
+        model=model,
+        initial_state=_starts(model, nbatch, starts),
+        control=_controls(model, nbatch, nstep // hold, hold, controls),
+        hold=hold,
+        seed=seed,
+    )
+
+
+def start_data(model: Any) -> Any:
+    """Return a new MjData at keyframe 0, or at the model's defaults if it has none."""
+    data = mujoco.MjData(model)
+    reset_to_start(model, data)
+    return data
+
+
+def reset_to_start(model: Any, data: Any) -> None:
+    """Put `data` at keyframe 0, or at the model's defaults if it has none."""
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    else:
+        mujoco.mj_resetData(model, data)
+
+
+def _starts(model: Any, nbatch: int, rng: np.random.Generator) -> np.ndarray:
+    spec = compat.state_spec("INTEGRATION")
+    states = np.empty((nbatch, compat.state_size(model, spec)))
+    data = mujoco.MjData(model)
+    for row in states:
+        reset_to_start(model, data)
+        offset = START_POSITION_SD * rng.standard_normal(model.nv)
+        mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
+        data.qvel[:] += START_VELOCITY_SD * rng.standard_normal(model.nv)
+        mujoco.mj_forward(model, data)
+        data.qacc_warmstart[:] = data.qacc  # what mj_step leaves behind
+        compat.get_state(model, data, row, spec)
+    return states
+
+
+def _controls(
+    model: Any, nbatch: int, ncontrol: int, hold: int, rng: np.random.Generator
+) -> np.ndarray:
+    if model.nu == 0:
+        return np.zeros((nbatch, ncontrol, 0))
+    centre = np.array(start_data(model).ctrl)
+    limited = np.array(model.actuator_ctrllimited, dtype=bool)
+    low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
+    high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
+    spread = np.full(model.nu, CONTROL_UNLIMITED_SD)
+    spread[limited] = CONTROL_SHARE * 0.5 * (high - low)[limited]
+    keep = np.exp(-hold * model.opt.timestep / CONTROL_TIME_S)
+    noise = rng.standard_normal((nbatch, model.nu))
+    control = np.empty((nbatch, ncontrol, model.nu))
+    for k in range(ncontrol):
+        np.clip(centre + spread * noise, low, high, out=control[:, k])
+        fresh = rng.standard_normal((nbatch, model.nu))
+        noise = keep * noise + np.sqrt(1.0 - keep**2) * fresh
+    return control
