@@ -13,7 +13,7 @@ class InputError(MjbenchError):
     exit_code = 2
 
 
-class EnvironmentFailure(MjbenchError):
+class MachineError(MjbenchError):
     """The machine or an installation failed (exit code 3): a full disk, a crash, a time limit."""
 
     exit_code = 3

@@ -53,7 +53,7 @@ class Observation:
     @property
     def healthy(self) -> np.ndarray:
         """(nbatch,) whether a simulation raised no warning; a rising counter is divergence."""
-        return ~self.warnings.any(axis=1)
+        return np.logical_not(self.warnings.any(axis=1))
 
     def diagnosis(self) -> str:
         """Return the warnings raised, by name and count of simulations, such as `BADQACC 3`."""
@@ -114,9 +114,7 @@ def describe(model: Any) -> dict[str, Any]:
         "contacts": int(data.ncon),
         "constraints": int(data.nefc),
         "timestep": float(model.opt.timestep),
-        "integrator": compat.enum_name(
-            mujoco.mjtIntegrator, model.opt.integrator, "mjINT_"
-        ),
+        "integrator": compat.enum_name(mujoco.mjtIntegrator, model.opt.integrator, "mjINT_"),
         "solver": compat.enum_name(mujoco.mjtSolver, model.opt.solver, "mjSOL_"),
         "cone": compat.enum_name(mujoco.mjtCone, model.opt.cone, "mjCONE_"),
     }

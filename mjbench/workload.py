@@ -49,12 +49,12 @@ class Workload:
     @property
     def nbatch(self) -> int:
         """Number of simulations."""
-        return self.initial_state.shape[0]
+        return int(self.initial_state.shape[0])
 
     @property
     def ncontrol(self) -> int:
         """Number of controls per simulation."""
-        return self.control.shape[1]
+        return int(self.control.shape[1])
 
     @property
     def nstep(self) -> int:
@@ -76,7 +76,7 @@ class Workload:
     def digest(self) -> str:
         """Return 16 hexadecimal digits that name the start states, controls and hold."""
         content = hashlib.blake2b(digest_size=8)
-        content.update(np.int64([self.nbatch, self.ncontrol, self.hold]).tobytes())
+        content.update(np.array([self.nbatch, self.ncontrol, self.hold], dtype=np.int64).tobytes())
         content.update(np.ascontiguousarray(self.initial_state).tobytes())
         content.update(np.ascontiguousarray(self.control).tobytes())
         return content.hexdigest()
@@ -93,9 +93,7 @@ class Workload:
 
     def first(self, ncontrol: int) -> "Workload":
         """Return the same workload stopped after its first `ncontrol` controls."""
-        return dataclasses.replace(
-            self, control=np.ascontiguousarray(self.control[:, :ncontrol])
-        )
+        return dataclasses.replace(self, control=np.ascontiguousarray(self.control[:, :ncontrol]))
 
 
 def make(model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0) -> Workload:

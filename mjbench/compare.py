@@ -1,0 +1,249 @@
+"""Compare the ways of stepping: one child process a model, one record a measurement.
+
+The parent never loads a model. It starts `measure` in a child, gathers what the child streams,
+and writes each model's records when the model ends, however it ends. A path that kills the child
+loses its own row; the child is started again without it.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mjbench import isolate, machine, measure, models, paths
+from mjbench.runs import Record
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to compare.
+
+    Attributes:
+      variants: path names with the option sets to try, the base path first.
+      nbatch: simulations, or None to let each model have as many as its budget allows.
+      nstep: steps per simulation, or None likewise.
+      hold: steps per control.
+      seed: of starts and controls.
+      budget_s: seconds of timing per model.
+      limit_s: a child that is silent for longer is killed.
+      largest: most threads or processes asked for.
+      import_from: a folder that paths of the user's own may be imported from.
+    """
+
+    variants: tuple[tuple[str, dict[str, Any]], ...]
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int = 1
+    seed: int = 0
+    budget_s: float = measure.BUDGET_S
+    limit_s: float = 60.0
+    largest: int = 1
+    import_from: str | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the plan as JSON-ready values."""
+        return dataclasses.asdict(self)
+
+
+def default_threads() -> list[int]:
+    """Return the thread counts tried by default: one, and every usable core."""
+    return sorted({1, machine.usable_cores()})
+
+
+def variants(
+    names: Sequence[str],
+    threads: Sequence[int] | None = None,
+    choices: Mapping[str, Sequence[Any]] | None = None,
+) -> tuple[tuple[str, dict[str, Any]], ...]:
+    """Return the variants of the named paths, the base path first (added if missing).
+
+    Args:
+      names: path names; empty for all.
+      threads: thread counts for every path that has them; None for the default ones.
+      choices: further option values by option name.
+
+    Raises:
+      InputError: an unknown path.
+    """
+    counts = list(threads or default_threads())
+    # Python threads and processes at one worker are the plain loop with a detour
+    workers = counts if threads else [max(counts)]
+    asked = list(dict.fromkeys(names or paths.registry()))
+    found = []
+    for name in [paths.BASE, *(n for n in asked if n != paths.BASE)]:
+        path = paths.find(name)
+        values = dict(choices or {})
+        values["threads"] = workers if name == "threads" else counts
+        values["processes"] = workers
+        found += [(name, options) for options in path.variants(values)]
+    return tuple(found)
+
+
+@dataclass
+class _Progress:
+    """What is known about one model so far."""
+
+    source: models.Source
+    plan: Plan
+    about: Record = field(default_factory=dict)
+    verdicts: dict[int, Record] = field(default_factory=dict)
+    samples: dict[int, list[float]] = field(default_factory=dict)
+    cores: list[float] = field(default_factory=list)
+    budget_s: float = 1.0
+    spent_s: float = 0.0
+
+    def take(self, message: Record) -> None:
+        """Take in one message of the child."""
+        kind = message["kind"]
+        if kind == "model":
+            self.about = {k: v for k, v in message.items() if k != "kind"}
+        elif kind == "verdict":
+            self.verdicts[message["index"]] = message
+        elif kind == "ready":
+            self.budget_s = message["budget_s"]
+        elif kind == "round":
+            self.cores.append(message["cores"])
+            for index, seconds in message["seconds"].items():
+                self.samples.setdefault(int(index), []).append(seconds)
+                self.spent_s += seconds
+        elif kind == "broken":
+            self.verdicts[message["index"]] |= {
+                "status": "disagrees",
+                "agrees": False,
+                "detail": message["detail"],
+                "agreement": message["detail"],
+            }
+
+    def restart(self, fatal: dict[int, Record]) -> None:
+        """Forget what is about to be measured again; keep the variants that were fatal."""
+        self.verdicts = dict(fatal)
+        self.samples, self.cores, self.spent_s = {}, [], 0.0
+
+    def done(self) -> float:
+        """Return the share of this model's work that is done, roughly, from 0 to 1."""
+        verified = len(self.verdicts) / len(self.plan.variants)
+        return 0.3 * verified + 0.7 * min(1.0, self.spent_s / self.budget_s)
+
+    def records(self, ended: isolate.Ended | None) -> list[Record]:
+        """Return the records of this model; `ended` is None when the user interrupted it."""
+        yours = {"model": self.source.name}
+        common = {
+            key: self.about.get(key)
+            for key in (
+                "nbatch",
+                "nstep",
+                "hold",
+                "seed",
+                "diverged",
+                "workload_digest",
+                "state_digest",
+                "work",
+            )
+        }
+        head: Record = {
+            "type": "model",
+            **yours,
+            "status": ended.status if ended else "interrupted",
+            "detail": ended.detail if ended else "",
+            **self.about,
+            "usable_cores": machine.usable_cores(),
+            "cores_had": self.cores,
+        }
+        rows = [
+            {
+                "type": "measurement",
+                **yours,
+                "path": name,
+                "options": options,
+                **self._outcome(index, ended),
+                **common,
+                "samples_s": self.samples.get(index, []),
+            }
+            for index, (name, options) in enumerate(self.plan.variants)
+        ]
+        return [head, *rows]
+
+    def _outcome(self, index: int, ended: isolate.Ended | None) -> Record:
+        """Return status, detail, agreement and snippet of one variant."""
+        verdict = self.verdicts.get(index, {})
+        status, detail = verdict.get("status"), verdict.get("detail", "")
+        if status in (None, "ok") and not self.samples.get(index):
+            if ended is None:
+                status, detail = "interrupted", "stopped before it was timed"
+            elif ended.status == "ok":
+                status, detail = "failed", "never timed"
+            else:
+                status, detail = ended.status, ended.detail
+        elif status == "ok" and ended is None:
+            detail = f"interrupted after {len(self.samples[index])} rounds"
+        return {
+            "status": status,
+            "detail": detail,
+            "agrees": verdict.get("agrees"),
+            "agreement": verdict.get("agreement", ""),
+            "closed_loop": paths.find(self.plan.variants[index][0]).closed_loop,
+            "snippet": verdict.get("snippet", ""),
+        }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One model's records, and whether the user stopped it before it was done."""
+
+    records: list[Record]
+    interrupted: bool
+
+
+def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outcome:
+    """Measure one model and return its records, also when the user interrupts (Ctrl-C)."""
+    known = _Progress(source, plan)
+    fatal: dict[int, Record] = {}
+
+    def on_message(message: Record) -> None:
+        known.take(message)
+        progress(source.name, known.done())
+
+    ended: isolate.Ended | None = None
+    try:
+        while True:
+            ended = isolate.run(
+                "mjbench.measure:measure",
+                _request(source, plan, sorted(fatal)),
+                on_message,
+                plan.limit_s,
+                plan.import_from,
+            )
+            culprit = _culprit(ended, known, plan)
+            if culprit is None:
+                break
+            fatal[culprit] = {"status": ended.status, "detail": ended.detail}
+            known.restart(fatal)
+    except KeyboardInterrupt:
+        return Outcome(known.records(None), interrupted=True)
+    return Outcome(known.records(ended), interrupted=False)
+
+
+def _request(source: models.Source, plan: Plan, exclude: list[int]) -> Record:
+    return {
+        **plan.as_dict(),
+        "model": {"name": source.name, "path": str(Path(source.path).resolve())},
+        "exclude": exclude,
+    }
+
+
+def _culprit(ended: isolate.Ended, known: _Progress, plan: Plan) -> int | None:
+    """Return the variant that ended the child, if one did and others are left to measure."""
+    if ended.status not in ("crashed", "timeout"):
+        return None
+    for index, (name, options) in enumerate(plan.variants):
+        told = known.verdicts.get(index, {}).get("status", "ok")
+        words = (
+            f"preparing {measure.Variant(paths.find(name), options)} on {known.source.name}",
+            f"timing {name} {options}",
+        )
+        if told == "ok" and ended.where in words and name != paths.BASE:
+            return index
+    return None

@@ -1,0 +1,215 @@
+"""Run a function in a process of its own, so that a crash or a hang costs only its own rows.
+
+The parent calls `run`; the child is this module run as a program. The child works in an empty
+folder (MuJoCo leaves log files where it stands), its output is kept out of the user's sight, and
+it dies with the parent. What it has to say comes as JSON messages, one a line.
+"""
+
+import contextlib
+import importlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import MjbenchError, one_line
+
+Message = dict[str, Any]
+_WHERE = "where.txt"
+_STDERR = "stderr.txt"
+_END = "__end__"
+_LIMIT = "__limit__"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a child ended.
+
+    Attributes:
+      status: `ok`, `input` (bad input), `failed`, `crashed` or `timeout`.
+      detail: one line for people; empty when ok.
+      where: what the child was last doing, by its own word.
+    """
+
+    status: str
+    detail: str = ""
+    where: str = ""
+
+
+class Channel:
+    """The child's side of the conversation."""
+
+    def __init__(self, descriptor: int):
+        self._out = os.fdopen(descriptor, "w", encoding="utf-8")
+
+    def send(self, **message: Any) -> None:
+        """Send a message to the parent."""
+        self._out.write(json.dumps(message) + "\n")
+        self._out.flush()
+
+    def expect(self, seconds: float) -> None:
+        """Say that the next message may take this long, however short the parent's limit."""
+        self.send(**{_LIMIT: seconds})
+
+    def where(self, text: str) -> None:
+        """Note what is being done now, for the parent to read should this process die."""
+        Path(_WHERE).write_text(text, encoding="utf-8")
+
+
+def run(
+    task: str,
+    request: Message,
+    on_message: Callable[[Message], None],
+    limit_s: float,
+    import_from: str | None = None,
+) -> Ended:
+    """Call the function `task` ("module:function") in a child with (request, channel).
+
+    Args:
+      task: what to call.
+      request: JSON-ready argument.
+      on_message: called with each message as it arrives.
+      limit_s: the child is killed after this long without a message.
+      import_from: a further folder that the child may import from.
+
+    Returns:
+      How the child ended. The child and its own children are gone by then, also when an
+      exception (Ctrl-C) passes through.
+    """
+    with tempfile.TemporaryDirectory(prefix="mjbench-", ignore_cleanup_errors=True) as folder:
+        with (Path(folder) / _STDERR).open("wb") as errors:
+            child = subprocess.Popen(
+                [sys.executable, "-m", "mjbench.isolate", task],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                cwd=folder,
+                env=_environment(import_from),
+                start_new_session=True,
+            )
+        try:
+            end = _converse(child, request, on_message, limit_s)
+        finally:
+            _kill_group(child)
+        return end if end.status in ("ok", "input") else _located(end, Path(folder))
+
+
+def _converse(
+    child: "subprocess.Popen[bytes]",
+    request: Message,
+    on_message: Callable[[Message], None],
+    limit_s: float,
+) -> Ended:
+    assert child.stdin is not None
+    with contextlib.suppress(BrokenPipeError):
+        child.stdin.write(json.dumps(request).encode())
+        child.stdin.close()
+    for message in _messages(child, limit_s):
+        if _END in message:
+            return Ended(message[_END], message["detail"])
+        on_message(message)
+    return Ended("crashed", _cause_of_death(child.wait()))
+
+
+def _messages(child: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Message]:
+    """Yield the child's messages as they come; when none comes in time, an end of `timeout`.
+
+    A message that only asks for more time until the next one is not passed on.
+    """
+    assert child.stdout is not None
+    pending, descriptor, limit = b"", child.stdout.fileno(), limit_s
+    with selectors.DefaultSelector() as selector:
+        selector.register(descriptor, selectors.EVENT_READ)
+        deadline = time.monotonic() + limit
+        while True:
+            if not selector.select(max(0.0, deadline - time.monotonic())):
+                detail = f"no answer within {limit:.3g} s, killed (--time-limit)"
+                yield {_END: "timeout", "detail": detail}
+                return
+            chunk = os.read(descriptor, 1 << 16)
+            if not chunk:
+                return
+            *lines, pending = (pending + chunk).split(b"\n")
+            for message in map(json.loads, lines):
+                limit = max(limit_s, message.get(_LIMIT, 0.0))
+                deadline = time.monotonic() + limit
+                if _LIMIT not in message:
+                    yield message
+
+
+def _cause_of_death(code: int) -> str:
+    if code >= 0:
+        return f"the process ended with exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = "unknown"
+    return f"killed by signal {-code} ({name})"
+
+
+def _located(end: Ended, folder: Path) -> Ended:
+    """Return `end` with what the child was doing, and the last line it wrote to stderr."""
+    where = _text(folder / _WHERE).strip()
+    said = _text(folder / _STDERR).strip().splitlines()
+    detail = end.detail + (f" while {where}" if where else "")
+    if said and end.status == "crashed":
+        detail += f"; it said: {one_line(said[-1], 160)}"
+    return Ended(end.status, detail, where)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def _kill_group(child: "subprocess.Popen[bytes]") -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.wait()
+    for stream in (child.stdin, child.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()
+
+
+def _environment(import_from: str | None) -> dict[str, str]:
+    root = str(Path(__file__).resolve().parent.parent)
+    parts = [root, os.environ.get("PYTHONPATH", ""), import_from or ""]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in parts if p)}
+
+
+def _child_main(task: str) -> None:
+    """Be the child: call the task, and say how it ended."""
+    from mjbench.machine import die_with_parent
+
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    channel = Channel(os.dup(1))
+    os.dup2(2, 1)  # whatever prints, prints to the log
+    request = json.load(sys.stdin)
+    module, _, function = task.partition(":")
+    try:
+        getattr(importlib.import_module(module), function)(request, channel)
+        end = ("ok", "")
+    except MjbenchError as error:
+        end = ("input" if error.exit_code == 2 else "failed", str(error))
+    except MemoryError:
+        end = ("failed", "out of memory")
+    except Exception as error:
+        end = ("failed", f"{type(error).__name__}: {one_line(error)}")
+    channel.send(**{_END: end[0]}, detail=end[1])
+    os._exit(0)  # nothing here needs a tidy shutdown, and some engines hang in theirs
+
+
+if __name__ == "__main__":
+    _child_main(sys.argv[1])

@@ -1,0 +1,313 @@
+"""Measure every path on one model; runs in a child process (see `isolate`).
+
+The order is: load, choose sizes, reference run, then for each variant prepare and verify, and
+only then time those that agree, in turns. Every block's final states are compared again.
+"""
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench import agreement, compat, machine, models, paths, timing, work
+from mjbench.errors import InputError
+from mjbench.isolate import Channel
+from mjbench.workload import Workload, make, start_data
+
+# Sizes unless the user names them. Where a block of the plain loop would take longer than
+# LONG_BLOCK_S they shrink until it takes about BLOCK_S: first the steps, then the simulations,
+# then the steps again.
+NBATCH, NSTEP = 64, 200
+LEAST_NSTEP, LEAST_NBATCH = 10, 8
+LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
+# Timed rounds: at least as many as a 95 % interval needs, and time for the median to settle.
+BUDGET_S = 6.0
+LEAST_ROUNDS, MOST_ROUNDS = 7, 400
+# The model that stands in where a model starts without contact: a path that loses the warm-start
+# can only be told in contact.
+CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
+# Share of the free memory that a workload and a rollout's output may take.
+SHARE_OF_MEMORY = 0.6
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A path with its options set."""
+
+    path: paths.Path
+    options: dict[str, Any]
+
+    def __str__(self) -> str:
+        words = [f"{name}={value}" for name, value in self.options.items()]
+        return " ".join([self.path.name, *words])
+
+
+@dataclass
+class Bench:
+    """A workload, its reference run, and what its paths share."""
+
+    workload: Workload
+    observed: work.Observation
+    resources: paths.Resources
+    columns: dict[str, slice]
+
+    @classmethod
+    def of(cls, workload: Workload) -> "Bench":
+        """Observe a workload; diverged simulations are left out of it."""
+        observed = work.observe(workload)
+        healthy = observed.healthy
+        kept = workload.only(healthy)
+        observed = dataclasses.replace(
+            observed,
+            final_state=np.ascontiguousarray(observed.final_state[healthy]),
+        )
+        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+        return cls(kept, observed, paths.Resources(kept), columns)
+
+    def difference(self, states: paths.States) -> agreement.Difference | None:
+        """Return where `states` first differ from the reference, or None."""
+        return agreement.first_difference(
+            states.values, self.observed.final_state, self.columns, states.held
+        )
+
+
+def measure(request: dict[str, Any], channel: Channel) -> None:
+    """Measure one model by every variant that `request` asks for.
+
+    Request keys: `model` (name, path), `variants` (list of path, options), `exclude` (indices
+    not to touch), `nbatch`, `nstep` (None: chosen here), `hold`, `seed`, `budget_s`,
+    `largest` (most threads asked for).
+
+    Messages: `model` (facts, sizes, work), `verdict` (a variant's agreement), `ready`, `round`
+    (seconds of every timed variant, cores of the calibration), `broken` (a variant whose timed
+    block disagreed).
+    """
+    name = request["model"]["name"]
+    channel.where(f"loading {name}")
+    model = models.load(models.Source(name, Path(request["model"]["path"])))
+    channel.where(f"stepping {name}")
+    nbatch, nstep, reduced = _sizes(model, request)
+    _check_memory(model, nbatch, nstep)
+    channel.expect(10 * nbatch * nstep * _step_s(model))
+    bench = Bench.of(make(model, nbatch, nstep, request["hold"], request["seed"]))
+    channel.send(kind="model", **_about(bench, nbatch, reduced))
+    if bench.workload.nbatch == 0:
+        raise InputError(
+            f"{name}: every simulation diverges ({bench.observed.diagnosis()});"
+            " there is nothing to compare"
+        )
+    contact = None if bench.observed.start_contacts else _contact_bench(request)
+    timed: dict[int, paths.Prepared] = {}
+    for index, (path_name, options) in enumerate(request["variants"]):
+        if index in request["exclude"]:
+            continue
+        variant = Variant(paths.find(path_name), options)
+        channel.where(f"preparing {variant} on {name}")
+        prepared = _verified(variant, bench, contact, index, channel)
+        if prepared is not None:
+            timed[index] = prepared
+    if contact:
+        contact.resources.close()
+    if timed:
+        _time(timed, bench, request, channel)
+    bench.resources.close()
+
+
+def _about(bench: Bench, nbatch: int, reduced: bool) -> dict[str, Any]:
+    workload, observed = bench.workload, bench.observed
+    return {
+        "facts": work.describe(workload.model),
+        "nbatch": workload.nbatch,
+        "nstep": workload.nstep,
+        "hold": workload.hold,
+        "seed": workload.seed,
+        "reduced": reduced,
+        "diverged": nbatch - workload.nbatch,
+        "divergence": observed.diagnosis(),
+        "workload_digest": workload.digest(),
+        "state_digest": agreement.digest(observed.final_state),
+        "start_contacts": observed.start_contacts,
+        "work": observed.work.as_dict(),
+    }
+
+
+def _contact_bench(request: dict[str, Any]) -> Bench:
+    """Return a small workload that starts in contact, for a model that does not."""
+    model = models.load(models.resolve(CONTACT_MODEL))
+    hold = request["hold"]
+    nstep = hold * max(1, CONTACT_NSTEP // hold)
+    return Bench.of(make(model, CONTACT_NBATCH, nstep, hold, request["seed"]))
+
+
+def _verified(
+    variant: Variant, bench: Bench, contact: Bench | None, index: int, channel: Channel
+) -> paths.Prepared | None:
+    """Prepare and verify a variant; send its verdict; return it if it may be timed."""
+    path, options = variant.path, variant.options
+    verdict: dict[str, Any] = {"kind": "verdict", "index": index, "status": "ok", "detail": ""}
+    reason = path.unavailable() or path.unsuited(bench.workload, options)
+    if reason:
+        channel.send(**{**verdict, "status": "unavailable", "detail": reason})
+        return None
+    try:
+        prepared = path.prepare(bench.workload, options, bench.resources)
+        difference = bench.difference(prepared.verify())
+        place = ""
+        if difference:
+            difference = _located(variant, bench, difference)
+        elif contact:
+            place = f", on {CONTACT_MODEL}"
+            difference = contact.difference(
+                path.prepare(contact.workload, options, contact.resources).verify()
+            )
+            if difference:
+                difference = _located(variant, contact, difference)
+    except Exception as error:  # a path's own failure costs its own row
+        detail = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        channel.send(**{**verdict, "status": "failed", "detail": detail})
+        return None
+    rule = "bit-identical" + (f", also in contact ({CONTACT_MODEL})" if contact else "")
+    verdict["snippet"] = path.snippet(bench.workload, options)
+    if difference:
+        verdict |= {"status": "disagrees", "detail": f"{difference}{place}"}
+        channel.send(**verdict, agrees=False, agreement=verdict["detail"])
+        return None
+    channel.send(**verdict, agrees=True, agreement=rule)
+    return prepared
+
+
+def _located(variant: Variant, bench: Bench, at_end: agreement.Difference) -> agreement.Difference:
+    """Return the difference at the first step where shorter runs show one.
+
+    Runs of 1, 2, 4, … controls find a stretch where the difference begins, halving finds its
+    start. Nothing shorter may show it (a race): then the difference at the end is all there is.
+    """
+
+    def seen(ncontrol: int) -> agreement.Difference | None:
+        shorter = Bench.of(bench.workload.first(ncontrol))
+        try:
+            prepared = variant.path.prepare(shorter.workload, variant.options, shorter.resources)
+            return shorter.difference(prepared.verify())
+        finally:
+            shorter.resources.close()
+
+    good, bad, found = 0, 1, seen(1)
+    while found is None:
+        if bad == bench.workload.ncontrol:
+            return at_end
+        good, bad = bad, min(2 * bad, bench.workload.ncontrol)
+        found = seen(bad)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        difference = seen(middle)
+        if difference is None:
+            good = middle
+        else:
+            bad, found = middle, difference
+    return found.at(bad * bench.workload.hold)
+
+
+def _time(
+    timed: dict[int, paths.Prepared], bench: Bench, request: dict[str, Any], channel: Channel
+) -> None:
+    """Time the prepared variants in turns, comparing the final states of every block."""
+    broken: dict[int, agreement.Difference] = {}
+
+    def contender(index: int, prepared: paths.Prepared) -> timing.Contender:
+        name, _ = request["variants"][index]
+
+        def before() -> None:
+            channel.where(f"timing {name} {request['variants'][index][1]}")
+            prepared.clear()
+
+        def after() -> None:
+            difference = bench.difference(prepared.final_states())
+            if difference and index not in broken:
+                broken[index] = difference
+
+        return timing.Contender(before, prepared.run, after)
+
+    contenders = [contender(i, p) for i, p in timed.items()]
+    cores = min(machine.usable_cores(), request["largest"])
+    calibration = machine.Calibration(cores) if cores > 1 else None
+    if calibration:
+        contenders += [
+            timing.Contender(_nothing, calibration.single, _nothing),
+            timing.Contender(_nothing, calibration.together, _nothing),
+        ]
+    longest = sum(timing.block_s(c) for c in contenders)  # warm-up, one block each
+    budget_s = request["budget_s"]
+    channel.send(kind="ready", round_s=longest, budget_s=budget_s)
+    channel.expect(20 * longest)
+    least = LEAST_ROUNDS
+    for seconds in timing.rounds(contenders, budget_s, least, MOST_ROUNDS, request["seed"]):
+        had = calibration.cores(seconds[-2], seconds[-1]) if calibration else 1.0
+        channel.send(
+            kind="round",
+            seconds={str(i): s for i, s in zip(timed, seconds, strict=False)},
+            cores=had,
+        )
+        channel.expect(20 * longest)
+    for index, difference in broken.items():
+        channel.send(kind="broken", index=index, detail=f"in a timed block: {difference}")
+
+
+def _nothing() -> None:
+    pass
+
+
+def _sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
+    """Return nbatch, nstep, and whether they were reduced to keep a block short."""
+    nbatch, nstep, hold = request["nbatch"], request["nstep"], request["hold"]
+    free_nbatch, free_nstep = nbatch is None, nstep is None
+    nbatch, nstep = nbatch or NBATCH, nstep or max(hold, NSTEP - NSTEP % hold)
+    asked = (nbatch, nstep)
+    step_s = _step_s(model)
+    if nbatch * nstep * step_s <= LONG_BLOCK_S:
+        return nbatch, nstep, False
+    steps = max(1, int(BLOCK_S / step_s))
+    least_nbatch = min(nbatch, max(LEAST_NBATCH, 4 * request["largest"]))
+    if free_nstep:
+        nstep = min(nstep, _multiple(max(LEAST_NSTEP, steps // nbatch), hold))
+    if free_nbatch and nbatch * nstep > steps:
+        nbatch = min(nbatch, max(least_nbatch, steps // nstep))
+    if free_nstep and nbatch * nstep > steps:
+        nstep = min(nstep, _multiple(max(1, steps // nbatch), hold))
+    return nbatch, nstep, (nbatch, nstep) != asked
+
+
+def _multiple(count: int, hold: int) -> int:
+    return hold * max(1, count // hold)
+
+
+def _step_s(model: Any) -> float:
+    """Return about how long one step takes at the start state, in seconds."""
+    data = start_data(model)
+    mujoco.mj_step(model, data)
+    best = float("inf")
+    begin = time.perf_counter()
+    for _ in range(50):
+        start = time.perf_counter()
+        mujoco.mj_step(model, data, 2)
+        now = time.perf_counter()
+        best = min(best, (now - start) / 2)
+        if now - begin > 0.05:
+            break
+    return max(best, 1e-8)
+
+
+def _check_memory(model: Any, nbatch: int, nstep: int) -> None:
+    """Refuse sizes whose states, controls and outputs would not fit into memory."""
+    state = compat.state_size(model, compat.state_spec("INTEGRATION"))
+    physics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+    row = 8 * state + 8 * nstep * (2 * model.nu + physics + model.nsensordata)
+    needed, free = nbatch * (4 * 8 * state + row), machine.available_memory_bytes()
+    if needed > SHARE_OF_MEMORY * free:
+        raise InputError(
+            f"{nbatch} simulations of {nstep} steps need about {needed / 2**30:.1f} GiB,"
+            f" {free / 2**30:.1f} GiB are free: lower --nbatch or --nstep"
+        )

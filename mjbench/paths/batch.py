@@ -1,0 +1,226 @@
+"""`mujoco.batch.Batch`: many simulations on the engine's threads, stepped or rolled out."""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+
+from mjbench import compat, machine
+from mjbench.paths.base import Option, Options, Path, Prepared, Resources, States
+from mjbench.workload import Workload
+
+_THREADS = Option("threads", "threads, the caller's included", (), int)
+_DATA = Option(
+    "data",
+    "an MjData per thread (shared), or one per simulation (persistent)",
+    ("shared", "persistent"),
+    str,
+    ("shared", "persistent"),
+)
+_SHARE_OF_MEMORY = 0.5
+
+
+class _BatchPath(Path):
+    """What stepping and rolling out a Batch have in common."""
+
+    def unavailable(self) -> str | None:
+        """See `Path.unavailable`."""
+        return compat.batch_unavailable()
+
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """See `Path.unsuited`: sleep needs, and big batches forbid, an MjData per simulation."""
+        if options["data"] == "shared":
+            if compat.has_sleep(workload.model):
+                return "a model with sleep enabled needs data=persistent"
+            return None
+        needed = workload.nbatch * machine.data_bytes(workload.model)
+        free = machine.available_memory_bytes()
+        if needed > _SHARE_OF_MEMORY * free:
+            return (
+                f"{workload.nbatch} MjData need {needed / 2**30:.1f} GiB,"
+                f" {free / 2**30:.1f} GiB are free"
+            )
+        return None
+
+    def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+        """See `Path.variants`: unless asked, only the most threads get an MjData per simulation."""
+        found = super().variants(choices)
+        most = max(options["threads"] for options in found)
+        if "data" in choices:
+            return found
+        return [o for o in found if o["data"] == "shared" or o["threads"] == most]
+
+    def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
+        """See `Path.prepare`."""
+        batch = _batch(workload, options, resources)
+        start, state = workload.initial_state, batch.state
+        advance = self.advance(batch, workload, options, resources)
+
+        def run() -> None:
+            state[:] = start
+            batch.warning[:] = 0
+            advance()
+
+        return Prepared(run, lambda: state.fill(np.nan), lambda: States(state))
+
+    def advance(
+        self, batch: Any, workload: Workload, options: Options, resources: Resources
+    ) -> Callable[[], None]:
+        """Return the function that takes `batch` through all steps."""
+        raise NotImplementedError
+
+
+class BatchStep(_BatchPath):
+    """`Batch.step` once per control: all simulations advance together, a policy in between."""
+
+    name = "batch_step"
+    summary = "mujoco.batch step(), controls of all simulations written before each"
+    closed_loop = True
+    options: ClassVar[tuple[Option, ...]] = (
+        _THREADS,
+        _DATA,
+        Option(
+            "stage",
+            "derived fields after each call: as mj_step leaves them, or current (mj_step1)",
+            ("none",),
+            str,
+            ("none", "vel"),
+        ),
+    )
+
+    def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
+        """See `Path.simplified`."""
+        if options["stage"] == "none":
+            options = {**options, "stage": None}
+        return super().simplified(options)
+
+    def advance(
+        self, batch: Any, workload: Workload, options: Options, resources: Resources
+    ) -> Callable[[], None]:
+        """See `_BatchPath.advance`."""
+        by_control = resources.kept(
+            "control by step", lambda: np.ascontiguousarray(workload.control.swapaxes(0, 1))
+        )
+        ctrl, hold, step = batch.bind("ctrl"), workload.hold, batch.step
+        keywords = {}
+        if options.get("stage") == "vel":
+            keywords["stage"] = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+        def advance() -> None:
+            for values in by_control:
+                ctrl[:] = values
+                step(nstep=hold, **keywords)
+
+        return advance
+
+    def snippet(self, workload: Workload, options: Options) -> str:
+        """See `Path.snippet`."""
+        words = f"nstep={workload.hold}" if workload.hold > 1 else ""
+        if options.get("stage") == "vel":
+            words += (", " if words else "") + "stage=mujoco.mjtStage.mjSTAGE_VEL.value"
+        return _STEP.format(make=_make(options), words=words)
+
+
+class BatchRollout(_BatchPath):
+    """`Batch.rollout`: one call takes all simulations through all controls."""
+
+    name = "batch_rollout"
+    summary = "mujoco.batch rollout(), open loop"
+    closed_loop = False
+    options: ClassVar[tuple[Option, ...]] = (
+        _THREADS,
+        _DATA,
+        Option(
+            "record",
+            "recorded after every step: nothing, qpos, or the state",
+            ("none",),
+            str,
+            ("none", "qpos", "state"),
+        ),
+    )
+
+    def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
+        """See `Path.simplified`."""
+        if options["record"] == "none":
+            options = {**options, "record": None}
+        return super().simplified(options)
+
+    def advance(
+        self, batch: Any, workload: Workload, options: Options, resources: Resources
+    ) -> Callable[[], None]:
+        """See `_BatchPath.advance`."""
+        control = workload.step_control if workload.model.nu else None
+        items = _record_items(options)
+        out = {
+            item: resources.kept(("batch record", item), functools.partial(_buffer, workload, item))
+            for item in items
+        }
+        return lambda: batch.rollout(workload.nstep, control, record=items, out=out)
+
+    def snippet(self, workload: Workload, options: Options) -> str:
+        """See `Path.snippet`."""
+        record = {
+            "none": "()",
+            "qpos": "('qpos',)",
+            "state": "(mujoco.mjtState.mjSTATE_FULLPHYSICS.value,)",
+        }[options.get("record", "none")]
+        hold = workload.hold
+        repeat = f"control = np.repeat(control, {hold}, axis=1)\n" if hold > 1 else ""
+        imports = "import numpy as np\n" if hold > 1 else ""
+        if options.get("record") == "state":
+            imports = "import mujoco\n" + imports
+        return _ROLLOUT.format(make=_make(options), imports=imports, repeat=repeat, record=record)
+
+
+def _batch(workload: Workload, options: Options, resources: Resources) -> Any:
+    """Return a Batch, shared by the paths that use one of its kind."""
+    from mujoco import batch
+
+    threads, persistent = options["threads"], options["data"] == "persistent"
+    return resources.kept(
+        ("batch", threads, persistent),
+        lambda: batch.Batch(workload.model, workload.nbatch, threads, persistent),
+    )
+
+
+def _record_items(options: Options) -> tuple[Any, ...]:
+    record = options.get("record", "none")
+    if record == "none":
+        return ()
+    return ("qpos",) if record == "qpos" else (compat.state_spec("FULLPHYSICS"),)
+
+
+def _buffer(workload: Workload, item: Any) -> np.ndarray:
+    model = workload.model
+    size = model.nq if item == "qpos" else compat.state_size(model, item)
+    return np.empty((workload.nbatch, workload.nstep, size))
+
+
+def _make(options: Options) -> str:
+    persistent = ", persistent=True" if options["data"] == "persistent" else ""
+    return f"batch.Batch(model, len(initial_state), nthread={options['threads']}{persistent})"
+
+
+_STEP = """\
+import mujoco
+from mujoco import batch
+
+b = {make}
+b.state[:] = initial_state
+ctrl = b.bind("ctrl")
+for k in range(control.shape[1]):
+    ctrl[:] = control[:, k]  # or ctrl[:] = policy(b.bind("qpos"), b.bind("qvel"))
+    b.step({words})
+final_state = b.state
+"""
+
+_ROLLOUT = """\
+{imports}from mujoco import batch
+
+{repeat}b = {make}
+b.state[:] = initial_state
+b.rollout(control.shape[1], control if control.size else None, record={record})
+final_state = b.state
+"""

@@ -1,0 +1,267 @@
+"""`mujoco.rollout`: open-loop trajectories, in C, on threads."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench import compat
+from mjbench.paths.base import Option, Options, Path, Prepared, Resources, States
+from mjbench.workload import Workload
+
+# What a rollout sets to the model's defaults unless it is part of the control.
+_USER_INPUTS = (
+    "QFRC_APPLIED",
+    "XFRC_APPLIED",
+    "EQ_ACTIVE",
+    "MOCAP_POS",
+    "MOCAP_QUAT",
+    "USERDATA",
+)
+
+
+class Rollout(Path):
+    """`mujoco.rollout.rollout` into arrays made beforehand.
+
+    It returns full-physics states after every step. The warm-start is not among them: the timed
+    call is compared on all it returns and on the MjData its threads leave behind, and `verify`
+    repeats every simulation alone, which leaves its whole state in the MjData.
+    """
+
+    name = "rollout"
+    summary = "mujoco.rollout, open loop, states of every step returned"
+    closed_loop = False
+    options = (
+        Option("threads", "threads, an MjData each", (), int),
+        Option("chunk", "simulations a thread takes at a time", (None,), int),
+        Option(
+            "pool",
+            "thread pool kept between calls, or new with each",
+            ("kept", "new"),
+            str,
+            ("kept", "new"),
+        ),
+        Option("checks", "shapes and types checked by each call", ("on",), str, ("on", "off")),
+    )
+
+    def unavailable(self) -> str | None:
+        """See `Path.unavailable`."""
+        return compat.rollout_unavailable()
+
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """See `Path.unsuited`."""
+        if options["threads"] > 1 and not compat.rollout_threads():
+            return "mujoco.rollout has threads from MuJoCo 3.2.7 on"
+        return None
+
+    def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
+        """See `Path.simplified`: one thread has neither pool nor chunks."""
+        if options["threads"] == 1:
+            options = {**options, "pool": None, "chunk": None}
+        if options["checks"] == "on":
+            options = {**options, "checks": None}
+        return super().simplified(options)
+
+    def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
+        """See `Path.prepare`."""
+        return _PreparedRollout(workload, options, resources).prepared()
+
+    def snippet(self, workload: Workload, options: Options) -> str:
+        """See `Path.snippet`."""
+        threads, hold = options["threads"], workload.hold
+        extra = "".join(
+            f", {word}"
+            for word in (
+                f"chunk_size={options['chunk']}" if options.get("chunk") else "",
+                "persistent_pool=True" if options.get("pool") == "kept" else "",
+            )
+            if word
+        )
+        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+        inputs = _moved_inputs(workload, columns)
+        prepare = f"control = np.repeat(control, {hold}, axis=1)\n" if hold > 1 else ""
+        if inputs:
+            bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
+            prepare += _SNIPPET_INPUTS.format(bits=bits)
+            extra += ", control_spec=int(spec)"
+        return _SNIPPET.format(threads=threads, extra=extra, prepare=prepare)
+
+
+class _PreparedRollout:
+    """Arrays of one rollout variant; all variants of a workload share the big ones."""
+
+    def __init__(self, workload: Workload, options: Options, resources: Resources):
+        from mujoco import rollout
+
+        model = workload.model
+        self.module, self.model, self.workload = rollout, model, workload
+        self.integration = compat.state_spec("INTEGRATION")
+        self.columns = compat.state_columns(model, self.integration)
+        physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
+        self.returned = np.concatenate([np.r_[self.columns[name]] for name in physics])
+        self.start = resources.kept(
+            "rollout start", lambda: np.ascontiguousarray(workload.initial_state[:, self.returned])
+        )
+        self.warmstart = resources.kept(
+            "rollout warmstart",
+            lambda: np.ascontiguousarray(workload.initial_state[:, self.columns["qacc_warmstart"]]),
+        )
+        self.control_spec, self.control = resources.kept(
+            "rollout control", lambda: _control(workload, self.columns)
+        )
+        shape = (workload.nbatch, workload.nstep)
+        self.state = resources.kept("rollout state", lambda: np.empty((*shape, len(self.returned))))
+        self.sensordata = resources.kept(
+            "rollout sensordata", lambda: np.empty((*shape, model.nsensordata))
+        )
+        self.datas = resources.datas(options["threads"])
+        self.final_state = resources.final_state()
+        self.call = self._caller(options, resources)
+
+    def _caller(self, options: Options, resources: Resources) -> Any:
+        """Return the function whose one call is the timed region."""
+        keywords: dict[str, Any] = {
+            "control_spec": self.control_spec,
+            "nstep": self.workload.nstep,
+            "initial_warmstart": self.warmstart,
+            "state": self.state,
+            "sensordata": self.sensordata,
+        }
+        model: Any = self.model
+        if options.get("checks") == "off":
+            keywords["skip_checks"] = True
+            if compat.rollout_threads():
+                model = [self.model] * self.workload.nbatch
+        if options.get("chunk"):
+            keywords["chunk_size"] = options["chunk"]
+        data: Any = self.datas if compat.rollout_threads() else self.datas[0]
+        if options.get("pool") == "kept":
+            pool = resources.kept(
+                ("rollout pool", len(self.datas)), lambda: _pool(self.module, len(self.datas))
+            )
+            resources.at_close(pool.close)
+            function = pool.rollout
+        else:
+            function = self.module.rollout
+        return lambda: function(model, data, self.start, self.control, **keywords)
+
+    def prepared(self) -> Prepared:
+        """Return the run."""
+        return Prepared(self.run, self.clear, self.final_states, self.verify)
+
+    def run(self) -> None:
+        self.call()
+
+    def clear(self) -> None:
+        self.state[:, -1] = np.nan
+
+    def final_states(self) -> States:
+        """Return what the call returned, and the whole state of each thread's last simulation."""
+        values, held = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
+        values[:, self.returned] = self.state[:, -1]
+        held[:, self.returned] = True
+        row = np.empty(values.shape[1])
+        for data in self.datas:
+            compat.get_state(self.model, data, row, self.integration)
+            same = values[:, self.returned].view(np.uint64) == row[self.returned].view(np.uint64)
+            (ran,) = np.nonzero(same.all(axis=1))
+            if len(ran) == 1:  # else the thread got no work, or the simulations are twins
+                values[ran[0]], held[ran[0]] = row, True
+        return States(values, held)
+
+    def verify(self) -> States:
+        """Run the timed call, then each simulation alone to read the entries it keeps back."""
+        self.clear()
+        self.run()
+        values = np.empty_like(self.final_state)
+        together = self.state[:, -1].copy()
+        data = self.datas[0]
+        one = [data] if compat.rollout_threads() else data
+        for i in range(self.workload.nbatch):
+            self.module.rollout(
+                self.model,
+                one,
+                self.start[i : i + 1],
+                None if self.control is None else self.control[i : i + 1],
+                control_spec=self.control_spec,
+                nstep=self.workload.nstep,
+                initial_warmstart=self.warmstart[i : i + 1],
+                state=self.state[i : i + 1],
+                sensordata=self.sensordata[i : i + 1],
+            )
+            compat.get_state(self.model, data, values[i], self.integration)
+        values[:, self.returned] = together
+        return States(values)
+
+
+def _pool(module: Any, threads: int) -> Any:
+    return module.Rollout(nthread=threads)
+
+
+def _moved_inputs(workload: Workload, columns: dict[str, slice]) -> list[str]:
+    """Return the inputs (by mjtState name) that differ from what a rollout resets them to."""
+    default = mujoco.MjData(workload.model)
+    moved = []
+    for name in _USER_INPUTS:
+        field = name.lower()
+        if field in columns:
+            given = workload.initial_state[:, columns[field]]
+            if np.any(given != np.asarray(getattr(default, field), dtype=float).ravel()):
+                moved.append(name)
+    return moved
+
+
+def _control(workload: Workload, columns: dict[str, slice]) -> tuple[int, np.ndarray | None]:
+    """Return the control specification and (nbatch, nstep, ncontrol) controls of a rollout.
+
+    Inputs that a rollout would reset (mocap poses, applied forces, ...) are sent along with
+    every step's control.
+    """
+    ctrl = compat.state_spec("CTRL")
+    inputs = _moved_inputs(workload, columns)
+    if not inputs:
+        return ctrl, np.ascontiguousarray(workload.step_control) if workload.model.nu else None
+    spec = ctrl
+    for name in inputs:
+        spec |= compat.state_spec(name)
+    parts = [
+        workload.step_control
+        if field == "ctrl"
+        else np.repeat(workload.initial_state[:, None, columns[field]], workload.nstep, axis=1)
+        for field in compat.state_columns(workload.model, spec)
+    ]
+    return spec, np.concatenate(parts, axis=2)
+
+
+_SNIPPET_INPUTS = """\
+# a rollout resets mocap poses and applied forces, unless they are part of the control
+spec = mujoco.mjtState.mjSTATE_CTRL{bits}
+inputs = np.empty((*control.shape[:2], mujoco.mj_stateSize(model, int(spec))))
+for i, row in enumerate(initial_state):
+    mujoco.mj_setState(model, data[0], row, int(full))
+    given = np.empty(inputs.shape[2])
+    mujoco.mj_getState(model, data[0], given, int(spec))
+    inputs[i] = given
+inputs[:, :, : model.nu] = control
+control = inputs
+"""
+
+_SNIPPET = """\
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+full = mujoco.mjtState.mjSTATE_INTEGRATION
+physics = mujoco.mjtState.mjSTATE_FULLPHYSICS
+data = [mujoco.MjData(model) for _ in range({threads})]
+start, warmstart = [], []
+for row in initial_state:
+    mujoco.mj_setState(model, data[0], row, int(full))
+    start.append(np.empty(mujoco.mj_stateSize(model, int(physics))))
+    mujoco.mj_getState(model, data[0], start[-1], int(physics))
+    warmstart.append(data[0].qacc_warmstart.copy())
+{prepare}state, sensordata = rollout.rollout(
+    model, data, np.array(start), control if control.size else None,
+    initial_warmstart=np.array(warmstart), nstep=control.shape[1]{extra})
+final_state = state[:, -1]  # (nbatch, nphysics)
+"""

@@ -1,0 +1,100 @@
+"""Python threads, an MjData each: `mj_step` releases the interpreter lock."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+from mjbench.compat import state_spec
+from mjbench.paths.base import (
+    Option,
+    Options,
+    Path,
+    Prepared,
+    Resources,
+    fill_from_array,
+    needs_reset,
+    simulate,
+)
+from mjbench.workload import Workload
+
+
+class Threads(Path):
+    """A ThreadPoolExecutor whose threads each loop over their simulations."""
+
+    name = "threads"
+    summary = "ThreadPoolExecutor, each thread a Python loop with its own MjData"
+    closed_loop = True
+    options = (
+        Option("threads", "Python threads", (), int),
+        Option(
+            "chunk", "simulations a thread takes at a time (default: one share each)", (None,), int
+        ),
+    )
+
+    def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
+        """See `Path.prepare`."""
+        threads, model = options["threads"], workload.model
+        pool = resources.kept(("executor", threads), lambda: ThreadPoolExecutor(threads))
+        resources.at_close(pool.shutdown)
+        free = resources.datas(threads)[:]  # list.pop and append are atomic
+        final_state = resources.final_state()
+        spec, fresh = state_spec("INTEGRATION"), needs_reset(model)
+        parts = shares(workload.nbatch, threads, options.get("chunk"))
+
+        def work(part: slice) -> None:
+            data = free.pop()
+            try:
+                simulate(
+                    model,
+                    data,
+                    workload.initial_state[part],
+                    workload.control[part],
+                    workload.hold,
+                    final_state[part],
+                    spec,
+                    fresh,
+                )
+            finally:
+                free.append(data)
+
+        def run() -> None:
+            for _ in pool.map(work, parts):
+                pass
+
+        return Prepared(run, *fill_from_array(final_state))
+
+    def snippet(self, workload: Workload, options: Options) -> str:
+        """See `Path.snippet`."""
+        parts = shares(workload.nbatch, options["threads"], options.get("chunk"))
+        return _SNIPPET.format(
+            threads=options["threads"], hold=workload.hold, size=parts[0].stop - parts[0].start
+        )
+
+
+def shares(count: int, workers: int, size: int | None = None) -> list[slice]:
+    """Return consecutive slices of `range(count)`, `size` long or one about equal per worker."""
+    size = size or -(-count // workers)
+    return [slice(i, min(i + size, count)) for i in range(0, count, size)]
+
+
+_SNIPPET = """\
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+
+full = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+free = [mujoco.MjData(model) for _ in range({threads})]
+final_state = np.empty_like(initial_state)
+
+def work(first):
+    data = free.pop()
+    for i in range(first, min(first + {size}, len(initial_state))):
+        mujoco.mj_setState(model, data, initial_state[i], full)
+        for u in control[i]:  # or u = policy(data)
+            data.ctrl[:] = u
+            mujoco.mj_step(model, data, nstep={hold})
+        mujoco.mj_getState(model, data, final_state[i], full)
+    free.append(data)
+
+with ThreadPoolExecutor({threads}) as pool:
+    list(pool.map(work, range(0, len(initial_state), {size})))
+"""

@@ -1,0 +1,1 @@
+"""What people and programs read: results derived from records, tables, advice."""

@@ -1,0 +1,201 @@
+"""Tables and lines for a terminal, or for a file when there is no terminal."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from mjbench.report import results as derive
+from mjbench.runs import Record
+
+# Below this share of the usable cores, threaded figures say more about the machine's other
+# guests than about the paths.
+POOR_CORES = 0.85
+_PLAIN_WIDTH = 160
+
+
+def console(stderr: bool = False) -> Console:
+    """Return a console: wide plain text unless it is a terminal."""
+    made = Console(stderr=stderr, highlight=False, soft_wrap=False)
+    if not made.is_terminal and "COLUMNS" not in os.environ:
+        made = Console(stderr=stderr, highlight=False, width=_PLAIN_WIDTH)
+    return made
+
+
+def options_text(options: Mapping[str, Any]) -> str:
+    """Return options as people write them, such as `threads=2 pool=kept`."""
+    return " ".join(f"{name}={value}" for name, value in options.items())
+
+
+def model_report(out: Console, records: Sequence[Record]) -> list[Record]:
+    """Print one model's heading, table, warnings and advice; return its results."""
+    head = next(r for r in records if r["type"] == "model")
+    results = derive.of_model(records)
+    out.print()
+    for line in _heading(head):
+        out.print(line, soft_wrap=True)
+    if head["status"] != "ok" and not any(r["step_ns"] or r["agrees"] is False for r in results):
+        return results
+    out.print(_table(results))
+    for line in _notes(head, results):
+        out.print(line, soft_wrap=True)
+    for entry in derive.advice(results):
+        _print_advice(out, entry)
+    return results
+
+
+def models_table(rows: Sequence[Record]) -> Table:
+    """Return the table of `mjbench models`."""
+    columns = ("nq", "nv", "nu", "na", "contacts", "constraints")
+    table = _plain_table(["model", *columns, "timestep", "integrator", "solver"], right=range(1, 8))
+    for row in rows:
+        if row["status"] != "ok":
+            table.add_row(escape(row["model"]), *[""] * 7, escape(row["detail"]))
+            continue
+        numbers = [str(row[c]) for c in columns]
+        table.add_row(
+            escape(row["model"]),
+            *numbers,
+            f"{1e3 * row['timestep']:g} ms",
+            row["integrator"],
+            row["solver"],
+        )
+    return table
+
+
+def paths_table(rows: Sequence[Record]) -> Table:
+    """Return the table of `mjbench paths`."""
+    table = _plain_table(["path", "closed loop", "here", "what it is", "options"])
+    for row in rows:
+        table.add_row(
+            row["path"],
+            _yes(row["closed_loop"]),
+            escape(row["unavailable"] or "yes"),
+            escape(row["summary"]),
+            escape(", ".join(row["options"])),
+        )
+    return table
+
+
+def _heading(head: Record) -> list[str]:
+    name = f"[bold]{escape(head['model'])}[/bold]"
+    if "facts" not in head:
+        return [f"{name}: {head['status']}: {escape(_without(head['detail'], head['model']))}"]
+    facts, work = head["facts"], head["work"]
+    lines = [
+        f"{name}: {head['nbatch']} simulations × {head['nstep']} steps"
+        + (f", each control held {head['hold']} steps" if head["hold"] > 1 else "")
+        + (
+            " (reduced to keep a block short; --nbatch and --nstep set them)"
+            if head["reduced"]
+            else ""
+        ),
+        f"nv {facts['nv']}, {facts['integrator']}, {facts['solver']}; per step"
+        f" {work['contacts']:.1f} contacts, {work['constraints']:.1f} constraints,"
+        f" {work['solver_iterations']:.1f} solver iterations",
+    ]
+    if head["diverged"]:
+        lines.append(
+            f"{head['diverged']} simulations diverged and are left out ({head['divergence']})"
+        )
+    if head["status"] not in ("ok", "interrupted"):
+        lines.append(f"{head['status']}: {escape(_without(head['detail'], head['model']))}")
+    return lines
+
+
+def _without(text: str, name: str) -> str:
+    return text.removeprefix(f"{name}: ")
+
+
+def _table(results: Sequence[Record]) -> Table:
+    table = _plain_table(
+        [
+            "path",
+            "options",
+            "steps/s",
+            "ns/step",
+            "min",
+            "speed-up",
+            "95 %",
+            "× real time",
+            "closed loop",
+            "agrees",
+        ],
+        right=range(2, 8),
+    )
+    for r in results:
+        cells = [r["path"], options_text(r["options"]), *_speed_cells(r)]
+        table.add_row(*map(escape, cells), _yes(r["closed_loop"]), escape(_agrees(r)))
+    return table
+
+
+def _speed_cells(result: Record) -> list[str]:
+    step, speedup = result["step_ns"], result["speedup"]
+    if not step:
+        return [""] * 6
+    interval, factor = "", ""
+    if speedup:
+        factor = f"{speedup['median']:.2f}"
+        if speedup["low"] is not None:
+            interval = f"{speedup['low']:.2f}–{speedup['high']:.2f}"
+    realtime = result["realtime_factor"]
+    return [
+        f"{result['steps_per_s']:,.0f}",
+        f"{step['median']:,.0f}",
+        f"{step['min']:,.0f}",
+        factor,
+        interval,
+        f"{realtime:,.0f}" if realtime and realtime >= 10 else f"{realtime:.2g}",
+    ]
+
+
+def _agrees(result: Record) -> str:
+    if result["status"] == "ok":
+        return "yes" + (f" ({result['detail']})" if result["detail"] else "")
+    if result["status"] == "disagrees":
+        return f"NO: {result['agreement']}"
+    return f"{result['status']}: {result['detail']}"
+
+
+def _notes(head: Record, results: Sequence[Record]) -> list[str]:
+    had, usable = derive.cores_had(head), head["usable_cores"]
+    if had is None or not any(r["step_ns"] and _threaded(r) for r in results):
+        return []
+    text = f"Threads had {had:.2f} of {usable} usable cores in this run (calibration)."
+    if had < POOR_CORES * usable:
+        text = f"[yellow]Warning: {text} Threaded figures are low by about as much.[/yellow]"
+    return [text]
+
+
+def _threaded(result: Record) -> bool:
+    options = result["options"]
+    return bool(max(options.get("threads", 1), options.get("processes", 1)) > 1)
+
+
+def _print_advice(out: Console, entry: Record) -> None:
+    what = f"{entry['path']} {options_text(entry['options'])}".strip()
+    gain = f", {entry['speedup']:.2f}× the plain loop" if entry["speedup"] else ""
+    loop = "Open loop" if entry["loop"] == "open" else "Closed loop (a policy chooses controls)"
+    out.print(f"[bold]{loop}: {escape(what)}[/bold]{gain}", soft_wrap=True)
+    for line in entry["snippet"].splitlines():
+        out.print(f"    {escape(line)}", soft_wrap=True)
+
+
+def _plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for i, heading in enumerate(headings):
+        last = i == len(headings) - 1
+        table.add_column(
+            heading,
+            justify="right" if i in right else "left",
+            no_wrap=not last,
+            overflow="fold",
+        )
+    return table
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
