@@ -125,7 +125,7 @@ class _Progress:
     def done(self) -> float:
         """Return the share of this model's work that is done, roughly, from 0 to 1."""
         verified = len(self.verdicts) / len(self.plan.variants)
-        return 0.3 * verified + 0.7 * min(1.0, self.spent_s / self.budget_s)
+        return 0.3 * verified + 0.7 * min(1.0, self.spent_s / max(self.budget_s, 1e-9))
 
     def records(self, ended: isolate.Ended | None) -> list[Record]:
         """Return the records of this model; `ended` is None when the user interrupted it."""

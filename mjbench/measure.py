@@ -90,7 +90,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.where(f"loading {name}")
     model = models.load(models.Source(name, Path(request["model"]["path"])))
     channel.where(f"stepping {name}")
-    nbatch, nstep, reduced = _sizes(model, request)
+    nbatch, nstep, reduced = sizes(model, request)
     _check_memory(model, nbatch, nstep)
     channel.expect(10 * nbatch * nstep * _step_s(model))
     bench = Bench.of(make(model, nbatch, nstep, request["hold"], request["seed"]))
@@ -260,7 +260,7 @@ def _nothing() -> None:
     pass
 
 
-def _sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
+def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
     """Return nbatch, nstep, and whether they were reduced to keep a block short."""
     nbatch, nstep, hold = request["nbatch"], request["nstep"], request["hold"]
     free_nbatch, free_nstep = nbatch is None, nstep is None

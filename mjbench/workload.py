@@ -100,7 +100,8 @@ def make(model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0) -> W
     """Return a random but reproducible workload around the model's typical regime.
 
     Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and
-    velocity, with the warm-start that a step from there would leave; controls are smooth noise
+    velocity and then stepped once, so that the warm-start is a real one: of the state before,
+    and not the solution itself, which a cold start would find too. Controls are smooth noise
     within the control range. The same arguments give the same workload.
 
     Raises:
@@ -148,8 +149,7 @@ def _starts(model: Any, nbatch: int, rng: np.random.Generator) -> np.ndarray:
         offset = START_POSITION_SD * rng.standard_normal(model.nv)
         mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
         data.qvel[:] += START_VELOCITY_SD * rng.standard_normal(model.nv)
-        mujoco.mj_forward(model, data)
-        data.qacc_warmstart[:] = data.qacc  # what mj_step leaves behind
+        mujoco.mj_step(model, data)  # leaves the warm-start of the state before this one
         compat.get_state(model, data, row, spec)
     return states
 

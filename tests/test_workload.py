@@ -44,15 +44,21 @@ def test_starts_keep_the_keyframes_mocap_pose(model: Any) -> None:
     np.testing.assert_array_equal(made.initial_state[0, columns["mocap_pos"]], [0, 0, 3])
 
 
-def test_the_warm_start_is_the_one_a_step_would_leave(model: Any) -> None:
+def test_the_warm_start_is_real_and_matters(model: Any) -> None:
     made = workload.make(model, nbatch=1, nstep=1)
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    spec = compat.state_spec("INTEGRATION")
+    warm = made.initial_state[0]
+    cold = warm.copy()
+    cold[compat.state_columns(model, spec)["qacc_warmstart"]] = 0.0
+    assert np.any(warm != cold)
     data = mujoco.MjData(model)
-    compat.set_state(model, data, made.initial_state[0], compat.state_spec("INTEGRATION"))
-    mujoco.mj_forward(model, data)
-    warm = made.initial_state[0, columns["qacc_warmstart"]]
-    assert np.any(warm != 0)
-    np.testing.assert_allclose(warm, data.qacc, rtol=1e-3, atol=1e-3)
+    found = []
+    for row in (warm, cold):
+        compat.set_state(model, data, row, spec)
+        mujoco.mj_step(model, data)
+        found.append(data.qacc.copy())
+    assert np.any(found[0] != found[1])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-6)
 
 
 def test_controls_are_within_range_and_smooth(model: Any) -> None:

@@ -58,6 +58,8 @@ class _Workers:
         initial_state = _shared(context, workload.initial_state)
         control = _shared(context, workload.control)
         final = _shared(context, np.full_like(workload.initial_state, np.nan))
+        # the memory is given to others when its last owner in this process goes
+        self._memory = (initial_state, control, final)
         self.final_state = _array(final)
         self.pipes: list[Connection] = []
         self.processes: list[Any] = []

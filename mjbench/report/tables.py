@@ -1,6 +1,5 @@
 """Tables and lines for a terminal, or for a file when there is no terminal."""
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,14 +13,13 @@ from mjbench.runs import Record
 # Below this share of the usable cores, threaded figures say more about the machine's other
 # guests than about the paths.
 POOR_CORES = 0.85
-_PLAIN_WIDTH = 160
+_PLAIN_WIDTH, _LEAST_WIDTH = 160, 116
 
 
 def console(stderr: bool = False) -> Console:
-    """Return a console: wide plain text unless it is a terminal."""
-    made = Console(stderr=stderr, highlight=False, soft_wrap=False)
-    if not made.is_terminal and "COLUMNS" not in os.environ:
-        made = Console(stderr=stderr, highlight=False, width=_PLAIN_WIDTH)
+    """Return a console that never squeezes a table: long lines are the terminal's to wrap."""
+    made = Console(stderr=stderr, highlight=False)
+    made.width = max(made.width, _LEAST_WIDTH) if made.is_terminal else _PLAIN_WIDTH
     return made
 
 
@@ -112,23 +110,14 @@ def _without(text: str, name: str) -> str:
 
 def _table(results: Sequence[Record]) -> Table:
     table = _plain_table(
-        [
-            "path",
-            "options",
-            "steps/s",
-            "ns/step",
-            "min",
-            "speed-up",
-            "95 %",
-            "× real time",
-            "closed loop",
-            "agrees",
-        ],
+        ["path", "options", "steps/s", "ns/step", "min", "speed-up", "95 %", "× real time",
+         "loop", "agrees"],
         right=range(2, 8),
-    )
+    )  # fmt: skip
     for r in results:
-        cells = [r["path"], options_text(r["options"]), *_speed_cells(r)]
-        table.add_row(*map(escape, cells), _yes(r["closed_loop"]), escape(_agrees(r)))
+        loop = "closed" if r["closed_loop"] else "open"
+        cells = [r["path"], options_text(r["options"]), *_speed_cells(r), loop, _agrees(r)]
+        table.add_row(*map(escape, cells))
     return table
 
 
@@ -153,21 +142,25 @@ def _speed_cells(result: Record) -> list[str]:
 
 
 def _agrees(result: Record) -> str:
-    if result["status"] == "ok":
-        return "yes" + (f" ({result['detail']})" if result["detail"] else "")
-    if result["status"] == "disagrees":
-        return f"NO: {result['agreement']}"
-    return f"{result['status']}: {result['detail']}"
+    words = {"ok": "yes", "disagrees": "NO"}
+    return words.get(result["status"], str(result["status"]))
 
 
 def _notes(head: Record, results: Sequence[Record]) -> list[str]:
+    """Return what a reader of the table must know: reasons, and what cores there were."""
+    lines = [
+        f"{r['path']} {options_text(r['options'])}".strip() + f": {r['status']}: {r['detail']}"
+        for r in results
+        if r["detail"] and (r["status"], r["detail"]) != (head["status"], head["detail"])
+    ]
+    notes = [escape(line) for line in lines]
     had, usable = derive.cores_had(head), head["usable_cores"]
     if had is None or not any(r["step_ns"] and _threaded(r) for r in results):
-        return []
+        return notes
     text = f"Threads had {had:.2f} of {usable} usable cores in this run (calibration)."
     if had < POOR_CORES * usable:
         text = f"[yellow]Warning: {text} Threaded figures are low by about as much.[/yellow]"
-    return [text]
+    return [*notes, text]
 
 
 def _threaded(result: Record) -> bool:

@@ -1,0 +1,129 @@
+"""Paths that are wrong on purpose, one way each; agreement must catch every one."""
+
+import os
+import signal
+import time
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench import compat, paths
+from mjbench.paths.base import fill_from_array, simulate
+from mjbench.workload import Workload
+
+
+class _Wrong(paths.Path):
+    summary = "wrong on purpose"
+    closed_loop = True
+
+    def prepare(
+        self, workload: Workload, options: Any, resources: paths.Resources
+    ) -> paths.Prepared:
+        start, control = self.spoiled(workload)
+        final = resources.final_state()
+        data = mujoco.MjData(workload.model)
+        spec = compat.state_spec("INTEGRATION")
+        n = len(start)
+
+        def run() -> None:
+            simulate(workload.model, data, start, control, workload.hold, final[:n], spec, False)
+
+        return paths.Prepared(run, *fill_from_array(final))
+
+    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+        return workload.initial_state, workload.control
+
+    def snippet(self, workload: Any, options: Any) -> str:
+        return "raise NotImplementedError\n"
+
+
+class Right(_Wrong):
+    name = "wrong_paths:Right"
+
+
+class ColdWarmStart(_Wrong):
+    name = "wrong_paths:ColdWarmStart"
+
+    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+        cold = workload.initial_state.copy()
+        cold[:, columns["qacc_warmstart"]] = 0.0
+        return cold, workload.control
+
+
+class OneStepFewer(_Wrong):
+    name = "wrong_paths:OneStepFewer"
+
+    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+        return workload.initial_state, workload.control[:, :-1]
+
+
+class ControlShifted(_Wrong):
+    name = "wrong_paths:ControlShifted"
+
+    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+        return workload.initial_state, np.roll(workload.control, 1, axis=1)
+
+
+class LastUnstepped(_Wrong):
+    name = "wrong_paths:LastUnstepped"
+
+    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+        return workload.initial_state[:-1], workload.control[:-1]
+
+
+class LateError(_Wrong):
+    """Wrong from the 30th control on."""
+
+    name = "wrong_paths:LateError"
+
+    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+        control = workload.control.copy()
+        control[3, 29:] += 1e-3
+        return workload.initial_state, control
+
+
+class WrongWhenTimed(Right):
+    """Right when verified, wrong from the second timed block on."""
+
+    name = "wrong_paths:WrongWhenTimed"
+
+    def prepare(
+        self, workload: Workload, options: Any, resources: paths.Resources
+    ) -> paths.Prepared:
+        prepared = super().prepare(workload, options, resources)
+        right, calls = prepared.run, 0
+
+        def run() -> None:
+            nonlocal calls
+            calls += 1
+            right()
+            if calls > 2:
+                resources.final_state()[0, 0] += 1.0
+
+        prepared.run = run
+        return prepared
+
+
+class Crashes(Right):
+    name = "wrong_paths:Crashes"
+
+    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+        os.kill(os.getpid(), signal.SIGSEGV)
+        raise AssertionError
+
+
+class Hangs(Right):
+    name = "wrong_paths:Hangs"
+
+    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+        while True:
+            time.sleep(600)
+
+
+class Raises(Right):
+    name = "wrong_paths:Raises"
+
+    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+        raise RuntimeError("out of luck")
