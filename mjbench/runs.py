@@ -7,6 +7,7 @@ A record is appended and flushed when its measurement ends, so a killed run leav
 record readable; a last line cut short is passed over. docs/formats.md describes the records.
 """
 
+import contextlib
 import json
 import os
 import time
@@ -57,8 +58,9 @@ class RunFile:
             ) from error
 
     def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """Close the file; a failure to write has been told by `append`."""
+        with contextlib.suppress(OSError):
+            self._file.close()
 
 
 def load(path: Path) -> list[Record]:
