@@ -149,7 +149,7 @@ def cli() -> None:
     "--budget",
     type=click.FloatRange(min=0.0),
     metavar="SECONDS",
-    help="Time to spend on timing each model  [default: 6]",
+    help="Time to spend on timing each model  [default: 8]",
 )
 @_LIMIT
 @_RESULTS

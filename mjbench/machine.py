@@ -85,11 +85,17 @@ def available_memory_bytes() -> int:
 
 
 def data_bytes(model: Any) -> int:
-    """Return the size of one MjData of `model`, its arena included, in bytes."""
+    """Return about how much memory one MjData of `model` takes once it has stepped, in bytes.
+
+    The arena is counted as far as a step at the model's defaults used it, twice over: what is
+    never touched takes no memory.
+    """
     import mujoco
 
     data = mujoco.MjData(model)
-    return int(getattr(data, "nbuffer", 0)) + int(getattr(data, "narena", 0))
+    mujoco.mj_step(model, data)
+    used = int(getattr(data, "maxuse_arena", 0))
+    return int(getattr(data, "nbuffer", 0)) + 2 * used
 
 
 def describe() -> dict[str, Any]:

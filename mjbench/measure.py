@@ -19,17 +19,19 @@ from mjbench.isolate import Channel
 from mjbench.workload import Workload, make, start_data
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
-# LONG_BLOCK_S they shrink until it takes about BLOCK_S: first the steps, then the simulations,
-# then the steps again.
+# LONG_BLOCK_S they shrink until it takes about BLOCK_S, first the steps, then the simulations, to
+# no fewer than the least; beyond MOST_BLOCK_S the steps shrink again, to one if need be.
 NBATCH, NSTEP = 64, 200
 LEAST_NSTEP, LEAST_NBATCH = 10, 8
-LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
+LONG_BLOCK_S, BLOCK_S, MOST_BLOCK_S = 0.08, 0.05, 0.15
 # Timed rounds: at least as many as a 95 % interval needs, and time for the median to settle.
-BUDGET_S = 6.0
+BUDGET_S = 8.0
 LEAST_ROUNDS, MOST_ROUNDS = 7, 400
 # The model that stands in where a model starts without contact: a path that loses the warm-start
 # can only be told in contact.
 CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
+# Spreads of starts and controls, tried until the model bears one.
+SPREADS = (1.0, 0.1, 0.01, 0.0)
 # Share of the free memory that a workload and a rollout's output may take.
 SHARE_OF_MEMORY = 0.6
 
@@ -93,8 +95,8 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     nbatch, nstep, reduced = sizes(model, request)
     _check_memory(model, nbatch, nstep)
     channel.expect(10 * nbatch * nstep * _step_s(model))
-    bench = Bench.of(make(model, nbatch, nstep, request["hold"], request["seed"]))
-    channel.send(kind="model", **_about(bench, nbatch, reduced))
+    bench, spread = _bench(model, nbatch, nstep, request["hold"], request["seed"])
+    channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
     if bench.workload.nbatch == 0:
         raise InputError(
             f"{name}: every simulation diverges ({bench.observed.diagnosis()});"
@@ -115,6 +117,18 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     if timed:
         _time(timed, bench, request, channel)
     bench.resources.close()
+
+
+def _bench(model: Any, nbatch: int, nstep: int, hold: int, seed: int) -> tuple[Bench, float]:
+    """Return the workload with the widest spread that a model bears, and the spread.
+
+    A model is taken to bear it when a quarter of the simulations do not diverge.
+    """
+    for spread in SPREADS:
+        bench = Bench.of(make(model, nbatch, nstep, hold, seed, spread))
+        if 4 * bench.workload.nbatch >= nbatch:
+            break
+    return bench, spread
 
 
 def _about(bench: Bench, nbatch: int, reduced: bool) -> dict[str, Any]:
@@ -275,8 +289,9 @@ def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
         nstep = min(nstep, _multiple(max(LEAST_NSTEP, steps // nbatch), hold))
     if free_nbatch and nbatch * nstep > steps:
         nbatch = min(nbatch, max(least_nbatch, steps // nstep))
-    if free_nstep and nbatch * nstep > steps:
-        nstep = min(nstep, _multiple(max(1, steps // nbatch), hold))
+    most = max(1, int(MOST_BLOCK_S / step_s))
+    if free_nstep and nbatch * nstep > most:
+        nstep = min(nstep, _multiple(max(1, most // nbatch), hold))
     return nbatch, nstep, (nbatch, nstep) != asked
 
 

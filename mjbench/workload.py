@@ -96,13 +96,16 @@ class Workload:
         return dataclasses.replace(self, control=np.ascontiguousarray(self.control[:, :ncontrol]))
 
 
-def make(model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0) -> Workload:
+def make(
+    model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0, spread: float = 1.0
+) -> Workload:
     """Return a random but reproducible workload around the model's typical regime.
 
     Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and
     velocity and then stepped once, so that the warm-start is a real one: of the state before,
     and not the solution itself, which a cold start would find too. Controls are smooth noise
-    within the control range. The same arguments give the same workload.
+    within the control range. `spread` scales both; at 0 every simulation is the keyframe. The
+    same arguments give the same workload.
 
     Raises:
       InputError: sizes below 1, or nstep not a multiple of hold.
@@ -118,8 +121,8 @@ def make(model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0) -> W
     starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
     return Workload(
         model=model,
-        initial_state=_starts(model, nbatch, starts),
-        control=_controls(model, nbatch, nstep // hold, hold, controls),
+        initial_state=_starts(model, nbatch, starts, spread),
+        control=_controls(model, nbatch, nstep // hold, hold, controls, spread),
         hold=hold,
         seed=seed,
     )
@@ -140,22 +143,22 @@ def reset_to_start(model: Any, data: Any) -> None:
         mujoco.mj_resetData(model, data)
 
 
-def _starts(model: Any, nbatch: int, rng: np.random.Generator) -> np.ndarray:
+def _starts(model: Any, nbatch: int, rng: np.random.Generator, spread: float) -> np.ndarray:
     spec = compat.state_spec("INTEGRATION")
     states = np.empty((nbatch, compat.state_size(model, spec)))
     data = mujoco.MjData(model)
     for row in states:
         reset_to_start(model, data)
-        offset = START_POSITION_SD * rng.standard_normal(model.nv)
+        offset = spread * START_POSITION_SD * rng.standard_normal(model.nv)
         mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
-        data.qvel[:] += START_VELOCITY_SD * rng.standard_normal(model.nv)
+        data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
         mujoco.mj_step(model, data)  # leaves the warm-start of the state before this one
         compat.get_state(model, data, row, spec)
     return states
 
 
 def _controls(
-    model: Any, nbatch: int, ncontrol: int, hold: int, rng: np.random.Generator
+    model: Any, nbatch: int, ncontrol: int, hold: int, rng: np.random.Generator, spread: float
 ) -> np.ndarray:
     if model.nu == 0:
         return np.zeros((nbatch, ncontrol, 0))
@@ -163,13 +166,14 @@ def _controls(
     limited = np.array(model.actuator_ctrllimited, dtype=bool)
     low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
     high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
-    spread = np.full(model.nu, CONTROL_UNLIMITED_SD)
-    spread[limited] = CONTROL_SHARE * 0.5 * (high - low)[limited]
+    scale = np.full(model.nu, CONTROL_UNLIMITED_SD)
+    scale[limited] = CONTROL_SHARE * 0.5 * (high - low)[limited]
+    scale *= spread
     keep = np.exp(-hold * model.opt.timestep / CONTROL_TIME_S)
     noise = rng.standard_normal((nbatch, model.nu))
     control = np.empty((nbatch, ncontrol, model.nu))
     for k in range(ncontrol):
-        np.clip(centre + spread * noise, low, high, out=control[:, k])
+        np.clip(centre + scale * noise, low, high, out=control[:, k])
         fresh = rng.standard_normal((nbatch, model.nu))
         noise = keep * noise + np.sqrt(1.0 - keep**2) * fresh
     return control

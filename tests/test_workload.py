@@ -89,3 +89,11 @@ def test_first_is_a_prefix_and_only_a_selection(small: workload.Workload) -> Non
     np.testing.assert_array_equal(small.first(2).control, small.control[:, :2])
     keep = np.array([True, False, True, True, False])
     np.testing.assert_array_equal(small.only(keep).initial_state, small.initial_state[keep])
+
+
+def test_the_spread_scales_starts_and_controls_down_to_the_keyframe(model: Any) -> None:
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    wide, narrow, none = (workload.make(model, 9, 30, spread=s) for s in (1.0, 0.1, 0.0))
+    assert np.ptp(narrow.control) < 0.2 * np.ptp(wide.control)
+    assert np.ptp(none.control) == 0.0
+    assert np.ptp(none.initial_state[:, columns["qpos"]], axis=0).max() == 0.0

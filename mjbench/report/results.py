@@ -41,8 +41,8 @@ def advice(results: Sequence[Record]) -> list[Record]:
             able = [r for r in timed if loop == "open" or r["closed_loop"]]
             if not able:
                 continue
-            fastest = min(r["step_ns"]["median"] for r in able)
-            best = next(r for r in able if fastest >= CLOSE_ENOUGH * r["step_ns"]["median"])
+            most = max(map(_rate, able))
+            best = next(r for r in able if _rate(r) >= CLOSE_ENOUGH * most)
             found.append(
                 {
                     "model": model,
@@ -75,6 +75,11 @@ def by_model(records: Sequence[Record]) -> list[list[Record]]:
 def cores_had(head: Record) -> float | None:
     """Return the median of the cores that the calibration found, or None."""
     return statistics.median(head["cores_had"]) if head.get("cores_had") else None
+
+
+def _rate(result: Record) -> float:
+    """Return how fast a result is: paired with the base, where there is one."""
+    return float(result["speedup"]["median"] if result["speedup"] else result["steps_per_s"])
 
 
 def _timed(row: Record) -> bool:

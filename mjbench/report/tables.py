@@ -95,6 +95,11 @@ def _heading(head: Record) -> list[str]:
         f" {work['contacts']:.1f} contacts, {work['constraints']:.1f} constraints,"
         f" {work['solver_iterations']:.1f} solver iterations",
     ]
+    if head["spread"] != 1.0:
+        lines.append(
+            f"Starts and controls are spread {head['spread']:g} times as wide as usual:"
+            " wider, most simulations diverge"
+        )
     if head["diverged"]:
         lines.append(
             f"{head['diverged']} simulations diverged and are left out ({head['divergence']})"
