@@ -1,15 +1,28 @@
 // What the engine costs with no Python at all: mj_step in a loop, over a workload's simulations.
+// Where `state` is given, each step's physics state and sensors are returned as well, as
+// mujoco.rollout does.
 #include <mujoco/mujoco.h>
 
 void c_floor(const mjModel* m, mjData* d, int nbatch, int nstep, const mjtNum* initial_state,
-             const mjtNum* control, mjtNum* final_state) {
+             const mjtNum* control, mjtNum* final_state, mjtNum* state, mjtNum* sensordata) {
   int nstate = mj_stateSize(m, mjSTATE_INTEGRATION);
+  int nphysics = mj_stateSize(m, mjSTATE_FULLPHYSICS);
   for (int i = 0; i < nbatch; i++) {
     mj_setState(m, d, initial_state + i * nstate, mjSTATE_INTEGRATION);
     for (int k = 0; k < nstep; k++) {
-      mju_copy(d->ctrl, control, m->nu);
+      if (state) {
+        mj_setState(m, d, control, mjSTATE_CTRL);
+      } else {
+        mju_copy(d->ctrl, control, m->nu);
+      }
       control += m->nu;
       mj_step(m, d);
+      if (state) {
+        mj_getState(m, d, state, mjSTATE_FULLPHYSICS);
+        state += nphysics;
+        mju_copy(sensordata, d->sensordata, m->nsensordata);
+        sensordata += m->nsensordata;
+      }
     }
     mj_getState(m, d, final_state + i * nstate, mjSTATE_INTEGRATION);
   }

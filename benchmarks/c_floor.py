@@ -1,20 +1,27 @@
 """How close Python's paths come to a C program that loops mj_step on the same libmujoco.
 
-    python -m benchmarks.c_floor [MODEL …] [--budget SECONDS] [--rounds N]
+    python -m benchmarks.c_floor [MODEL …] [--budget SECONDS] [--launches N]
 
 builds c_floor.c against the headers and the library of the installed MuJoCo, and times it in
-turns with the paths, in one process, on the same workload. It prints, for each model and path,
-the path's time over the C program's (1.000: nothing lost) with its 95 % interval. Final states
-must be bit-identical, or the program stops.
+turns with the paths, in one process, on the same workload and, where the path lets it, in the same
+MjData. It prints, for each model and path, the path's time over the C program's (1.000: nothing
+lost): the median over launches, and their range. A launch allocates everything anew, because
+memory layout alone moves a speed by a percent or two. Final states must be bit-identical, or the
+program stops.
+
+`rollout` returns the state after every step, which a loop of mj_step does not; `rollout+` compares
+it with a C program that does.
 """
 
 import argparse
 import ctypes
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +33,32 @@ from mjbench.errors import MachineError, MjbenchError, one_line
 
 # Steps that each control of python_loop_hold is held.
 LONG_HOLD = 50
-PATHS: tuple[tuple[str, dict[str, Any], int], ...] = (
-    ("rollout", {"threads": 1}, 1),
-    ("batch_rollout", {"threads": 1, "data": "shared"}, 1),
-    ("python_loop_hold", {}, LONG_HOLD),
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A path against the C program.
+
+    Attributes:
+      label: what it is called in the table.
+      path: name of the path.
+      options: its options.
+      hold: steps per control.
+      returns_states: whether the C program returns every step's state too.
+    """
+
+    label: str
+    path: str
+    options: dict[str, Any]
+    hold: int = 1
+    returns_states: bool = False
+
+
+CONTESTS = (
+    Contest("rollout", "rollout", {"threads": 1}),
+    Contest("rollout+", "rollout", {"threads": 1}, returns_states=True),
+    Contest("batch_rollout", "batch_rollout", {"threads": 1, "data": "shared"}),
+    Contest("python_loop_hold", "python_loop_hold", {}, hold=LONG_HOLD),
 )
 
 
@@ -54,62 +83,50 @@ def build(folder: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(target))
 
 
-def c_loop(library: ctypes.CDLL, work: workload.Workload) -> tuple[Callable[[], None], np.ndarray]:
-    """Return the C program's run of a workload, and the array of its final states."""
-    data = mujoco.MjData(work.model)
-    control = np.ascontiguousarray(work.step_control)
+def c_loop(
+    library: ctypes.CDLL, work: workload.Workload, data: Any, returns_states: bool = False
+) -> tuple[Callable[[], None], np.ndarray]:
+    """Return the C program's run of a workload in `data`, and the array of its final states."""
+    model = work.model
     final_state = np.empty_like(work.initial_state)
-    arguments = (
-        ctypes.c_void_p(work.model._address),
-        ctypes.c_void_p(data._address),
-        work.nbatch,
-        work.nstep,
-        *(a.ctypes.data_as(ctypes.c_void_p) for a in (work.initial_state, control, final_state)),
-    )
+    arrays = [work.initial_state, np.ascontiguousarray(work.step_control), final_state]
+    if returns_states:
+        physics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+        arrays += [np.empty((work.steps, n)) for n in (physics, model.nsensordata)]
+    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
+    pointers += [None] * (5 - len(pointers))
+    addresses = ctypes.c_void_p(model._address), ctypes.c_void_p(data._address)
 
-    def run() -> None:
-        library.c_floor(*arguments)
+    def run(keep: Any = arrays) -> None:
+        library.c_floor(*addresses, work.nbatch, work.nstep, *pointers)
 
-    run.keep = data, control  # type: ignore[attr-defined]
     return run, final_state
 
 
-def ratios(
-    library: ctypes.CDLL, name: str, budget_s: float, most: int
-) -> list[tuple[str, float, stats.Estimate]]:
-    """Return (path, ns per step, path's time over the C program's) of one model."""
-    model = models.load(models.resolve(name))
-    found = []
-    for hold in sorted({hold for _, _, hold in PATHS}):
-        request = {"nbatch": None, "nstep": None, "hold": hold, "largest": 1}
-        nbatch, nstep, _ = measure.sizes(model, request)
-        work = workload.make(model, nbatch, nstep, hold)
-        resources = paths.Resources(work)
-        run, reference = c_loop(library, work)
-        run()
-        reference = reference.copy()
-        chosen = [(paths.find(p), options) for p, options, h in PATHS if h == hold]
-        contenders = [timing.Contender(_nothing, run, _nothing)]
-        for path, options in chosen:
-            prepared = path.prepare(work, options, resources)
-            _check(prepared.verify(), reference, model, path.name)
-            contenders.append(timing.Contender(prepared.clear, prepared.run, _nothing))
-        for contender in contenders:
-            timing.block_s(contender)
-        share = budget_s * len(chosen) / len(PATHS)
-        samples = np.array(list(timing.rounds(contenders, share, 20, most)))
-        for column, (path, _) in enumerate(chosen, 1):
-            estimate = stats.speedup(list(samples[:, column]), list(samples[:, 0]))
-            found.append((path.name, 1e9 * np.median(samples[:, column]) / work.steps, estimate))
-        resources.close()
-    return found
-
-
-def _check(states: paths.States, reference: np.ndarray, model: Any, name: str) -> None:
+def launch(
+    library: ctypes.CDLL, model: Any, contest: Contest, budget_s: float
+) -> tuple[float, float]:
+    """Return one launch's ns per step of the path, and its time over the C program's."""
+    sizes = {"nbatch": None, "nstep": None, "hold": contest.hold, "largest": 1}
+    nbatch, nstep, _ = measure.sizes(model, sizes)
+    work = workload.make(model, nbatch, nstep, contest.hold)
+    resources = paths.Resources(work)
+    run, reference = c_loop(library, work, resources.datas(1)[0], contest.returns_states)
+    run()
+    prepared = paths.find(contest.path).prepare(work, contest.options, resources)
+    states = prepared.verify()
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
     difference = agreement.first_difference(states.values, reference, columns, states.held)
     if difference:
-        raise MachineError(f"{name} and the C program disagree: {difference}")
+        raise MachineError(f"{contest.label} and the C program disagree: {difference}")
+    contenders = [
+        timing.Contender(_nothing, run, _nothing),
+        timing.Contender(prepared.clear, prepared.run, _nothing),
+    ]
+    rounds = np.array(list(timing.rounds(contenders, budget_s, 8, 100_000)))
+    resources.close()
+    ratio = stats.speedup(list(rounds[:, 1]), list(rounds[:, 0])).median
+    return float(1e9 * np.median(rounds[:, 1]) / work.steps), ratio
 
 
 def _nothing() -> None:
@@ -120,18 +137,23 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
-    parser.add_argument("--budget", type=float, default=15.0, help="seconds per model")
-    parser.add_argument("--rounds", type=int, default=400, help="rounds at most")
+    parser.add_argument("--budget", type=float, default=1.0, help="seconds per launch")
+    parser.add_argument("--launches", type=int, default=5, help="launches per path")
     given = parser.parse_args(words)
     try:
         with tempfile.TemporaryDirectory() as folder:
             library = build(Path(folder))
-            print(f"{'model':18} {'path':18} {'ns/step':>10} {'over C':>8}  95 %")
+            print(f"{'model':18} {'path':17} {'ns/step':>10} {'over C':>8}  range of launches")
             for name in given.models or models.shipped():
-                for path, step_ns, ratio in ratios(library, name, given.budget, given.rounds):
+                model = models.load(models.resolve(name))
+                for contest in CONTESTS:
+                    found = [
+                        launch(library, model, contest, given.budget) for _ in range(given.launches)
+                    ]
+                    step_ns, ratios = zip(*found, strict=True)
                     print(
-                        f"{name:18} {path:18} {step_ns:10,.0f} {ratio.median:8.4f}"
-                        f"  {ratio.low:.4f}–{ratio.high:.4f}",
+                        f"{name:18} {contest.label:17} {statistics.median(step_ns):10,.0f}"
+                        f" {statistics.median(ratios):8.4f}  {min(ratios):.4f}–{max(ratios):.4f}",
                         flush=True,
                     )
     except MjbenchError as error:

@@ -2,6 +2,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -10,8 +11,12 @@ from mjbench import work, workload
 
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler (cc) on this machine")
-def test_the_c_program_reaches_the_same_states(tmp_path: Path, model: Any) -> None:
+@pytest.mark.parametrize("returns_states", [False, True])
+def test_the_c_program_reaches_the_same_states(
+    tmp_path: Path, returns_states: bool, model: Any
+) -> None:
     made = workload.make(model, nbatch=4, nstep=12, hold=3)
-    run, final_state = c_floor.c_loop(c_floor.build(tmp_path), made)
+    library = c_floor.build(tmp_path)
+    run, final_state = c_floor.c_loop(library, made, mujoco.MjData(model), returns_states)
     run()
     np.testing.assert_array_equal(final_state, work.observe(made).final_state)
