@@ -97,7 +97,7 @@ def c_loop(
     pointers += [None] * (5 - len(pointers))
     addresses = ctypes.c_void_p(model._address), ctypes.c_void_p(data._address)
 
-    def run(keep: Any = arrays) -> None:
+    def run(keep: Any = (arrays, data)) -> None:
         library.c_floor(*addresses, work.nbatch, work.nstep, *pointers)
 
     return run, final_state
