@@ -1,10 +1,13 @@
 """Start the command line; without its optional packages, say in one line what to install."""
 
+import signal
 import sys
 
 
 def main() -> None:
     """Run `mjbench` with the process's arguments."""
+    # until a command has something to save: an interrupted import is no KeyboardInterrupt
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         import click  # noqa: F401
         import rich  # noqa: F401

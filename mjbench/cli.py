@@ -38,9 +38,6 @@ class _Cli(click.Group):
         except (KeyboardInterrupt, click.Abort):
             click.echo("mjbench: interrupted", err=True)
             sys.exit(_INTERRUPTED)
-        except BrokenPipeError:  # `mjbench … | head`
-            sys.stderr.close()
-            sys.exit(0)
 
 
 class _Numbers(click.ParamType[list[int]]):
@@ -360,6 +357,7 @@ def _json_target(name: str | None) -> Iterator[Callable[[Any], None]]:
 def _progress(out: Any, count: int) -> Iterator[Callable[[int, str, float], None]]:
     """Yield a function that moves a progress bar; there is none unless `out` is a terminal."""
     signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGINT, _interrupt)
     if not out.is_terminal:
         yield lambda number, name, share: None
         return

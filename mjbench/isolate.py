@@ -10,6 +10,7 @@ import importlib
 import json
 import os
 import selectors
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from typing import Any
 from mjbench.errors import MjbenchError, one_line
 
 Message = dict[str, Any]
+_FOLDER = "mjbench-child-"
 _WHERE = "where.txt"
 _STDERR = "stderr.txt"
 _END = "__end__"
@@ -84,7 +86,9 @@ def run(
       How the child ended. The child and its own children are gone by then, also when an
       exception (Ctrl-C) passes through.
     """
-    with tempfile.TemporaryDirectory(prefix="mjbench-", ignore_cleanup_errors=True) as folder:
+    _sweep()
+    prefix = f"{_FOLDER}{os.getpid()}-"
+    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as folder:
         with (Path(folder) / _STDERR).open("wb") as errors:
             child = subprocess.Popen(
                 [sys.executable, "-m", "mjbench.isolate", task],
@@ -100,6 +104,14 @@ def run(
         finally:
             _kill_group(child)
         return end if end.status in ("ok", "input") else _located(end, Path(folder))
+
+
+def _sweep() -> None:
+    """Remove the folders that killed parents could not."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*-*"):
+        parent = folder.name.removeprefix(_FOLDER).partition("-")[0]
+        if parent.isdigit() and not Path(f"/proc/{parent}").exists() and Path("/proc").is_dir():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _converse(

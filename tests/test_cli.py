@@ -243,18 +243,49 @@ def _limit_file_size(size: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
-def test_ctrl_c_keeps_what_was_measured(tmp_path: Path, contact_file: str) -> None:
+@pytest.mark.parametrize("when", ["at once", "while a path hangs"])
+def test_ctrl_c_is_one_line_and_keeps_what_was_measured(
+    tmp_path: Path, contact_file: str, when: str
+) -> None:
+    words = ["--paths", "python_loop_hold,wrong_paths:Tells,wrong_paths:Hangs", *QUICK]
     process = subprocess.Popen(
-        [sys.executable, "-m", "mjbench", "compare", contact_file, "wrong.xml", "--paths",
-         "wrong_paths:Hangs,python_loop_hold", *QUICK],
+        [sys.executable, "-m", "mjbench", "compare", contact_file, *words],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{TESTS.parent}{os.pathsep}{TESTS}",
+             "MJBENCH_TEST_PIPE": str(tmp_path / "pipe")},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    if when == "while a path hangs":
+        os.mkfifo(tmp_path / "pipe")
+        (tmp_path / "pipe").read_text()  # returns when the path before it was prepared
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert "Traceback" not in out + err
+    if when == "at once":
+        assert process.returncode in (-signal.SIGINT, 130)
+        return
+    assert process.returncode == 130
+    assert err.count("\n") == 1
+    (file,) = (tmp_path / "runs").glob("*.jsonl")
+    statuses = [json.loads(line).get("status") for line in file.read_text().splitlines()]
+    assert statuses == [None, *["interrupted"] * 5]
+
+
+def test_a_closed_output_is_no_traceback(tmp_path: Path, contact_file: str) -> None:
+    words = ["compare", contact_file, "--paths", "python_loop", *QUICK]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mjbench", *words],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": f"{TESTS.parent}{os.pathsep}{TESTS}"},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    process.send_signal(signal.SIGINT)  # before, during or after start-up: never a traceback
-    out, err = process.communicate(timeout=120)
-    assert "Traceback" not in out + err or "KeyboardInterrupt" in err
-    assert process.returncode != 0
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert "Traceback" not in process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 3
+    assert list((tmp_path / "runs").glob("*.jsonl"))
 
 
 def test_models_lists_ours_with_their_facts(tmp_path: Path) -> None:

@@ -107,3 +107,15 @@ def test_children_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     parent.wait()
     parent.stdout.close()
     assert ends(child)
+
+
+def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolate.tempfile, "gettempdir", lambda: str(tmp_path))
+    dead, alive = (tmp_path / f"{isolate._FOLDER}{pid}-x" for pid in (2**22 + 1, os.getpid()))
+    dead.mkdir()
+    alive.mkdir()
+    run("echo")
+    assert not dead.exists()
+    assert alive.exists()

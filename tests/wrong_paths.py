@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -127,3 +128,16 @@ class Raises(Right):
 
     def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
         raise RuntimeError("out of luck")
+
+
+class Tells(Right):
+    """Right, and tells a waiting test that it was prepared."""
+
+    name = "wrong_paths:Tells"
+
+    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+        prepared = super().prepare(workload, options, resources)
+        pipe = Path(os.environ["MJBENCH_TEST_PIPE"])
+        if pipe.exists():
+            pipe.write_text("prepared")
+        return prepared

@@ -16,9 +16,19 @@ POOR_CORES = 0.85
 _PLAIN_WIDTH, _LEAST_WIDTH = 160, 116
 
 
+class _Console(Console):
+    """A console that ends the command with exit code 3 when nobody reads on (`… | head`)."""
+
+    def on_broken_pipe(self) -> None:
+        try:
+            super().on_broken_pipe()
+        except SystemExit:
+            raise SystemExit(3) from None
+
+
 def console(stderr: bool = False) -> Console:
     """Return a console that never squeezes a table: long lines are the terminal's to wrap."""
-    made = Console(stderr=stderr, highlight=False)
+    made = _Console(stderr=stderr, highlight=False)
     made.width = max(made.width, _LEAST_WIDTH) if made.is_terminal else _PLAIN_WIDTH
     return made
 
