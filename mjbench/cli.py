@@ -309,7 +309,7 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
     sources = [room.resolve(name) for name in names or room.shipped()]
     with _json_target(json_file) as write_json:
         rows = listing.facts(sources, time_limit)
-        tables.console(stderr=json_file == "-").print(tables.models_table(rows))
+        tables.print_models(tables.console(stderr=json_file == "-"), rows)
         write_json({"schema": 1, "models": rows})
     sys.exit(_exit_code(rows))
 

@@ -96,12 +96,12 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     _check_memory(model, nbatch, nstep)
     channel.expect(10 * nbatch * nstep * _step_s(model))
     bench, spread = _bench(model, nbatch, nstep, request["hold"], request["seed"])
-    channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
     if bench.workload.nbatch == 0:
         raise InputError(
             f"{name}: every simulation diverges ({bench.observed.diagnosis()});"
             " there is nothing to compare"
         )
+    channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
     contact = None if bench.observed.start_contacts else _contact_bench(request)
     timed: dict[int, paths.Prepared] = {}
     for index, (path_name, options) in enumerate(request["variants"]):

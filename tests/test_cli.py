@@ -153,6 +153,28 @@ def test_a_model_that_diverges_is_told_and_the_others_are_measured(
     assert second["step_ns"] is not None
 
 
+def test_a_model_that_steps_for_ever_costs_only_its_own_rows(
+    tmp_path: Path, contact_file: str
+) -> None:
+    endless = (
+        "<mujoco><option solver='PGS' iterations='2147483647' tolerance='0'"
+        " noslip_iterations='2147483647'/><worldbody><geom type='plane' size='1 1 1'/>"
+        "<body pos='0 0 .099'><freejoint/><geom type='box' size='.1 .1 .1'/></body>"
+        "</worldbody></mujoco>"
+    )
+    (tmp_path / "endless.xml").write_text(endless)
+    words = ["--paths", "python_loop", "--time-limit", "3"]
+    done, document = compare(tmp_path, "endless.xml", contact_file, *words)
+    assert done.returncode == 3
+    first, second = document["results"]
+    assert (first["status"], first["step_ns"]) == ("timeout", None)
+    assert "no answer within 3 s" in first["detail"]
+    assert second["step_ns"] is not None
+    listed = mjbench("models", "endless.xml", "cartpole", "--time-limit", "3", cwd=tmp_path)
+    assert listed.returncode == 3
+    assert "cartpole" in listed.stdout
+
+
 def test_some_diverging_simulations_are_left_out_and_counted(tmp_path: Path) -> None:
     # unstable only where the random start velocity is positive: it leaves a spring-free stretch
     xml = (

@@ -55,23 +55,20 @@ def model_report(out: Console, records: Sequence[Record]) -> list[Record]:
     return results
 
 
-def models_table(rows: Sequence[Record]) -> Table:
-    """Return the table of `mjbench models`."""
+def print_models(out: Console, rows: Sequence[Record]) -> None:
+    """Print the table of `mjbench models`, and below it a line for each model that failed."""
     columns = ("nq", "nv", "nu", "na", "contacts", "constraints")
     table = _plain_table(["model", *columns, "timestep", "integrator", "solver"], right=range(1, 8))
+    good = [row for row in rows if row["status"] == "ok"]
+    for row in good:
+        cells = [row["model"], *(str(row[c]) for c in columns), f"{1e3 * row['timestep']:g} ms"]
+        table.add_row(*map(escape, cells), row["integrator"], row["solver"])
+    if good:
+        out.print(table)
     for row in rows:
         if row["status"] != "ok":
-            table.add_row(escape(row["model"]), *[""] * 7, escape(row["detail"]))
-            continue
-        numbers = [str(row[c]) for c in columns]
-        table.add_row(
-            escape(row["model"]),
-            *numbers,
-            f"{1e3 * row['timestep']:g} ms",
-            row["integrator"],
-            row["solver"],
-        )
-    return table
+            reason = _without(row["detail"], row["model"])
+            out.print(f"{escape(row['model'])}: {escape(reason)}", soft_wrap=True)
 
 
 def paths_table(rows: Sequence[Record]) -> Table:
