@@ -23,7 +23,7 @@ from mjbench.workload import Workload, make, start_data
 # no fewer than the least; beyond MOST_BLOCK_S the steps shrink again, to one if need be.
 NBATCH, NSTEP = 64, 200
 LEAST_NSTEP, LEAST_NBATCH = 10, 8
-LONG_BLOCK_S, BLOCK_S, MOST_BLOCK_S = 0.08, 0.05, 0.15
+LONG_BLOCK_S, BLOCK_S, MOST_BLOCK_S = 0.08, 0.05, 0.12
 # Timed rounds: at least as many as a 95 % interval needs, and time for the median to settle.
 BUDGET_S = 8.0
 LEAST_ROUNDS, MOST_ROUNDS = 7, 400
