@@ -27,6 +27,8 @@ LONG_BLOCK_S, BLOCK_S, MOST_BLOCK_S = 0.08, 0.05, 0.12
 # Timed rounds: at least as many as a 95 % interval needs, and time for the median to settle.
 BUDGET_S = 8.0
 LEAST_ROUNDS, MOST_ROUNDS = 7, 400
+# A child may be silent for this many times as long as what it does should take.
+PATIENCE = 100
 # The model that stands in where a model starts without contact: a path that loses the warm-start
 # can only be told in contact.
 CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
@@ -94,7 +96,8 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.where(f"stepping {name}")
     nbatch, nstep, reduced = sizes(model, request)
     _check_memory(model, nbatch, nstep)
-    channel.expect(10 * nbatch * nstep * _step_s(model))
+    patience_s = PATIENCE * nbatch * nstep * _step_s(model)
+    channel.expect(patience_s)
     bench, spread = _bench(model, nbatch, nstep, request["hold"], request["seed"])
     if bench.workload.nbatch == 0:
         raise InputError(
@@ -109,6 +112,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
             continue
         variant = Variant(paths.find(path_name), options)
         channel.where(f"preparing {variant} on {name}")
+        channel.expect(patience_s)
         prepared = _verified(variant, bench, contact, index, channel)
         if prepared is not None:
             timed[index] = prepared
@@ -256,7 +260,7 @@ def _time(
     longest = sum(timing.block_s(c) for c in contenders)  # warm-up, one block each
     budget_s = request["budget_s"]
     channel.send(kind="ready", round_s=longest, budget_s=budget_s)
-    channel.expect(20 * longest)
+    channel.expect(PATIENCE * longest)
     least = LEAST_ROUNDS
     for seconds in timing.rounds(contenders, budget_s, least, MOST_ROUNDS, request["seed"]):
         had = calibration.cores(seconds[-2], seconds[-1]) if calibration else 1.0
@@ -265,7 +269,7 @@ def _time(
             seconds={str(i): s for i, s in zip(timed, seconds, strict=False)},
             cores=had,
         )
-        channel.expect(20 * longest)
+        channel.expect(PATIENCE * longest)
     for index, difference in broken.items():
         channel.send(kind="broken", index=index, detail=f"in a timed block: {difference}")
 
