@@ -119,6 +119,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     if contact:
         contact.resources.close()
     if timed:
+        channel.expect(patience_s * len(timed))
         _time(timed, bench, request, channel)
     bench.resources.close()
 
@@ -261,8 +262,8 @@ def _time(
     budget_s = request["budget_s"]
     channel.send(kind="ready", round_s=longest, budget_s=budget_s)
     channel.expect(PATIENCE * longest)
-    least = LEAST_ROUNDS
-    for seconds in timing.rounds(contenders, budget_s, least, MOST_ROUNDS, request["seed"]):
+    limits = (budget_s, LEAST_ROUNDS, MOST_ROUNDS)
+    for seconds in timing.rounds(contenders, *limits, request["seed"]):
         had = calibration.cores(seconds[-2], seconds[-1]) if calibration else 1.0
         channel.send(
             kind="round",
