@@ -5,9 +5,9 @@
 builds c_floor.c against the headers and the library of the installed MuJoCo, and times it in
 turns with the paths, in one process, on the same workload and, where the path lets it, in the same
 MjData. It prints, for each model and path, the path's time over the C program's (1.000: nothing
-lost): the median over launches, and their range. A launch allocates everything anew, because
-memory layout alone moves a speed by a percent or two. Final states must be bit-identical, or the
-program stops.
+lost): the median over launches, and their range. A launch is a process of its own, because memory
+layout alone moves a speed by a percent or more and stays as it is while a process lives. Final
+states must be bit-identical, or the program stops.
 
 `rollout` returns the state after every step, which a loop of mj_step does not; `rollout+` compares
 it with a C program that does.
@@ -15,6 +15,7 @@ it with a C program that does.
 
 import argparse
 import ctypes
+import dataclasses
 import shutil
 import statistics
 import subprocess
@@ -28,7 +29,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import agreement, compat, measure, models, paths, stats, timing, workload
+from mjbench import agreement, compat, isolate, measure, models, paths, stats, timing, workload
 from mjbench.errors import MachineError, MjbenchError, one_line
 
 # Steps that each control of python_loop_hold is held.
@@ -62,8 +63,8 @@ CONTESTS = (
 )
 
 
-def build(folder: Path) -> ctypes.CDLL:
-    """Compile c_floor.c into `folder` and load it.
+def build(folder: Path) -> Path:
+    """Compile c_floor.c into `folder`; return the shared library.
 
     Raises:
       MachineError: no compiler, or it fails.
@@ -80,11 +81,11 @@ def build(folder: Path) -> ctypes.CDLL:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise MachineError(f"{compiler} failed: {one_line(done.stderr)}")
-    return ctypes.CDLL(str(target))
+    return target
 
 
 def c_loop(
-    library: ctypes.CDLL, work: workload.Workload, data: Any, returns_states: bool = False
+    library: Path, work: workload.Workload, data: Any, returns_states: bool = False
 ) -> tuple[Callable[[], None], np.ndarray]:
     """Return the C program's run of a workload in `data`, and the array of its final states."""
     model = work.model
@@ -97,20 +98,42 @@ def c_loop(
     pointers += [None] * (5 - len(pointers))
     addresses = ctypes.c_void_p(model._address), ctypes.c_void_p(data._address)
 
+    function = ctypes.CDLL(str(library)).c_floor
+
     def run(keep: Any = (arrays, data)) -> None:
-        library.c_floor(*addresses, work.nbatch, work.nstep, *pointers)
+        function(*addresses, work.nbatch, work.nstep, *pointers)
 
     return run, final_state
 
 
-def launch(
-    library: ctypes.CDLL, model: Any, contest: Contest, budget_s: float
-) -> tuple[float, float]:
-    """Return one launch's ns per step of the path, and its time over the C program's."""
+def launch(library: Path, name: str, contest: Contest, budget_s: float) -> tuple[float, float]:
+    """Return one launch's ns per step of the path, and its time over the C program's.
+
+    Raises:
+      MachineError: the launch failed, or the two disagree.
+    """
+    request = {
+        "library": str(library),
+        "path": str(models.resolve(name).path),
+        "contest": dataclasses.asdict(contest),
+        "budget_s": budget_s,
+    }
+    found: list[dict[str, float]] = []
+    ended = isolate.run("benchmarks.c_floor:measure_launch", request, found.append, 120.0)
+    if ended.status != "ok":
+        raise MachineError(f"{name}, {contest.label}: {ended.status}: {ended.detail}")
+    return found[0]["step_ns"], found[0]["ratio"]
+
+
+def measure_launch(request: dict[str, Any], channel: isolate.Channel) -> None:
+    """Measure one launch and send it; runs in a child process."""
+    contest = Contest(**request["contest"])
+    model = models.load(models.Source(contest.label, Path(request["path"])))
     sizes = {"nbatch": None, "nstep": None, "hold": contest.hold, "largest": 1}
     nbatch, nstep, _ = measure.sizes(model, sizes)
     work = workload.make(model, nbatch, nstep, contest.hold)
     resources = paths.Resources(work)
+    library = Path(request["library"])
     run, reference = c_loop(library, work, resources.datas(1)[0], contest.returns_states)
     run()
     prepared = paths.find(contest.path).prepare(work, contest.options, resources)
@@ -118,15 +141,14 @@ def launch(
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
     difference = agreement.first_difference(states.values, reference, columns, states.held)
     if difference:
-        raise MachineError(f"{contest.label} and the C program disagree: {difference}")
+        raise MachineError(f"disagrees with the C program: {difference}")
     contenders = [
         timing.Contender(_nothing, run, _nothing),
         timing.Contender(prepared.clear, prepared.run, _nothing),
     ]
-    rounds = np.array(list(timing.rounds(contenders, budget_s, 8, 100_000)))
-    resources.close()
+    rounds = np.array(list(timing.rounds(contenders, request["budget_s"], 4, 100_000)))
     ratio = stats.speedup(list(rounds[:, 1]), list(rounds[:, 0])).median
-    return float(1e9 * np.median(rounds[:, 1]) / work.steps), ratio
+    channel.send(step_ns=float(1e9 * np.median(rounds[:, 1]) / work.steps), ratio=ratio)
 
 
 def _nothing() -> None:
@@ -137,18 +159,17 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
-    parser.add_argument("--budget", type=float, default=1.0, help="seconds per launch")
-    parser.add_argument("--launches", type=int, default=5, help="launches per path")
+    parser.add_argument("--budget", type=float, default=0.5, help="seconds per launch")
+    parser.add_argument("--launches", type=int, default=9, help="launches per path")
     given = parser.parse_args(words)
     try:
         with tempfile.TemporaryDirectory() as folder:
             library = build(Path(folder))
             print(f"{'model':18} {'path':17} {'ns/step':>10} {'over C':>8}  range of launches")
             for name in given.models or models.shipped():
-                model = models.load(models.resolve(name))
                 for contest in CONTESTS:
                     found = [
-                        launch(library, model, contest, given.budget) for _ in range(given.launches)
+                        launch(library, name, contest, given.budget) for _ in range(given.launches)
                     ]
                     step_ns, ratios = zip(*found, strict=True)
                     print(
