@@ -17,6 +17,7 @@ import click
 
 import mjbench
 from mjbench.errors import InputError, MachineError, MjbenchError
+from mjbench.runs import FOLDER
 
 if TYPE_CHECKING:
     from mjbench.compare import Plan
@@ -84,7 +85,7 @@ _LIMIT = click.option(
 )
 _RESULTS = click.option(
     "--results",
-    default=Path("results/runs"),
+    default=FOLDER,
     show_default=True,
     metavar="DIR",
     type=click.Path(path_type=Path, file_okay=True),
