@@ -9,8 +9,8 @@ lost): the median over launches, and their range. A launch is a process of its o
 layout alone moves a speed by a percent or more and stays as it is while a process lives. Final
 states must be bit-identical, or the program stops.
 
-`rollout` returns the state after every step, which a loop of mj_step does not; `rollout+` compares
-it with a C program that does.
+`rollout` is told to return nothing, like the loop; `rollout+states` returns the state and the
+sensors after every step, and is compared with a C program that does so too.
 """
 
 import argparse
@@ -56,8 +56,8 @@ class Contest:
 
 
 CONTESTS = (
-    Contest("rollout", "rollout", {"threads": 1}),
-    Contest("rollout+", "rollout", {"threads": 1}, returns_states=True),
+    Contest("rollout", "rollout", {"threads": 1, "returns": "nothing"}),
+    Contest("rollout+states", "rollout", {"threads": 1}, returns_states=True),
     Contest("batch_rollout", "batch_rollout", {"threads": 1, "data": "shared"}),
     Contest("python_loop_hold", "python_loop_hold", {}, hold=LONG_HOLD),
 )

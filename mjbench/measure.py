@@ -5,7 +5,9 @@ only then time those that agree, in turns. Every block's final states are compar
 """
 
 import dataclasses
+import statistics
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,20 +15,22 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import agreement, compat, machine, models, paths, timing, work
+from mjbench import agreement, compat, machine, models, paths, stats, timing, work
 from mjbench.errors import InputError
 from mjbench.isolate import Channel
 from mjbench.workload import Workload, make, start_data
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S they shrink until it takes about BLOCK_S, first the steps, then the simulations, to
-# no fewer than the least; beyond MOST_BLOCK_S the steps shrink again, to one if need be.
+# no fewer than the least; where that is still too long the steps shrink again, to one if need be.
 NBATCH, NSTEP = 64, 200
 LEAST_NSTEP, LEAST_NBATCH = 10, 8
-LONG_BLOCK_S, BLOCK_S, MOST_BLOCK_S = 0.08, 0.05, 0.12
-# Timed rounds: at least as many as a 95 % interval needs, and time for the median to settle.
+LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
+# Timed rounds: half of the time for all variants, in at least as many rounds as a 95 % interval
+# needs, and the rest for those that may be the fastest, judged anew every few rounds: advice has
+# to tell them apart.
 BUDGET_S = 8.0
-LEAST_ROUNDS, MOST_ROUNDS = 7, 400
+LEAST_ROUNDS, FINAL_ROUNDS, MOST_ROUNDS = 6, 4, 200
 # A child may be silent for this many times as long as what it does should take.
 PATIENCE = 100
 # The model that stands in where a model starts without contact: a path that loses the warm-start
@@ -87,8 +91,9 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     `largest` (most threads asked for).
 
     Messages: `model` (facts, sizes, work), `verdict` (a variant's agreement), `ready`, `round`
-    (seconds of every timed variant, cores of the calibration), `broken` (a variant whose timed
-    block disagreed).
+    (seconds of the variants timed in it, cores of the calibration), `broken` (a variant whose
+    timed block disagreed). The last rounds hold only those that may be the fastest (see
+    `finalists`), and the base.
     """
     name = request["model"]["name"]
     channel.where(f"loading {name}")
@@ -250,29 +255,72 @@ def _time(
 
         return timing.Contender(before, prepared.run, after)
 
-    contenders = [contender(i, p) for i, p in timed.items()]
+    contenders = {index: contender(index, prepared) for index, prepared in timed.items()}
     cores = min(machine.usable_cores(), request["largest"])
     calibration = machine.Calibration(cores) if cores > 1 else None
-    if calibration:
-        contenders += [
+    about_cores = (
+        [
             timing.Contender(_nothing, calibration.single, _nothing),
             timing.Contender(_nothing, calibration.together, _nothing),
         ]
-    longest = sum(timing.block_s(c) for c in contenders)  # warm-up, one block each
+        if calibration
+        else []
+    )
+    longest = sum(timing.block_s(c) for c in [*contenders.values(), *about_cores])  # warm-up
     budget_s = request["budget_s"]
     channel.send(kind="ready", round_s=longest, budget_s=budget_s)
     channel.expect(PATIENCE * longest)
-    limits = (budget_s, LEAST_ROUNDS, MOST_ROUNDS)
-    for seconds in timing.rounds(contenders, *limits, request["seed"]):
-        had = calibration.cores(seconds[-2], seconds[-1]) if calibration else 1.0
-        channel.send(
-            kind="round",
-            seconds={str(i): s for i, s in zip(timed, seconds, strict=False)},
-            cores=had,
-        )
-        channel.expect(PATIENCE * longest)
+
+    made: list[dict[int, float]] = []
+
+    def rounds(indices: Sequence[int], budget_s: float, least: int, most: int) -> None:
+        turns = [*(contenders[i] for i in indices), *about_cores]
+        seed = request["seed"] + len(made)
+        for seconds in timing.rounds(turns, budget_s, least, most, seed):
+            had = calibration.cores(seconds[-2], seconds[-1]) if calibration else 1.0
+            made.append(dict(zip(indices, seconds, strict=False)))
+            channel.send(kind="round", seconds={str(i): s for i, s in made[-1].items()}, cores=had)
+            channel.expect(PATIENCE * longest)
+
+    end = time.perf_counter() + budget_s
+    rounds(list(contenders), budget_s / 2, LEAST_ROUNDS, MOST_ROUNDS)
+    closed = [i for i in timed if paths.find(request["variants"][i][0]).closed_loop]
+    base = [i for i in timed if request["variants"][i][0] == paths.BASE]
+    final = finalists(made, [list(timed), closed], base)
+    while len(final) > len(base) and len(made) < 2 * MOST_ROUNDS:
+        rounds(final, end - time.perf_counter(), FINAL_ROUNDS, FINAL_ROUNDS)
+        if time.perf_counter() >= end - longest:
+            break
+        final = finalists(made, [final, [i for i in closed if i in final]], base)
     for index, difference in broken.items():
         channel.send(kind="broken", index=index, detail=f"in a timed block: {difference}")
+
+
+def finalists(
+    rounds: Sequence[dict[int, float]], groups: Sequence[Sequence[int]], always: Sequence[int]
+) -> list[int]:
+    """Return the variants that may be the fastest of a group, and those of `always`.
+
+    A variant may be the fastest unless the 95 % interval of its time over that of the group's
+    fastest lies above 1.
+
+    Args:
+      rounds: seconds by variant; whoever is missing from one is missing from all that follow.
+      groups: variants that compete with each other.
+      always: variants that stay whatever their speed.
+    """
+    seconds = {i: [r[i] for r in rounds if i in r] for group in groups for i in group}
+    stay = set(always)
+    for group in groups:
+        if not group:
+            continue
+        fastest = min(group, key=lambda i: statistics.median(seconds[i]))
+        for i in group:
+            n = min(len(seconds[i]), len(seconds[fastest]))
+            lead = stats.speedup(seconds[i][:n], seconds[fastest][:n])
+            if i == fastest or lead.low is None or lead.low <= 1.0:
+                stay.add(i)
+    return sorted(stay)
 
 
 def _nothing() -> None:
@@ -294,7 +342,7 @@ def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
         nstep = min(nstep, _multiple(max(LEAST_NSTEP, steps // nbatch), hold))
     if free_nbatch and nbatch * nstep > steps:
         nbatch = min(nbatch, max(least_nbatch, steps // nstep))
-    most = max(1, int(MOST_BLOCK_S / step_s))
+    most = max(1, int(LONG_BLOCK_S / step_s))
     if free_nstep and nbatch * nstep > most:
         nstep = min(nstep, _multiple(max(1, most // nbatch), hold))
     return nbatch, nstep, (nbatch, nstep) != asked

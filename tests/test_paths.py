@@ -17,6 +17,7 @@ SWEEP: dict[str, list[Any]] = {
     "chunk": [None, 2],
     "record": ["none", "qpos", "state"],
     "checks": ["on", "off"],
+    "returns": ["states", "nothing"],
     "stage": ["none", "vel"],
     "data": ["shared", "persistent"],
     "engine_threads": [None, 2],

@@ -23,7 +23,8 @@ _USER_INPUTS = (
 class Rollout(Path):
     """`mujoco.rollout.rollout` into arrays made beforehand.
 
-    It returns full-physics states after every step. The warm-start is not among them: the timed
+    It returns full-physics states after every step, unless told to return nothing: then the MjData
+    of its threads keep what each simulated last. The warm-start is not among them: the timed
     call is compared on all it returns and on the MjData its threads leave behind, and `verify`
     repeats every simulation alone, which leaves its whole state in the MjData.
     """
@@ -42,6 +43,13 @@ class Rollout(Path):
             ("kept", "new"),
         ),
         Option("checks", "shapes and types checked by each call", ("on",), str, ("on", "off")),
+        Option(
+            "returns",
+            "states and sensors of every step, or nothing (implies checks=off)",
+            ("states",),
+            str,
+            ("states", "nothing"),
+        ),
     )
 
     def unavailable(self) -> str | None:
@@ -58,8 +66,10 @@ class Rollout(Path):
         """See `Path.simplified`: one thread has neither pool nor chunks."""
         if options["threads"] == 1:
             options = {**options, "pool": None, "chunk": None}
-        if options["checks"] == "on":
+        if options["checks"] == "on" or options["returns"] == "nothing":
             options = {**options, "checks": None}
+        if options["returns"] == "states":
+            options = {**options, "returns": None}
         return super().simplified(options)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -84,6 +94,8 @@ class Rollout(Path):
             bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
             prepare += _SNIPPET_INPUTS.format(bits=bits)
             extra += ", control_spec=int(spec)"
+        if options.get("returns") == "nothing":
+            prepare = _SNIPPET_NOTHING + prepare
         return _SNIPPET.format(threads=threads, extra=extra, prepare=prepare)
 
 
@@ -116,6 +128,8 @@ class _PreparedRollout:
         )
         self.datas = resources.datas(options["threads"])
         self.final_state = resources.final_state()
+        self.returns_states = options.get("returns") != "nothing"
+        self.verified = np.empty((0, self.final_state.shape[1]))
         self.call = self._caller(options, resources)
 
     def _caller(self, options: Options, resources: Resources) -> Any:
@@ -124,11 +138,11 @@ class _PreparedRollout:
             "control_spec": self.control_spec,
             "nstep": self.workload.nstep,
             "initial_warmstart": self.warmstart,
-            "state": self.state,
-            "sensordata": self.sensordata,
+            "state": self.state if self.returns_states else None,
+            "sensordata": self.sensordata if self.returns_states else None,
         }
         model: Any = self.model
-        if options.get("checks") == "off":
+        if options.get("checks") == "off" or not self.returns_states:
             keywords["skip_checks"] = True
             if compat.rollout_threads():
                 model = [self.model] * self.workload.nbatch
@@ -153,10 +167,37 @@ class _PreparedRollout:
         self.call()
 
     def clear(self) -> None:
-        self.state[:, -1] = np.nan
+        if self.returns_states:
+            self.state[:, -1] = np.nan
+        else:
+            for data in self.datas:
+                mujoco.mj_resetData(self.model, data)
 
     def final_states(self) -> States:
         """Return what the call returned, and the whole state of each thread's last simulation."""
+        return self._returned_states() if self.returns_states else self._left_states()
+
+    def _left_states(self) -> States:
+        """Return the whole state of each thread's last simulation, which no array names.
+
+        It is the simulation that ended so when verified; one that ended like none of them is
+        handed back as the last simulation, which it then disagrees with.
+        """
+        values, held = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
+        row = np.empty(values.shape[1])
+        for data in self.datas:
+            if data.time == 0.0:  # as `clear` left it: the thread got no work
+                continue
+            compat.get_state(self.model, data, row, self.integration)
+            same = (self.verified.view(np.uint64) == row.view(np.uint64)).all(axis=1)
+            (ran,) = np.nonzero(same)
+            number = int(ran[-1]) if len(ran) else self.workload.nbatch - 1
+            values[number], held[number] = row, True
+        if not held.any():
+            values[-1], held[-1] = np.nan, True
+        return States(values, held)
+
+    def _returned_states(self) -> States:
         values, held = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
         values[:, self.returned] = self.state[:, -1]
         held[:, self.returned] = True
@@ -170,11 +211,8 @@ class _PreparedRollout:
         return States(values, held)
 
     def verify(self) -> States:
-        """Run the timed call, then each simulation alone to read the entries it keeps back."""
-        self.clear()
-        self.run()
+        """Run each simulation alone, for the entries the timed call keeps back, and then that."""
         values = np.empty_like(self.final_state)
-        together = self.state[:, -1].copy()
         data = self.datas[0]
         one = [data] if compat.rollout_threads() else data
         for i in range(self.workload.nbatch):
@@ -190,8 +228,12 @@ class _PreparedRollout:
                 sensordata=self.sensordata[i : i + 1],
             )
             compat.get_state(self.model, data, values[i], self.integration)
-        values[:, self.returned] = together
-        return States(values)
+        self.verified = values
+        self.clear()
+        self.run()
+        timed = self.final_states()
+        held = np.asarray(timed.held)
+        return States(np.where(held, timed.values, values))
 
 
 def _pool(module: Any, threads: int) -> Any:
@@ -244,6 +286,10 @@ for i, row in enumerate(initial_state):
     inputs[i] = given
 inputs[:, :, : model.nu] = control
 control = inputs
+"""
+
+_SNIPPET_NOTHING = """\
+# timed without outputs: skip_checks=True and neither state= nor sensordata=; data keeps the last
 """
 
 _SNIPPET = """\

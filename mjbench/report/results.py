@@ -32,7 +32,8 @@ def of_model(records: Sequence[Record]) -> list[Record]:
 def advice(results: Sequence[Record]) -> list[Record]:
     """Return what to use: the fastest path for open loop, and for closed loop.
 
-    Keys: model, loop, path, options, speedup, snippet.
+    Only paths that were timed to the end stand for election: those that could not be the fastest
+    were left out of the last rounds. Keys: model, loop, path, options, speedup, snippet.
     """
     found = []
     for model in dict.fromkeys(r["model"] for r in results):
@@ -41,6 +42,8 @@ def advice(results: Sequence[Record]) -> list[Record]:
             able = [r for r in timed if loop == "open" or r["closed_loop"]]
             if not able:
                 continue
+            longest = max(r["rounds"] for r in able)
+            able = [r for r in able if r["rounds"] == longest]
             most = max(map(_rate, able))
             best = next(r for r in able if _rate(r) >= CLOSE_ENOUGH * most)
             found.append(
