@@ -5,6 +5,7 @@ simulation, one `mj_step` a step) and counts contacts, constraints and solver it
 final states are what every path is compared with. It is never timed.
 """
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -96,6 +97,37 @@ def _step(model: Any, data: Any, control: np.ndarray, hold: int) -> tuple[int, i
             constraints += int(data.nefc)
             iterations += compat.solver_iterations(data)
     return contacts, constraints, iterations
+
+
+def one_step(model: Any, states: np.ndarray) -> dict[str, np.ndarray]:
+    """Return qpos, qvel and act, each (nstate, size), one step after each of `states`.
+
+    Args:
+      model: the MjModel.
+      states: (nstate, size) rows of mjSTATE_INTEGRATION; their ctrl is applied.
+    """
+    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    after: dict[str, list[np.ndarray]] = {"qpos": [], "qvel": [], "act": []}
+    for row in states:
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, row, spec)
+        mujoco.mj_step(model, data)
+        for field, values in after.items():
+            values.append(np.array(getattr(data, field)))
+    return {field: np.array(values) for field, values in after.items()}
+
+
+def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> float:
+    """Return the largest difference between two results of `one_step`, in SI units.
+
+    NaN, where one of them has one, is a difference: infinite.
+    """
+    largest = 0.0
+    for field, values in after.items():
+        difference = np.abs(values - reference[field])
+        if difference.size:
+            largest = max(largest, float(np.where(np.isnan(difference), np.inf, difference).max()))
+    return largest
 
 
 def describe(model: Any) -> dict[str, Any]:

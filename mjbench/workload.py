@@ -7,6 +7,7 @@ must reach the same final states; two releases given the same workload do the sa
 import dataclasses
 import functools
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -126,6 +127,39 @@ def make(
         hold=hold,
         seed=seed,
     )
+
+
+def fields(model: Any, states: np.ndarray) -> dict[str, np.ndarray]:
+    """Return states taken apart by MjData field, each (nbatch, size): what outlives a release.
+
+    Args:
+      model: the MjModel.
+      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs by release.
+    """
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    return {field: np.array(states[:, place]) for field, place in columns.items()}
+
+
+def states(model: Any, given: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return rows of this release's mjSTATE_INTEGRATION, the inverse of `fields`.
+
+    A field that this release does not know is left out; one that is not given has its default.
+
+    Raises:
+      InputError: a field's size is not the model's.
+    """
+    spec = compat.state_spec("INTEGRATION")
+    columns = compat.state_columns(model, spec)
+    default = np.empty(compat.state_size(model, spec))
+    compat.get_state(model, mujoco.MjData(model), default, spec)
+    rows = np.tile(default, (len(next(iter(given.values()))), 1))
+    for field, place in columns.items():
+        if field in given:
+            size = place.stop - place.start
+            if given[field].shape[1] != size:
+                raise InputError(f"{field} has {size} numbers, {given[field].shape[1]} are given")
+            rows[:, place] = given[field]
+    return rows
 
 
 def start_data(model: Any) -> Any:

@@ -26,6 +26,12 @@ CONTACT_XML = """
 """
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Time nothing unless asked to: `pytest` runs every benchmark once, to see that it works."""
+    if not (config.getoption("benchmark_only") or config.getoption("benchmark_enable")):
+        config.option.benchmark_disable = True
+
+
 @pytest.fixture(scope="session")
 def model() -> Any:
     return mujoco.MjModel.from_xml_string(CONTACT_XML)

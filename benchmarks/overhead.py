@@ -1,0 +1,32 @@
+"""What a Python loop adds to `mj_step`: each habit inside a stepping loop (mjbench.overhead)."""
+
+import functools
+from collections.abc import Callable
+
+from benchmarks import stored
+from benchmarks.settings import Timed
+from mjbench import overhead
+
+NSTEP = 1000
+
+
+@functools.cache
+def _loop(source: str, model: str) -> Callable[[], None]:
+    return overhead.loop(overhead.find(source), stored.load(model), NSTEP)
+
+
+class Overhead(Timed):
+    """A thousand steps with one habit in the loop; subtract the bare loop."""
+
+    params = ([source.name for source in overhead.SOURCES], ["cartpole", "humanoid"])
+    param_names = ("source", "model")
+
+    def setup(self, source: str, model: str) -> None:
+        """Compile the loop."""
+        self.run = _loop(source, model)
+
+    def time_1000_steps(self, source: str, model: str) -> None:
+        """Step."""
+        self.run()
+
+    time_1000_steps.pretty_name = "1000 × mj_step with a habit in the loop"
