@@ -106,6 +106,7 @@ def cli() -> None:
       mjbench compare gymnasium:ant --hold 5 --paths python_loop_hold,batch_step
       mjbench models                         what there is to run
       mjbench paths                          what can be compared here
+      mjbench releases                       which MuJoCo releases exist, here and elsewhere
 
     MODEL is one of ours (`mjbench models`), a path to .xml or .mjb, or PACKAGE:NAME for a model
     inside an installed package, such as gymnasium:ant or dm_control:humanoid.
@@ -335,6 +336,132 @@ def paths(json_file: str | None) -> None:
     with _json_target(json_file) as write_json:
         tables.console(stderr=json_file == "-").print(tables.paths_table(rows))
         write_json({"schema": 1, "paths": rows})
+
+
+_HISTORY = click.option(
+    "--history",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="The git bundle  [default: benchmarks/releases.bundle of the checkout]",
+)
+
+
+@cli.group(invoke_without_command=True)
+@click.pass_context
+def releases(ctx: click.Context) -> None:
+    """Tell which MuJoCo releases exist; keep the history that asv walks."""
+    if ctx.invoked_subcommand is None:
+        ctx.invoke(list_releases)
+
+
+@releases.command("list")
+@_HISTORY
+@_JSON
+def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
+    """List releases: on the package index, in the history, installed here."""
+    from mjbench import releases as room
+    from mjbench.report import tables
+
+    with _json_target(json_file) as write_json:
+        rows, problem = room.listing(history or room.bundle_path())
+        out = tables.console(stderr=json_file == "-")
+        out.print(tables.releases_table(rows))
+        if problem:
+            click.echo(f"Shown is what is here: {problem}", err=True)
+        write_json({"schema": 1, "releases": rows})
+
+
+@releases.command("update")
+@_HISTORY
+def update_releases(history: Path | None) -> None:
+    """Append to the history what the package index has beyond it."""
+    from mjbench import releases as room
+
+    bundle = history or room.bundle_path()
+    appended = room.update(bundle, room.index())
+    if appended:
+        click.echo(f"appended {', '.join(r.tag for r in appended)} to {bundle}")
+    else:
+        click.echo(f"nothing to append: {bundle} ends with {room.read(bundle)[-1].tag}")
+
+
+@releases.command("verify")
+@_HISTORY
+def verify_releases(history: Path | None) -> None:
+    """Make the history again and compare every hash; exit 1 if one differs."""
+    from mjbench import releases as room
+
+    bundle = history or room.bundle_path()
+    known, problem = None, ""
+    try:
+        known = room.index()
+    except MachineError as error:
+        problem = str(error)
+    wrong = room.verify(bundle, known)
+    for line in wrong:
+        click.echo(line)
+    if problem:
+        click.echo(f"Upload times were not checked: {problem}", err=True)
+    if wrong:
+        sys.exit(1)
+    count = len(room.read(bundle))
+    click.echo(f"{bundle}: {count} releases, every hash as made again from them")
+
+
+@cli.command()
+@click.option(
+    "--results",
+    default="results/asv",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Where asv keeps its results.",
+)
+@click.option("--machine", metavar="NAME", help="Whose results, where asv has several machines'.")
+@click.option(
+    "--threshold",
+    default=5.0,
+    show_default=True,
+    type=click.FloatRange(min=0.1),
+    metavar="PERCENT",
+    help="The smallest change that is told.",
+)
+@click.option(
+    "--causes",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Causes of steps, by hand  [default: benchmarks/causes.toml of the checkout]",
+)
+@click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path))
+@_HISTORY
+def history(
+    results: Path,
+    machine: str | None,
+    threshold: float,
+    causes: Path | None,
+    output: Path | None,
+    history: Path | None,
+) -> None:
+    """Tell what the results of `asv run` show: every step between releases, with its cause.
+
+    The page is Markdown, on the terminal or in the file that -o names; docs/history.md is
+    written by this command.
+    """
+    from mjbench import history as room
+    from mjbench import releases as known
+    from mjbench.report import history as report
+
+    bundle = history or known.bundle_path()
+    measured = room.load(results, bundle, machine)
+    told = report.causes(causes or bundle.with_name("causes.toml"))
+    text = report.page(measured, told, threshold / 100)
+    if output is None:
+        click.echo(text, nl=False)
+        return
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise MachineError(f"cannot write {output}: {error.strerror}") from error
 
 
 @contextlib.contextmanager

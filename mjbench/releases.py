@@ -119,6 +119,40 @@ def _python(*words: str) -> str:
     return done.stdout
 
 
+def listing(bundle: Path) -> tuple[list[dict[str, Any]], str]:
+    """Return a row for every release known here, and why the index is not among the sources.
+
+    Each row has version, uploaded (ISO 8601, UTC), tag, in_history, in_index (None when the
+    index does not answer) and installed. A release installed here that neither knows, such as
+    one built locally, has a row too; its uploaded is None.
+    """
+    history = {r.version: r for r in (read(bundle) if bundle.exists() else ())}
+    problem = ""
+    try:
+        indexed: dict[str, Release] | None = {r.version: r for r in index()}
+    except MachineError as error:
+        indexed, problem = None, str(error)
+    known = sorted(
+        {**history, **(indexed or {})}.values(), key=lambda r: (r.uploaded, key(r.version))
+    )
+    here = installed()
+    rows: list[dict[str, Any]] = [
+        {
+            "version": release.version,
+            "uploaded": release.uploaded.isoformat(),
+            "tag": release.tag,
+            "in_history": release.version in history,
+            "in_index": None if indexed is None else release.version in indexed,
+            "installed": release.version == here,
+        }
+        for release in known
+    ]
+    if here and not any(row["installed"] for row in rows):
+        unknown = {"uploaded": None, "tag": f"v{here}", "in_history": False, "in_index": None}
+        rows.append({"version": here, **unknown, "installed": True})
+    return rows, problem
+
+
 # -- the history ------------------------------------------------------------------------------
 
 

@@ -1,0 +1,204 @@
+"""The page that tells what a history shows (docs/history.md), written from asv's results alone.
+
+What no measurement can tell, the cause of a step, comes from a table kept by hand
+(benchmarks/causes.toml), which names items of MuJoCo's changelog.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench import history as room
+from mjbench.errors import InputError, one_line
+from mjbench.history import History, Series, Step
+
+STEP = ("step.Step.time_1000_steps", "step.HeavyStep.time_100_steps")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An item of MuJoCo's changelog that explains steps.
+
+    Attributes:
+      release: in which it came.
+      where: regular expression over `benchmark (parameters)` of the steps it explains.
+      commit: by which the changelog names the item; empty where it names none.
+      text: what the item changed, in our words.
+    """
+
+    release: str
+    where: str
+    commit: str
+    text: str
+
+
+def causes(file: Path) -> list[Cause]:
+    """Read the table of causes.
+
+    Raises:
+      InputError: it cannot be read, or an entry lacks something.
+    """
+    try:
+        entries = tomllib.loads(file.read_text(encoding="utf-8")).get("cause", [])
+        return [Cause(**entry) for entry in entries]
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"cannot read {file}: {one_line(error)}") from error
+
+
+def page(history: History, known: Sequence[Cause], threshold: float = room.THRESHOLD) -> str:
+    """Return the page, in Markdown."""
+    steps = room.steps(history, threshold)
+    engine = [s for s in steps if s.series.benchmark in STEP]
+    others = [s for s in steps if s.series.benchmark not in STEP]
+    parts = [
+        _head(history, threshold),
+        "## A step of each model\n",
+        "Microseconds of one `mj_step` from Python, median of all samples. ▲ and ▼ mark the steps"
+        " told below.\n",
+        *_by_release(history, engine),
+        "\n## Steps of `mj_step`\n",
+        *_engine_table(history, engine, known, threshold),
+        "\n## Steps around it\n",
+        *_other_table(others, known, threshold),
+        "\n## Releases that compute something else\n",
+        "One step from the stored states, and what a hundred steps had to do, against the release"
+        " before.\n",
+        *_physics(history),
+        "\n## What has no number\n",
+        *_gaps(history),
+    ]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _head(history: History, threshold: float) -> str:
+    machine = history.machine
+    counted = [s for s in history.series if s.timed]
+    samples = {len(p.rounds) for s in counted for p in s.points.values() if p.measured}
+    about = ", ".join(machine[k] for k in ("cpu", "num_cpu", "arch", "os") if machine.get(k))
+    return (
+        "# What the history shows\n\n"
+        "Written by `mjbench history` from the results in `results/asv`; do not edit.\n\n"
+        f"{len(history.versions)} releases of MuJoCo, {history.versions[0]} to"
+        f" {history.versions[-1]}, measured by `asv run --interleave-rounds --record-samples` on"
+        f" `{machine['machine']}` ({about} cores as asv names them). Every release was visited in"
+        f" {max(samples, default=0)} rounds, the second in the opposite order, so that what slowed"
+        " the machine for a while cannot look like a release.\n\n"
+        f"A step is a change by more than {threshold:.0%} from one release to the next, in the same"
+        " direction in every round and in the levels (median of up to"
+        f" {room.LEVEL} releases) before and after. Absolute times are this machine's; ratios"
+        " of neighbours travel better. How a number comes about: [method.md](method.md).\n"
+    )
+
+
+def _by_release(history: History, steps: Sequence[Step]) -> Iterator[str]:
+    columns = [s for s in history.series if s.benchmark in STEP]
+    columns.sort(key=lambda s: (s.benchmark == STEP[1], s.label))
+    yield "| release | " + " | ".join(f"`{s.label}`" for s in columns) + " |"
+    yield "|---|" + "---:|" * len(columns)
+    marks = {(s.series.label, s.new): "▲" if s.ratio > 1 else "▼" for s in steps}
+    for version in history.versions:
+        cells = [_micro(s, version) + marks.get((s.label, version), "") for s in columns]
+        yield f"| {version} | " + " | ".join(cells) + " |"
+
+
+def _micro(series: Series, version: str) -> str:
+    point = series.points.get(version)
+    if point is None or not point.measured:
+        return "" if point is None else "failed" if point.value is None else "–"
+    # a call does 1000 steps, or 100
+    return f"{1e6 * float(point.value or 0) / series.times:.3g}"
+
+
+def _engine_table(
+    history: History, steps: Sequence[Step], known: Sequence[Cause], threshold: float
+) -> Iterator[str]:
+    if not steps:
+        yield f"None above {threshold:.0%}."
+        return
+    yield "| release | model | time of a step | by round | work | cause by MuJoCo's changelog |"
+    yield "|---|---|---:|---:|---|---|"
+    for step in steps:
+        model = step.series.params["model"]
+        work = room.work_changes(history, model, step.old, step.new)
+        yield (
+            f"| {step.new} | `{model}` | {_change(step.ratio)} |"
+            f" {', '.join(_change(r) for r in step.rounds)} |"
+            f" {'; '.join(work) or 'the same'} | {_cause(step, known)} |"
+        )
+
+
+def _other_table(steps: Sequence[Step], known: Sequence[Cause], threshold: float) -> Iterator[str]:
+    """One row for a release and benchmark: its parameters usually step together."""
+    if not steps:
+        yield f"None above {threshold:.0%}."
+        return
+    yield "| release | benchmark | with | change | cause by MuJoCo's changelog |"
+    yield "|---|---|---|---:|---|"
+    groups: dict[tuple[str, str, bool], list[Step]] = {}
+    for step in steps:
+        groups.setdefault((step.new, step.series.title, step.ratio > 1), []).append(step)
+    for (release, title, _), group in groups.items():
+        ratios = sorted(s.ratio for s in group)
+        change = _change(ratios[0])
+        if len(ratios) > 1:
+            change += f" to {_change(ratios[-1])}"
+        labels = [s.series.label for s in group if s.series.label]
+        with_ = f"{len(labels)} choices" if len(labels) > 4 else "; ".join(labels)
+        told = sorted({_cause(s, known) for s in group})
+        yield f"| {release} | {title} | {with_} | {change} | {'; '.join(told)} |"
+
+
+def _change(ratio: float) -> str:
+    return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"
+
+
+def _cause(step: Step, known: Sequence[Cause]) -> str:
+    where = f"{step.series.benchmark} ({step.series.label})"
+    found = [c for c in known if c.release == step.new and re.search(c.where, where)]
+    if not found:
+        return "none named"
+    return "; ".join(c.text + (f" (`{c.commit}`)" if c.commit else "") for c in found)
+
+
+def _physics(history: History) -> Iterator[str]:
+    models = sorted({s.params["model"] for s in history.series if s.benchmark == room.DRIFT})
+    yield "| release | model: what changed |"
+    yield "|---|---|"
+    nothing = True
+    for old, new in zip(history.versions, history.versions[1:], strict=False):
+        changed = {m: room.work_changes(history, m, old, new) for m in models}
+        told = [f"`{m}`: {', '.join(words)}" for m, words in changed.items() if words]
+        if told:
+            nothing = False
+            yield f"| {new} | {'<br>'.join(told)} |"
+    if nothing:
+        yield "| none | |"
+
+
+def _gaps(history: History) -> Iterator[str]:
+    found = room.gaps(history)
+    if not found:
+        yield "Everything was measured in every release."
+        return
+    merged: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
+    for title, label, versions, kind in found:
+        merged.setdefault((title, kind, tuple(versions)), []).append(label)
+    yield "| benchmark | with | | releases |"
+    yield "|---|---|---|---|"
+    for (title, kind, versions), labels in merged.items():
+        with_ = f"{len(labels)} choices" if len(labels) > 4 else "; ".join(filter(None, labels))
+        yield f"| {title} | {with_} | {kind} | {_range(history, versions)} |"
+
+
+def _range(history: History, versions: Sequence[str]) -> str:
+    """Return versions with runs of neighbours as `first to last`."""
+    order = list(history.versions)
+    runs: list[list[str]] = []
+    for version in versions:
+        if runs and order.index(version) == order.index(runs[-1][-1]) + 1:
+            runs[-1].append(version)
+        else:
+            runs.append([version])
+    return ", ".join(r[0] if len(r) == 1 else f"{r[0]} to {r[-1]}" for r in runs)
