@@ -39,7 +39,7 @@ class RolloutThreads(_Many):
 class RolloutChunks(_Many):
     """`mujoco.rollout` on two threads, by how many simulations a thread takes at a time."""
 
-    params = (MODELS, [1, 4, 16, 64])
+    params = (MODELS, [1, 16, 64])
     param_names = ("model", "chunk")
 
     def setup(self, model: str, chunk: int) -> None:

@@ -14,7 +14,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import urllib.request
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -73,6 +72,8 @@ def index() -> list[Release]:
     Raises:
       MachineError: the index cannot be reached, or does not tell upload times.
     """
+    import urllib.request  # late: every benchmark process imports this module
+
     try:
         with urllib.request.urlopen(_index_url(), timeout=PATIENCE_S) as answer:
             files = json.load(answer)["releases"]
