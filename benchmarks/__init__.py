@@ -12,7 +12,7 @@ from pathlib import Path
 # mjbench is always the checkout's, also in an environment where another one is installed
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from mjbench import releases  # noqa: E402
+from mjbench import releases
 
 
 def _meant() -> str | None:

@@ -88,16 +88,13 @@ class Ray(Timed):
     def time_500_rays(self, model: str) -> None:
         """Cast."""
         for direction in self.directions:
-            mujoco.mj_ray(
-                self.model, self.data, self.origin, direction, None, 1, -1, self.geomid
-            )
+            mujoco.mj_ray(self.model, self.data, self.origin, direction, None, 1, -1, self.geomid)
 
     time_500_rays.pretty_name = "500 × mj_ray"
 
 
 class Spec(Timed):
     """A model built in Python through MjSpec."""
-
 
     def setup(self) -> None:
         """See whether there is MjSpec."""

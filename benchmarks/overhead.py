@@ -12,7 +12,10 @@ NSTEP = 1000
 
 @functools.cache
 def _loop(source: str, model: str) -> Callable[[], None]:
-    return overhead.loop(overhead.find(source), stored.load(model), NSTEP)
+    found, opened = overhead.find(source), stored.load(model)
+    if not overhead.available(found, opened):
+        raise NotImplementedError(f"{source}: not with this model or release")
+    return overhead.loop(found, opened, NSTEP).run
 
 
 class Overhead(Timed):

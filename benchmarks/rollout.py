@@ -13,7 +13,6 @@ MODELS = ["cartpole", "humanoid"]
 
 
 class _Many(Timed):
-
     def prepare(self, path: str, model: str, **options: Any) -> None:
         self.run = stored.prepared(path, (model, NBATCH, NSTEP), **options).run
 

@@ -17,7 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import models, paths, releases, work, workload
+from mjbench import agreement, models, paths, releases, work, workload
 
 FILE = Path(__file__).with_name("stored.npz")
 # Simulations and steps of each; every control is held for ten steps.
@@ -64,7 +64,7 @@ def drift(name: str) -> float:
     """Return how far one step leads from the reference release's result, at the most."""
     model = load(name)
     after = work.one_step(model, workload.states(model, _fields(name, "before")))
-    return work.drift(after, _fields(name, "after"))
+    return agreement.drift(after, _fields(name, "after"))
 
 
 @functools.cache
@@ -131,7 +131,9 @@ def compute(name: str) -> dict[str, np.ndarray]:
     made = workload.make(model, NBATCH, nstep, HOLD)
     stride = max(1, nstep // HEAVY_NSTEP)
     one = made.only(np.arange(NBATCH) < 1)
-    before = np.concatenate([one.initial_state, *(_after(one, n * stride) for n in DRIFT_AFTER[1:])])
+    before = np.concatenate(
+        [one.initial_state, *(_after(one, n * stride) for n in DRIFT_AFTER[1:])]
+    )
     entries = {"control": made.control, "mjcf": np.array(mjcf_digest(name))}
     entries |= {f"before/{k}": v for k, v in workload.fields(model, before).items()}
     entries |= {f"after/{k}": v for k, v in work.one_step(model, before).items()}

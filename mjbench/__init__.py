@@ -5,3 +5,14 @@ need (`mjbench.models`, `mjbench.workload`, `mjbench.paths`, ...). docs/architec
 """
 
 __version__ = "0.1.0"
+
+__all__ = ["record"]
+
+
+def __getattr__(name: str) -> object:
+    """Import `record` when it is first asked for: it needs MuJoCo."""
+    if name == "record":
+        from mjbench.recording import record
+
+        return record
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,6 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+# Counters of work that differ by more than this share, of the larger one, are other work.
+SAME_WORK = 0.005
+# Below this a difference after one step, in SI units, is rounding: the order of additions changed.
+ROUNDING = 1e-9
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -86,3 +91,25 @@ def digest(states: np.ndarray) -> str:
 
 def _bits(states: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(states, dtype=np.float64).view(np.uint64)
+
+
+def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> float:
+    """Return the largest difference between two results of `work.one_step`, in SI units.
+
+    NaN, where one of them has one, is a difference: infinite.
+    """
+    largest = 0.0
+    for field, values in after.items():
+        difference = np.abs(values - reference[field])
+        if difference.size:
+            largest = max(largest, float(np.where(np.isnan(difference), np.inf, difference).max()))
+    return largest
+
+
+def counter_changes(old: Mapping[str, float], new: Mapping[str, float]) -> list[str]:
+    """Return the counters of work that changed, in words such as `contacts 1 → 5`."""
+    return [
+        f"{name.replace('_', ' ')} {before:.4g} → {new[name]:.4g}"
+        for name, before in old.items()
+        if name in new and abs(new[name] - before) > SAME_WORK * max(abs(before), abs(new[name]))
+    ]

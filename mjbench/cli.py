@@ -338,6 +338,425 @@ def paths(json_file: str | None) -> None:
         write_json({"schema": 1, "paths": rows})
 
 
+class _Share(click.ParamType[float]):
+    """A percentage such as `1%` or `0.5`, as a share."""
+
+    name = "PERCENT"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        if isinstance(value, float):
+            return value
+        try:
+            share = float(str(value).removesuffix("%")) / 100
+        except ValueError:
+            self.fail(f"{value!r} is not a percentage such as 1%", param, ctx)
+        if not 0 < share < 1:
+            self.fail(f"{value} is not between 0% and 100%", param, ctx)
+        return share
+
+
+def _verdict_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that every paired comparison has."""
+    for option in reversed(
+        (
+            click.option(
+                "--min-effect",
+                type=_Share(),
+                default="1%",
+                show_default=True,
+                help="Smallest change that matters; what is surely within it is `same`.",
+            ),
+            click.option(
+                "--confidence",
+                type=_Share(),
+                default="99%",
+                show_default=True,
+                help="That a verdict is right.",
+            ),
+            click.option(
+                "--precision",
+                type=_Share(),
+                default="0.5%",
+                show_default=True,
+                help="Stop when the interval is this narrow (half of its width).",
+            ),
+            click.option(
+                "--time-limit",
+                default="60s",
+                show_default=True,
+                metavar="SECONDS",
+                callback=_seconds,
+                help="Per verdict; after it, `inconclusive`.",
+            ),
+            click.option("--nbatch", type=click.IntRange(min=1), help="Simulations of a block."),
+            click.option("--nstep", type=click.IntRange(min=1), help="Steps of each simulation."),
+            click.option(
+                "--hold",
+                type=click.IntRange(min=1),
+                default=1,
+                show_default=True,
+                help="Steps that each control is held.",
+            ),
+            click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
+            _RESULTS,
+            _JSON,
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def _seconds(ctx: click.Context, param: click.Parameter, value: str) -> float:
+    try:
+        seconds = float(value.removesuffix("s"))
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is no time such as 60s") from None
+    if not 0 < seconds < float("inf"):
+        raise click.BadParameter(f"{value} is not above 0")
+    return seconds
+
+
+_FINDINGS = ("slower", "faster", "changed-work", "inconclusive")
+
+
+def _fail_on(ctx: click.Context, param: click.Parameter, value: str | None) -> list[str]:
+    words = [word.strip() for word in (value or "").split(",") if word.strip()]
+    unknown = [word for word in words if word not in _FINDINGS]
+    if unknown:
+        raise click.BadParameter(f"{unknown[0]!r} is not one of {', '.join(_FINDINGS)}")
+    return words
+
+
+_FAIL_ON = click.option(
+    "--fail-on",
+    metavar="FINDING,…",
+    callback=_fail_on,
+    help=f"Exit 1 when one of these is found: {', '.join(_FINDINGS)}.",
+)
+
+
+@cli.command()
+@click.argument("words", nargs=-1, metavar="[OLD NEW… MODEL…]")
+@click.option("--old", metavar="RELEASE", help="The old release, where it is not the first word.")
+@click.option("--new", "news", multiple=True, metavar="RELEASE", help="A new release.")
+@click.option("--paths", "path_names", type=_Words(), help="Ways of stepping  [python_loop]")
+@_FAIL_ON
+@_verdict_options
+def versions(
+    words: tuple[str, ...],
+    old: str | None,
+    news: tuple[str, ...],
+    path_names: list[str] | None,
+    fail_on: list[str],
+    **chosen: Any,
+) -> None:
+    """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
+
+    \b
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each is
+    installed alone in a cache folder (`mjbench releases installs`); several NEW ones may be given.
+      mjbench versions 3.3.0 4.0.0 humanoid
+      mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower,changed-work
+      mjbench versions --old installed --new dist/mujoco-4.1.0-cp311-….whl cartpole
+
+    Ratios are new time over old time: above 1 is slower. A verdict of a release that does other
+    work says so beside it.
+    """
+    from mjbench import installs, models
+    from mjbench.paired import Side
+
+    named = [word for word in words if installs.is_release(word)]
+    olds = [old] if old else named[:1]
+    new_words = [*news, *(named if old else named[1:])]
+    if not olds or not new_words:
+        raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
+    given = [word for word in words if word not in named]
+    sources = [models.resolve(name) for name in given or models.shipped()]
+    ways = path_names or ["python_loop"]
+    before, *after = [installs.wanted(word) for word in [*olds, *new_words]]
+    pairs = [
+        (Side(before, source, way, _one_thread(way)), Side(release, source, way, _one_thread(way)))
+        for release in after
+        for source in sources
+        for way in ways
+    ]
+    sys.exit(_decide("versions", pairs, fail_on, **chosen))
+
+
+@cli.command()
+@click.argument("old", metavar="SIDE")
+@click.argument("new", metavar="SIDE")
+@_FAIL_ON
+@_verdict_options
+def ab(old: str, new: str, fail_on: list[str], **chosen: Any) -> None:
+    """Compare two of anything, each SIDE given as KEY=VALUE,KEY=VALUE.
+
+    \b
+    Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
+    MjOption (solver, integrator, iterations, tolerance, …). A key that one side leaves out is the
+    other side's; model is cartpole, path is python_loop and release is installed where neither
+    says.
+      mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
+      mjbench ab model=a.xml model=b.xml
+      mjbench ab model=humanoid,solver=newton solver=cg
+    """
+    from mjbench import sides
+
+    sys.exit(_decide("ab", [sides.parse(old, new)], fail_on, **chosen))
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option("--trials", type=click.IntRange(min=1), default=20, show_default=True)
+@click.option(
+    "--slowdowns",
+    default="0,0.5,1,2,5",
+    show_default=True,
+    metavar="PERCENT,…",
+    help="Slowdowns to inject; 0 is an A/A comparison.",
+)
+@click.option("--busy", is_flag=True, help="Keep the last core busy meanwhile.")
+@_verdict_options
+def selfcheck(
+    names: tuple[str, ...],
+    trials: int,
+    slowdowns: str,
+    busy: bool,
+    results: Path,
+    json_file: str | None,
+    **chosen: Any,
+) -> None:
+    """How often are verdicts wrong or undecided on this machine, now, and how long do they take?
+
+    Compares the installed release with itself, with a slowdown of known size injected or none:
+    false alarms, power, error of the estimate, seconds for a verdict. MODEL is cartpole and
+    humanoid unless named.
+    """
+    from mjbench import machine, models, paired, verdict
+    from mjbench import selfcheck as room
+    from mjbench.report import tables, verdicts
+    from mjbench.runs import RunFile
+
+    try:
+        sizes = [float(word.removesuffix("%")) / 100 for word in slowdowns.split(",")]
+    except ValueError as error:
+        raise InputError(f"--slowdowns {slowdowns}: {error}") from error
+    uneven = [s for s in sizes if s < 0 or abs(s * room.NBATCH - round(s * room.NBATCH)) > 1e-9]
+    if uneven:
+        raise InputError(f"--slowdowns: {100 * uneven[0]:g} is no multiple of 0.5")
+    sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
+    arms = [room.Arm(source, size) for source in sources for size in sizes]
+    plan_keys = ("min_effect", "confidence", "precision")
+    plan = verdict.Plan(**{k: chosen[k] for k in plan_keys}, time_limit_s=chosen["time_limit"])
+    about: dict[str, Any] = machine.describe()
+    found: list[dict[str, Any]] = []
+    code = 0
+    with _json_target(json_file) as write_json:
+        arguments = {**plan.as_dict(), "trials": trials, "busy": busy}
+        run_file = RunFile(results, "selfcheck", {"machine": about, "arguments": arguments})
+        out = tables.console(stderr=json_file == "-")
+        with _progress(out, trials * len(arms)) as advance:
+
+            def on_trial(record: dict[str, Any]) -> None:
+                run_file.append(record)
+                found.append(record)
+                advance(len(found), f"{record['model']} {100 * record['slowdown']:g} %", 0.0)
+
+            with room.neighbour(busy), paired.Fleet() as fleet:
+                try:
+                    room.run(fleet, arms, trials, plan, on_trial)
+                except KeyboardInterrupt:
+                    click.echo("mjbench: interrupted; what was measured is kept", err=True)
+                    code = _INTERRUPTED
+        run_file.close()
+        rows = room.summary(found)
+        out.print(verdicts.selfcheck_table(rows))
+        write_json({"schema": 1, "machine": about, "busy": busy, "results": rows})
+    out.print(f"\nRun file: {run_file.path}", soft_wrap=True)
+    sys.exit(code)
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--release",
+    "words",
+    multiple=True,
+    metavar="RELEASE",
+    help="May be given several times  [default: installed]",
+)
+@click.option("--top", type=click.IntRange(min=1), default=10, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--time-limit", default="600s", show_default=True, callback=_seconds)
+@_JSON
+def instructions(
+    names: tuple[str, ...],
+    words: tuple[str, ...],
+    top: int,
+    seed: int,
+    time_limit: float,
+    json_file: str | None,
+) -> None:
+    """Count instructions per step, by function and stage, exact on any machine.
+
+    Needs valgrind. Every release does the work that the first one named drew.
+    """
+    import tempfile
+
+    from mjbench import installs, models
+    from mjbench import instructions as room
+    from mjbench.report import counts, tables
+
+    sources = [models.resolve(name) for name in names or models.shipped()]
+    releases = [installs.wanted(word) for word in words or (installs.HERE,)]
+    out = tables.console(stderr=json_file == "-")
+    found = []
+    with _json_target(json_file) as write_json, tempfile.TemporaryDirectory() as kept:
+        with _progress(out, len(releases)) as advance:
+            for number, release in enumerate(releases):
+                advance(number, f"MuJoCo {release.version}", 0.0)
+                folder = Path(kept)
+                found += room.count(
+                    release, sources, time_limit, given=folder, keep=folder, seed=seed
+                )
+        counts.print_counts(out, found, top)
+        write_json({"schema": 1, "results": [room.as_result(count) for count in found]})
+    sys.exit(_count_code(found))
+
+
+@cli.command()
+@click.argument("words", nargs=-1, required=True, metavar="OLD NEW MODEL…")
+@click.option("--top", type=click.IntRange(min=1), default=15, show_default=True)
+@click.option("--clock/--no-clock", default=True, help="Compare wall-clock times too.")
+@_verdict_options
+def explain(
+    words: tuple[str, ...],
+    top: int,
+    clock: bool,
+    json_file: str | None,
+    **chosen: Any,
+) -> None:
+    """Tell what changed from the OLD release to the NEW one: code, work, or the clock alone.
+
+    Needs valgrind. Instructions per step by function and by stage, sorted by what they contribute
+    to the difference; beside them the work done and the paired wall-clock ratio.
+    """
+    import tempfile
+
+    from mjbench import explain as derive
+    from mjbench import installs, models, paired, verdict
+    from mjbench import instructions as room
+    from mjbench.report import counts, tables
+
+    named = [word for word in words if installs.is_release(word)]
+    if len(named) != 2:
+        raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
+    releases = [installs.wanted(word) for word in named]
+    given = [word for word in words if word not in named]
+    sources = [models.resolve(name) for name in given or models.shipped()]
+    plan = verdict.Plan(
+        *(chosen[key] for key in ("min_effect", "confidence", "precision", "time_limit")),
+        paired.Sizes(chosen["nbatch"], chosen["nstep"], chosen["hold"], chosen["seed"]),
+    )
+    out = tables.console(stderr=json_file == "-")
+    results: list[dict[str, Any]] = []
+    found: list[Any] = []
+    with _json_target(json_file) as write_json, tempfile.TemporaryDirectory() as kept:
+        folder = Path(kept)
+        found += [
+            room.count(release, sources, given=folder, keep=folder, seed=chosen["seed"])
+            for release in releases
+        ]
+        with paired.Fleet() as fleet:
+            for old, new, source in zip(*found, sources, strict=True):
+                outcome = None
+                if clock and old.status == new.status == "ok":
+                    sides = [paired.Side(release, source) for release in releases]
+                    outcome = verdict.decide(fleet, *sides, plan)
+                    if outcome.status == "interrupted":
+                        raise KeyboardInterrupt
+                counts.print_explanation(out, old, new, outcome, top)
+                results.append(derive.as_result(old, new, outcome))
+        write_json({"schema": 1, "results": results})
+    sys.exit(_count_code([count for counted in found for count in counted]))
+
+
+def _count_code(found: Sequence[Any]) -> int:
+    statuses = {count.status for count in found}
+    return 3 if statuses & set(_FAILED) else 2 if "input" in statuses else 0
+
+
+def _one_thread(way: str) -> dict[str, Any]:
+    from mjbench import paths
+
+    names = {option.name for option in paths.find(way).options}
+    return {"threads": 1} if "threads" in names else {}
+
+
+def _decide(
+    command: str,
+    pairs: Sequence[tuple[Any, Any]],
+    fail_on: list[str],
+    *,
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    time_limit: float,
+    nbatch: int | None,
+    nstep: int | None,
+    hold: int,
+    seed: int,
+    results: Path,
+    json_file: str | None,
+) -> int:
+    from mjbench import machine, paired, verdict
+    from mjbench.report import tables, verdicts
+    from mjbench.runs import RunFile
+
+    if nstep and nstep % hold:
+        raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
+    sizes = paired.Sizes(nbatch, nstep, hold, seed)
+    plan = verdict.Plan(min_effect, confidence, precision, time_limit, sizes)
+    about, found = machine.describe(), []
+    with _json_target(json_file) as write_json:
+        run_file = RunFile(results, command, {"machine": about, "arguments": plan.as_dict()})
+        out = tables.console(stderr=json_file == "-")
+        with _progress(out, len(pairs)) as advance, paired.Fleet() as fleet:
+            for number, (old, new) in enumerate(pairs):
+                name = f"{new.model.name} {new.release.version}"
+                shown = functools.partial(_show_launch, advance, number, name)
+                outcome = verdict.decide(fleet, old, new, plan, shown)
+                for record in outcome.as_records():
+                    run_file.append(record)
+                found.append(outcome.as_result())
+                if outcome.status == "interrupted":
+                    break
+        run_file.close()
+        verdicts.print_table(out, found)
+        write_json({"schema": 1, "machine": about, "results": found})
+    out.print(f"\nRun file: {run_file.path}", soft_wrap=True)
+    return _verdict_code(found, fail_on)
+
+
+def _show_launch(advance: Any, number: int, name: str, judged: Any) -> None:
+    share = 1 - 1 / (1 + judged.launches / 15)
+    advance(number, f"{name} {100 * (judged.ratio - 1):+.2f} %", share)
+
+
+def _verdict_code(found: Sequence[dict[str, Any]], fail_on: Sequence[str]) -> int:
+    statuses = {row["status"] for row in found}
+    if "interrupted" in statuses:
+        click.echo("mjbench: interrupted; what was measured is kept", err=True)
+        return _INTERRUPTED
+    if "failed" in statuses:
+        return 3
+    if "input" in statuses:
+        return 2
+    hits = {row["verdict"] for row in found}
+    hits |= {"changed-work"} if any(row["changed_work"] for row in found) else set()
+    return 1 if hits & set(fail_on) else 0
+
+
 _HISTORY = click.option(
     "--history",
     metavar="FILE",
@@ -408,6 +827,43 @@ def verify_releases(history: Path | None) -> None:
     click.echo(f"{bundle}: {count} releases, every hash as made again from them")
 
 
+@releases.command("install")
+@click.argument("names", nargs=-1, required=True, metavar="RELEASE…")
+def install_releases(names: tuple[str, ...]) -> None:
+    """Install releases, each alone in the cache folder, for `mjbench versions`."""
+    from mjbench import installs
+
+    for release in [installs.wanted(name) for name in names]:
+        click.echo(installs.install(release))
+
+
+@releases.command("installs")
+def list_installs() -> None:
+    """List the releases that are installed in the cache folder."""
+    from mjbench import installs
+
+    click.echo(f"In {installs.cache()}:")
+    for name in installs.installed():
+        click.echo(name)
+
+
+@releases.command("remove")
+@click.argument("names", nargs=-1, metavar="[NAME…]")
+@click.option("--all", "every", is_flag=True, help="Remove every install.")
+def remove_releases(names: tuple[str, ...], every: bool) -> None:
+    """Remove installs from the cache folder, by their names there or by version."""
+    from mjbench import installs
+
+    there = installs.installed()
+    if not names and not every:
+        raise InputError("name what to remove (`mjbench releases installs`), or --all")
+    for name in there if every else names:
+        found = [k for k in there if k == name or k.startswith((f"{name}-", f"{name}+"))]
+        for one in found or [name]:
+            installs.remove(one)
+            click.echo(f"removed {one}")
+
+
 @cli.command()
 @click.option(
     "--results",
@@ -462,6 +918,66 @@ def history(
         output.write_text(text, encoding="utf-8")
     except OSError as error:
         raise MachineError(f"cannot write {output}: {error.strerror}") from error
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
+@_LIMIT
+@_JSON
+def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: str | None) -> None:
+    """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
+
+    MODEL is cartpole unless named. Every habit is timed inside a stepping loop, in turns with the
+    bare loop, in several processes.
+    """
+    from dataclasses import asdict
+
+    from mjbench import habits, models
+    from mjbench.report import habits as report
+    from mjbench.report import tables
+
+    sources = [models.resolve(name) for name in names or ("cartpole",)]
+    out = tables.console(stderr=json_file == "-")
+    found = []
+    with _json_target(json_file) as write_json:
+        for source in sources:
+            table = habits.measure(source, time_limit)
+            report.print_table(out, table, code)
+            found.append(asdict(table))
+        write_json({"schema": 1, "results": found})
+
+
+@cli.command()
+@click.argument("names", nargs=-1, required=True, metavar="FILE.py…")
+@_JSON
+def lint(names: tuple[str, ...], json_file: str | None) -> None:
+    """Find in a script what makes a stepping loop slow or its log wrong; it is not executed.
+
+    \b
+    Findings are FILE:LINE:COLUMN CODE MESSAGE, with about what it costs in each step; exit 1 if
+    there are any. A folder stands for all Python files below it. `# noqa: MJB001` at the end of a
+    line excuses it. docs/lint.md describes the rules.
+    """
+    from dataclasses import asdict
+
+    from mjbench import lint as room
+
+    found, broken = [], []
+    with _json_target(json_file) as write_json:
+        for file in room.files(names):
+            try:
+                found += room.check(file)
+            except InputError as error:
+                broken.append(str(error))
+        for one in found:
+            cost = f" (about {one.ns_per_step:.0f} ns per step)" if one.ns_per_step else ""
+            where = f"{one.file}:{one.line}:{one.col}"
+            click.echo(f"{where} {one.code} {one.message}{cost}", err=json_file == "-")
+        write_json({"schema": 1, "findings": [asdict(one) for one in found]})
+    for line in broken:
+        click.echo(f"mjbench: {line}", err=True)
+    sys.exit(2 if broken else int(bool(found)))
 
 
 @contextlib.contextmanager

@@ -15,24 +15,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjbench import releases
+from mjbench import agreement, releases
 from mjbench.errors import InputError, one_line
 
 # The smallest change of a time that counts as a step.
 THRESHOLD = 0.05
 # Releases on each side of a step whose median is the level there: one odd release moves no level.
 LEVEL = 3
-# Benchmarks that say whether a step of the engine did the same work, and what their change means.
+# Benchmarks that say whether a step of the engine did the same work.
 WORK = {
     "contacts": "step.Work.track_contacts",
     "constraints": "step.Work.track_constraints",
     "solver iterations": "step.Work.track_solver_iterations",
 }
 DRIFT = "step.Drift.track_drift"
-# Counters that differ by less (of a count) did the same work as far as this list goes.
-SAME_WORK = 0.005
-# Below this a drift is rounding: the order of additions changed, not the physics.
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -266,17 +262,19 @@ def work_changes(history: History, model: str, old: str, new: str) -> list[str]:
     Counters first; then the drift, which is the difference to the reference release: where it
     differs between two releases, one of them computes something else.
     """
-    words = []
-    for name, benchmark in WORK.items():
-        before, after = (_value(history, benchmark, model, v) for v in (old, new))
-        if before is None or after is None:
-            continue
-        if abs(after - before) > SAME_WORK * max(abs(before), 1.0):
-            words.append(f"{name} {before:.4g} → {after:.4g}")
-    before, after = (_value(history, DRIFT, model, v) for v in (old, new))
-    if before is not None and after is not None:
-        low, high = sorted((before, after))
-        if high > ROUNDING and high - low > 1e-3 * high:
+    before, after = (
+        {
+            name: value
+            for name, benchmark in WORK.items()
+            if (value := _value(history, benchmark, model, version)) is not None
+        }
+        for version in (old, new)
+    )
+    words = agreement.counter_changes(before, after)
+    drifts = [_value(history, DRIFT, model, version) for version in (old, new)]
+    if None not in drifts:
+        low, high = sorted(float(drift or 0.0) for drift in drifts)
+        if high > agreement.ROUNDING and high - low > 1e-3 * high:
             words.append("other result of a step")
     return words
 

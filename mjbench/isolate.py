@@ -128,7 +128,7 @@ def _converse(
         if _END in message:
             return Ended(message[_END], message["detail"])
         on_message(message)
-    return Ended("crashed", _cause_of_death(child.wait()))
+    return Ended("crashed", cause_of_death(child.wait()))
 
 
 def _messages(child: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Message]:
@@ -157,7 +157,8 @@ def _messages(child: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Mess
                     yield message
 
 
-def _cause_of_death(code: int) -> str:
+def cause_of_death(code: int) -> str:
+    """Return in words how a process ended, from its exit code or minus its signal."""
     if code >= 0:
         return f"the process ended with exit code {code}"
     try:
@@ -169,15 +170,16 @@ def _cause_of_death(code: int) -> str:
 
 def _located(end: Ended, folder: Path) -> Ended:
     """Return `end` with what the child was doing, and the last line it wrote to stderr."""
-    where = _text(folder / _WHERE).strip()
-    said = _text(folder / _STDERR).strip().splitlines()
+    where = text(folder / _WHERE).strip()
+    said = text(folder / _STDERR).strip().splitlines()
     detail = end.detail + (f" while {where}" if where else "")
     if said and end.status == "crashed":
         detail += f"; it said: {one_line(said[-1], 160)}"
     return Ended(end.status, detail, where)
 
 
-def _text(path: Path) -> str:
+def text(path: Path) -> str:
+    """Return a file's content, or nothing where it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:

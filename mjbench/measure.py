@@ -4,7 +4,6 @@ The order is: load, choose sizes, reference run, then for each variant prepare a
 only then time those that agree, in turns. Every block's final states are compared again.
 """
 
-import dataclasses
 import statistics
 import time
 from collections.abc import Sequence
@@ -12,13 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
-import numpy as np
-
 from mjbench import agreement, compat, machine, models, paths, stats, timing, work
 from mjbench.errors import InputError
 from mjbench.isolate import Channel
-from mjbench.workload import Workload, make, start_data
+from mjbench.workload import Workload, make
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S they shrink until it takes about BLOCK_S, first the steps, then the simulations, to
@@ -36,8 +32,6 @@ PATIENCE = 100
 # The model that stands in where a model starts without contact: a path that loses the warm-start
 # can only be told in contact.
 CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
-# Spreads of starts and controls, tried until the model bears one.
-SPREADS = (1.0, 0.1, 0.01, 0.0)
 # Share of the free memory that a workload and a rollout's output may take.
 SHARE_OF_MEMORY = 0.6
 
@@ -64,16 +58,9 @@ class Bench:
     columns: dict[str, slice]
 
     @classmethod
-    def of(cls, workload: Workload) -> "Bench":
-        """Observe a workload; diverged simulations are left out of it."""
-        observed = work.observe(workload)
-        healthy = observed.healthy
-        kept = workload.only(healthy)
-        observed = dataclasses.replace(
-            observed,
-            final_state=np.ascontiguousarray(observed.final_state[healthy]),
-        )
-        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+    def of(cls, kept: Workload, observed: work.Observation) -> "Bench":
+        """Return the bench of a workload and its reference run."""
+        columns = compat.state_columns(kept.model, compat.state_spec("INTEGRATION"))
         return cls(kept, observed, paths.Resources(kept), columns)
 
     def difference(self, states: paths.States) -> agreement.Difference | None:
@@ -101,14 +88,10 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.where(f"stepping {name}")
     nbatch, nstep, reduced = sizes(model, request)
     _check_memory(model, nbatch, nstep)
-    patience_s = PATIENCE * nbatch * nstep * _step_s(model)
+    patience_s = PATIENCE * nbatch * nstep * work.step_s(model)
     channel.expect(patience_s)
-    bench, spread = _bench(model, nbatch, nstep, request["hold"], request["seed"])
-    if bench.workload.nbatch == 0:
-        raise InputError(
-            f"{name}: every simulation diverges ({bench.observed.diagnosis()});"
-            " there is nothing to compare"
-        )
+    workload, observed, spread = work.borne(model, nbatch, nstep, request["hold"], request["seed"])
+    bench = Bench.of(workload, observed)
     channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
     contact = None if bench.observed.start_contacts else _contact_bench(request)
     timed: dict[int, paths.Prepared] = {}
@@ -127,18 +110,6 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
         channel.expect(patience_s * len(timed))
         _time(timed, bench, request, channel)
     bench.resources.close()
-
-
-def _bench(model: Any, nbatch: int, nstep: int, hold: int, seed: int) -> tuple[Bench, float]:
-    """Return the workload with the widest spread that a model bears, and the spread.
-
-    A model is taken to bear it when a quarter of the simulations do not diverge.
-    """
-    for spread in SPREADS:
-        bench = Bench.of(make(model, nbatch, nstep, hold, seed, spread))
-        if 4 * bench.workload.nbatch >= nbatch:
-            break
-    return bench, spread
 
 
 def _about(bench: Bench, nbatch: int, reduced: bool) -> dict[str, Any]:
@@ -164,7 +135,8 @@ def _contact_bench(request: dict[str, Any]) -> Bench:
     model = models.load(models.resolve(CONTACT_MODEL))
     hold = request["hold"]
     nstep = hold * max(1, CONTACT_NSTEP // hold)
-    return Bench.of(make(model, CONTACT_NBATCH, nstep, hold, request["seed"]))
+    workload = make(model, CONTACT_NBATCH, nstep, hold, request["seed"])
+    return Bench.of(*work.healthy(workload))
 
 
 def _verified(
@@ -212,7 +184,7 @@ def _located(variant: Variant, bench: Bench, at_end: agreement.Difference) -> ag
     """
 
     def seen(ncontrol: int) -> agreement.Difference | None:
-        shorter = Bench.of(bench.workload.first(ncontrol))
+        shorter = Bench.of(*work.healthy(bench.workload.first(ncontrol)))
         try:
             prepared = variant.path.prepare(shorter.workload, variant.options, shorter.resources)
             return shorter.difference(prepared.verify())
@@ -333,7 +305,7 @@ def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
     free_nbatch, free_nstep = nbatch is None, nstep is None
     nbatch, nstep = nbatch or NBATCH, nstep or max(hold, NSTEP - NSTEP % hold)
     asked = (nbatch, nstep)
-    step_s = _step_s(model)
+    step_s = work.step_s(model)
     if nbatch * nstep * step_s <= LONG_BLOCK_S:
         return nbatch, nstep, False
     steps = max(1, int(BLOCK_S / step_s))
@@ -350,22 +322,6 @@ def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
 
 def _multiple(count: int, hold: int) -> int:
     return hold * max(1, count // hold)
-
-
-def _step_s(model: Any) -> float:
-    """Return about how long one step takes at the start state, in seconds."""
-    data = start_data(model)
-    mujoco.mj_step(model, data)
-    best = float("inf")
-    begin = time.perf_counter()
-    for _ in range(50):
-        start = time.perf_counter()
-        mujoco.mj_step(model, data, 2)
-        now = time.perf_counter()
-        best = min(best, (now - start) / 2)
-        if now - begin > 0.05:
-            break
-    return max(best, 1e-8)
 
 
 def _check_memory(model: Any, nbatch: int, nstep: int) -> None:

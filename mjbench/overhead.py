@@ -24,60 +24,173 @@ class Source:
       name: what it is called.
       inside: statement of the loop's body, after the step.
       before: statements before the loop.
+      cheaper: name of the source that does the same for less; empty where there is none.
+      value: expression of what it computed, evaluated after the last step; by default `inside`.
+      needs: expression that says whether this release and model have what it needs.
+      around: statements right before and after the loop, each time it runs.
     """
 
     name: str
     inside: str
     before: str = ""
+    cheaper: str = ""
+    value: str = ""
+    needs: str = "True"
+    around: tuple[str, str] = ("pass", "pass")
 
 
-BARE = Source("bare loop", "pass")
+BARE = Source("bare loop", "pass", value="None")
+_ROW = "row = np.empty(model.nq + model.nv)"
+_BOTH = "qpos, qvel = data.qpos, data.qvel"
 SOURCES = (
     BARE,
-    Source("named access by name", "data.joint(joint_name).qpos"),
-    Source("named access by id", "data.joint(0).qpos"),
-    Source("hoisted accessor", "joint.qpos", "joint = data.joint(joint_name)"),
-    Source("hoisted view", "qpos[0]", "qpos = data.joint(joint_name).qpos"),
-    Source("attribute qpos", "data.qpos"),
+    Source(
+        "named access by name",
+        "data.joint(joint_name).qpos",
+        cheaper="hoisted accessor",
+    ),
+    Source("named access by id", "data.joint(0).qpos", cheaper="hoisted accessor"),
+    Source(
+        "hoisted accessor",
+        "joint.qpos",
+        "joint = data.joint(joint_name)",
+        cheaper="hoisted joint view",
+    ),
+    Source(
+        "hoisted view",
+        "qpos[0]",
+        "qpos = data.joint(joint_name).qpos",
+    ),
+    Source("hoisted joint view", "qpos", "qpos = data.joint(joint_name).qpos"),
+    Source("attribute qpos", "data.qpos", cheaper="hoisted qpos"),
+    Source("hoisted qpos", "qpos", "qpos = data.qpos"),
     Source("attribute time", "data.time"),
-    Source("attribute opt.timestep", "model.opt.timestep"),
-    Source("copy", "qpos.copy()", "qpos = data.qpos"),
+    Source("attribute opt.timestep", "model.opt.timestep", cheaper="hoisted timestep"),
+    Source("hoisted timestep", "timestep", "timestep = model.opt.timestep"),
+    Source(
+        "copy",
+        "qpos.copy()",
+        "qpos = data.qpos",
+        cheaper="copy into array",
+    ),
     Source(
         "copy into array",
         "rows[i] = qpos",
         "qpos = data.qpos\nrows = np.empty((nstep, model.nq))",
+        value="rows[nstep - 1]",
     ),
-    Source("allocate zeros", "np.zeros(model_nv)", "model_nv = model.nv"),
-    Source("concatenate", "np.concatenate((qpos, qvel))", "qpos, qvel = data.qpos, data.qvel"),
+    Source(
+        "append copy to list",
+        "rows.append(qpos.copy())",
+        "qpos = data.qpos\nrows = []",
+        cheaper="copy into array",
+        value="rows[nstep - 1]",
+        around=("rows.clear()", "pass"),
+    ),
+    Source("allocate zeros", "np.zeros(model_nv)", "model_nv = model.nv", cheaper="zeros in place"),
+    Source("zeros in place", "row[:] = 0.0", "row = np.empty(model.nv)", value="row"),
+    Source(
+        "concatenate",
+        "np.concatenate((qpos, qvel))",
+        _BOTH,
+        cheaper="concatenate into array",
+    ),
+    Source("hstack", "np.hstack((qpos, qvel))", _BOTH, cheaper="concatenate into array"),
     Source(
         "concatenate into array",
         "np.concatenate((qpos, qvel), out=row)",
-        "qpos, qvel = data.qpos, data.qvel\nrow = np.empty(model.nq + model.nv)",
+        f"{_BOTH}\n{_ROW}",
     ),
-    Source("control element", "data.ctrl[0] = 0.1"),
-    Source("control whole", "data.ctrl[:] = control", "control = np.array(data.ctrl)"),
+    Source("control element", "data.ctrl[0] = 0.1", value="data.ctrl", needs="model.nu"),
     Source(
-        "control hoisted", "ctrl[:] = control", "ctrl = data.ctrl\ncontrol = np.array(data.ctrl)"
+        "control slice",
+        "data.ctrl[:1] = control",
+        "control = np.array(data.ctrl[:1])",
+        value="data.ctrl",
+        needs="model.nu",
+    ),
+    Source(
+        "control whole",
+        "data.ctrl[:] = control",
+        "control = np.array(data.ctrl)",
+        cheaper="control hoisted",
+        value="data.ctrl",
+        needs="model.nu",
+    ),
+    Source(
+        "control by assignment",
+        "data.ctrl = control",
+        "control = np.array(data.ctrl)",
+        cheaper="control hoisted",
+        value="data.ctrl",
+        needs="model.nu",
+    ),
+    Source(
+        "control by accessor",
+        "data.actuator(0).ctrl = control",
+        "control = np.array(data.actuator(0).ctrl)",
+        cheaper="control hoisted",
+        value="data.ctrl",
+        needs="model.nu",
+    ),
+    Source(
+        "control hoisted",
+        "ctrl[:] = control",
+        "ctrl = data.ctrl\ncontrol = np.array(data.ctrl)",
+        value="data.ctrl",
+        needs="model.nu",
     ),
     Source(
         "state get",
         "mujoco.mj_getState(model, data, state, spec)",
         "state = np.empty(mujoco.mj_stateSize(model, spec))",
+        value="state",
     ),
     Source(
         "state set",
         "mujoco.mj_setState(model, data, state, spec)",
         "state = np.empty(mujoco.mj_stateSize(model, spec))\n"
         "mujoco.mj_getState(model, data, state, spec)",
+        value="data.qpos",
+    ),
+    Source("dict lookup", "fields['qpos']", "fields = {'qpos': data.qpos}", cheaper="hoisted qpos"),
+    Source(
+        "callback from Python",
+        "pass",
+        value="None",
+        around=("mujoco.set_mjcb_control(lambda m, d: None)", "mujoco.set_mjcb_control(None)"),
+    ),
+    Source(
+        "call of zero steps",
+        "mj_step(model, data, 0)",
+        value="None",
     ),
 )
 
 _LOOP = """\
 def loop():
+    {first}
     for i in range(nstep):
         mj_step(model, data)
         {inside}
+    {last}
+def value():
+    i = nstep - 1
+    return {value}
 """
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A loop with a source inside, compiled.
+
+    Attributes:
+      run: resets, then steps nstep times.
+      value: what the source computed in the last step.
+    """
+
+    run: Callable[[], None]
+    value: Callable[[], Any]
 
 
 def find(name: str) -> Source:
@@ -85,18 +198,35 @@ def find(name: str) -> Source:
     return {source.name: source for source in SOURCES}[name]
 
 
-def loop(source: Source, model: Any, nstep: int) -> Callable[[], None]:
-    """Return a function that resets and then steps `model` nstep times with the snippet inside.
+def available(source: Source, model: Any) -> bool:
+    """Return whether this release and model have what a source needs."""
+    return bool(eval(source.needs, {"mujoco": mujoco, "model": model}))
+
+
+def code(source: Source) -> str:
+    """Return the source as a script that starts from `model`, `data`, `nstep` and the like."""
+    lines = [*source.before.splitlines(), "for i in range(nstep):", "    mj_step(model, data)"]
+    return "\n".join([*lines, f"    {source.inside}"])
+
+
+def loop(source: Source, model: Any, nstep: int) -> Loop:
+    """Compile the loop with a source inside.
 
     Every name the snippet uses is local to it, as in a function that a careful user writes.
     """
     data = mujoco.MjData(model)
+    text = _LOOP.format(
+        first=source.around[0],
+        inside=source.inside,
+        last=source.around[1],
+        value=source.value or source.inside,
+    )
     body = "\n".join(
         [
             "def make(mujoco, np, model, data, nstep, spec, joint_name, mj_step):",
             *(f"    {line}" for line in source.before.splitlines()),
-            *(f"    {line}" for line in _LOOP.format(inside=source.inside).splitlines()),
-            "    return loop",
+            *(f"    {line}" for line in text.splitlines()),
+            "    return loop, value",
         ]
     )
     found: dict[str, Any] = {}
@@ -104,10 +234,10 @@ def loop(source: Source, model: Any, nstep: int) -> Callable[[], None]:
     spec = compat.state_spec("INTEGRATION")
     joint_name = model.joint(0).name
     reset_to_start(model, data)
-    run = found["make"](mujoco, np, model, data, nstep, spec, joint_name, mujoco.mj_step)
+    run, value = found["make"](mujoco, np, model, data, nstep, spec, joint_name, mujoco.mj_step)
 
     def whole() -> None:
         reset_to_start(model, data)
         run()
 
-    return whole
+    return Loop(whole, value)

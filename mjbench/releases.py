@@ -300,7 +300,7 @@ def _git(repository: Path | None, *words: str, stdin: str | None = None) -> str:
             check=False,
             env=environment,
         )
-    except FileNotFoundError:
+    except OSError:
         raise MachineError("git is not installed; the history of releases needs it") from None
     if done.returncode:
         raise MachineError(f"git {words[0]} failed: {one_line(done.stderr)}")
@@ -369,7 +369,7 @@ def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
             if file.parts[0] != "mujoco" or file.size is None:
                 continue
             try:
-                size = os.stat(distribution.locate_file(file)).st_size
+                size = Path(str(distribution.locate_file(file))).stat().st_size
             except OSError:
                 return f"{file} of MuJoCo {distribution.version} is missing"
             if size != file.size:

@@ -11,6 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 CONFIDENCE = 0.95
+# Variance of the prior on mean over deviation: the interval is narrowest where the effect is about
+# as large as the deviation between launches, which is what takes long to tell.
+PRIOR = 1.0
+# Fewer launches give no verdict, however clear: they would rest on a deviation of a few numbers.
+LEAST_LAUNCHES = 6
 
 
 @dataclass(frozen=True)
@@ -55,3 +60,114 @@ def median_interval(
     interval = stats.quantile_test(samples, p=0.5).confidence_interval(confidence)
     low, high = float(interval.low), float(interval.high)
     return (None if np.isnan(low) else low), (None if np.isnan(high) else high)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean with an interval that stays valid however often one looked before stopping.
+
+    Attributes:
+      mean: of the samples.
+      low: lower end; minus infinity with too few samples.
+      high: upper end; infinity with too few samples.
+      count: samples.
+    """
+
+    mean: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def half_width(self) -> float:
+        """Half of its width."""
+        return (self.high - self.low) / 2
+
+
+def anytime_interval(samples: Sequence[float], confidence: float) -> Interval:
+    """Return the mean of independent normal samples with its anytime-valid interval.
+
+    Whoever computes it after every new sample, and stops when he likes, is wrong about the mean at
+    any look with a probability of at most 1 - confidence. It holds the means that the t-test's
+    Bayes factor with right-Haar prior on the deviation and a normal prior of variance PRIOR on
+    mean over deviation does not reject at 1 / (1 - confidence); that factor is a test martingale
+    (Pérez-Ortiz, Lardy, de Heij and Grünwald, E-statistics, group invariance and anytime-valid
+    testing, Annals of Statistics 52, 2024; the factor: Gönen, Johnson, Lu and Westfall, The
+    American Statistician 59, 2005).
+
+    Raises:
+      ValueError: no samples, or a confidence not between 0 and 1.
+    """
+    if not samples or not 0 < confidence < 1:
+        raise ValueError(f"need samples and a confidence in (0, 1), got {confidence}")
+    values = np.asarray(samples, dtype=float)
+    n, mean = len(values), float(values.mean())
+    growth = 1 + n * PRIOR
+    # the factor reaches 1 / (1 - confidence) where (1 + u) / (1 + u / growth) is `ratio`,
+    # u being t² over the degrees of freedom
+    ratio = (np.sqrt(growth) / (1 - confidence)) ** (2 / n)
+    if n < 2 or ratio >= growth:
+        return Interval(mean, -np.inf, np.inf, n)
+    u = (ratio - 1) / (1 - ratio / growth)
+    half = float(values.std(ddof=1) / np.sqrt(n) * np.sqrt((n - 1) * u))
+    return Interval(mean, mean - half, mean + half, n)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What launches say of new time over old time.
+
+    Attributes:
+      verdict: `faster`, `slower`, `same` (within the smallest effect that matters) or
+        `inconclusive`.
+      ratio: estimate of new time over old time.
+      low: lower end of its interval.
+      high: upper end of its interval.
+      launches: that it rests on.
+      enough: whether further launches would change nothing that was asked for.
+    """
+
+    verdict: str
+    ratio: float
+    low: float
+    high: float
+    launches: int
+    enough: bool
+
+
+def judge(
+    log_ratios: Sequence[float], min_effect: float, confidence: float, precision: float
+) -> Judgement:
+    """Judge launches, each a natural logarithm of new time over old time.
+
+    `same`: the whole interval lies within the smallest effect that matters. `slower`, `faster`:
+    the interval excludes no change, and the estimate is nearer to that effect than to none. It is
+    enough when there is a verdict, or when the interval's half-width is within `precision`.
+
+    Args:
+      log_ratios: one a launch.
+      min_effect: smallest effect that matters, such as 0.01.
+      confidence: such as 0.99; of the whole procedure, however often it is called.
+      precision: such as 0.005.
+    """
+    interval = anytime_interval(log_ratios, confidence)
+    matters = float(np.log1p(min_effect))
+    if -matters < interval.low and interval.high < matters:
+        verdict = "same"
+    elif interval.low > 0 and interval.mean > matters / 2:
+        verdict = "slower"
+    elif interval.high < 0 and interval.mean < -matters / 2:
+        verdict = "faster"
+    else:
+        verdict = "inconclusive"
+    enough = interval.count >= LEAST_LAUNCHES and (
+        verdict != "inconclusive" or interval.half_width <= np.log1p(precision)
+    )
+    return Judgement(
+        verdict if enough else "inconclusive",
+        float(np.exp(interval.mean)),
+        float(np.exp(interval.low)),
+        float(np.exp(interval.high)),
+        interval.count,
+        enough,
+    )

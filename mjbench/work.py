@@ -5,7 +5,8 @@ simulation, one `mj_step` a step) and counts contacts, constraints and solver it
 final states are what every path is compared with. It is never timed.
 """
 
-from collections.abc import Mapping
+import dataclasses
+import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,7 +14,11 @@ import mujoco
 import numpy as np
 
 from mjbench import compat
-from mjbench.workload import Workload, start_data
+from mjbench.errors import InputError
+from mjbench.workload import Workload, make, start_data
+
+# Spreads of starts and controls, tried until the model bears one.
+SPREADS = (1.0, 0.1, 0.01, 0.0)
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,57 @@ def observe(workload: Workload) -> Observation:
     return Observation(final_state, warnings, Work(*map(float, mean)), start_contacts)
 
 
+def healthy(workload: Workload) -> tuple[Workload, Observation]:
+    """Observe a workload; return it, and what was seen, without its diverged simulations.
+
+    The observation's warnings are those of all simulations.
+    """
+    observed = observe(workload)
+    final_state = np.ascontiguousarray(observed.final_state[observed.healthy])
+    kept = workload.only(observed.healthy)
+    return kept, dataclasses.replace(observed, final_state=final_state)
+
+
+def borne(
+    model: Any, nbatch: int, nstep: int, hold: int, seed: int
+) -> tuple[Workload, Observation, float]:
+    """Return the workload with the widest spread of starts that a model bears.
+
+    A model is taken to bear a spread when a quarter of the simulations do not diverge.
+
+    Returns:
+      The workload without diverged simulations, its reference run, and the spread.
+
+    Raises:
+      InputError: every simulation diverges.
+    """
+    for spread in SPREADS:
+        kept, observed = healthy(make(model, nbatch, nstep, hold, seed, spread))
+        if 4 * kept.nbatch >= nbatch:
+            break
+    if kept.nbatch == 0:
+        raise InputError(
+            f"every simulation diverges ({observed.diagnosis()}); there is nothing to compare"
+        )
+    return kept, observed, spread
+
+
+def step_s(model: Any) -> float:
+    """Return about how long one step takes at the start state, in seconds."""
+    data = start_data(model)
+    mujoco.mj_step(model, data)
+    best = float("inf")
+    begin = time.perf_counter()
+    for _ in range(50):
+        start = time.perf_counter()
+        mujoco.mj_step(model, data, 2)
+        now = time.perf_counter()
+        best = min(best, (now - start) / 2)
+        if now - begin > 0.05:
+            break
+    return max(best, 1e-8)
+
+
 def _step(model: Any, data: Any, control: np.ndarray, hold: int) -> tuple[int, int, int]:
     """Step one simulation through its controls; return the three counters, summed."""
     contacts = constraints = iterations = 0
@@ -115,19 +171,6 @@ def one_step(model: Any, states: np.ndarray) -> dict[str, np.ndarray]:
         for field, values in after.items():
             values.append(np.array(getattr(data, field)))
     return {field: np.array(values) for field, values in after.items()}
-
-
-def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> float:
-    """Return the largest difference between two results of `one_step`, in SI units.
-
-    NaN, where one of them has one, is a difference: infinite.
-    """
-    largest = 0.0
-    for field, values in after.items():
-        difference = np.abs(values - reference[field])
-        if difference.size:
-            largest = max(largest, float(np.where(np.isnan(difference), np.inf, difference).max()))
-    return largest
 
 
 def describe(model: Any) -> dict[str, Any]:

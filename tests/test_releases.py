@@ -13,7 +13,7 @@ import mujoco
 import pytest
 
 from mjbench import releases
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError
 from mjbench.releases import Release
 
 ROOT = Path(__file__).parent.parent

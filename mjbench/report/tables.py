@@ -58,7 +58,7 @@ def model_report(out: Console, records: Sequence[Record]) -> list[Record]:
 def print_models(out: Console, rows: Sequence[Record]) -> None:
     """Print the table of `mjbench models`, and below it a line for each model that failed."""
     columns = ("nq", "nv", "nu", "na", "contacts", "constraints")
-    table = _plain_table(["model", *columns, "timestep", "integrator", "solver"], right=range(1, 8))
+    table = plain_table(["model", *columns, "timestep", "integrator", "solver"], right=range(1, 8))
     good = [row for row in rows if row["status"] == "ok"]
     for row in good:
         cells = [row["model"], *(str(row[c]) for c in columns), f"{1e3 * row['timestep']:g} ms"]
@@ -73,7 +73,7 @@ def print_models(out: Console, rows: Sequence[Record]) -> None:
 
 def releases_table(rows: Sequence[Record]) -> Table:
     """Return the table of `mjbench releases`."""
-    table = _plain_table(["release", "uploaded (UTC)", "on the index", "in the history", "here"])
+    table = plain_table(["release", "uploaded (UTC)", "on the index", "in the history", "here"])
     for row in rows:
         table.add_row(
             row["version"],
@@ -87,7 +87,7 @@ def releases_table(rows: Sequence[Record]) -> Table:
 
 def paths_table(rows: Sequence[Record]) -> Table:
     """Return the table of `mjbench paths`."""
-    table = _plain_table(["path", "closed loop", "here", "what it is", "options"])
+    table = plain_table(["path", "closed loop", "here", "what it is", "options"])
     for row in rows:
         table.add_row(
             row["path"],
@@ -135,7 +135,7 @@ def _without(text: str, name: str) -> str:
 
 
 def _table(results: Sequence[Record]) -> Table:
-    table = _plain_table(
+    table = plain_table(
         ["path", "options", "steps/s", "ns/step", "min", "speed-up", "95 %", "× real time",
          "loop", "agrees"],
         right=range(2, 8),
@@ -203,7 +203,8 @@ def _print_advice(out: Console, entry: Record) -> None:
         out.print(f"    {escape(line)}", soft_wrap=True)
 
 
-def _plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> Table:
+def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> Table:
+    """Return an empty table without frames; the columns numbered in `right` are aligned so."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for i, heading in enumerate(headings):
         last = i == len(headings) - 1

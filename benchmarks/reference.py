@@ -1,0 +1,42 @@
+"""The release at hand against one fixed release, paired in the same minutes.
+
+asv's times are those of a machine on a day; this ratio is not bent by the machine's drift, so that
+releases measured months apart can be compared. The reference is installed beside, in mjbench's
+cache (see mjbench.installs).
+"""
+
+import numpy as np
+
+from benchmarks import stored
+from benchmarks.settings import Tracked
+from mjbench import installs, models
+from mjbench.paired import Fleet, Pair, Side
+
+REFERENCE = "4.0.0"
+# Launches vary by about a percent: the mean of these by less than half of one.
+LAUNCHES = 8
+
+
+class Reference(Tracked):
+    """Time of a step over the time of the reference release's; below 1 is faster."""
+
+    params = models.shipped()
+    param_names = ("model",)
+    timeout = 300  # the first one installs the reference
+
+    def setup(self, model: str) -> None:
+        """See whether this release can load the model."""
+        stored.load(model)
+
+    def track_ratio_to_reference(self, model: str) -> float:
+        """Compare."""
+        source = models.resolve(model)
+        reference = Side(installs.wanted(REFERENCE), source)
+        here = Side(installs.wanted(installs.HERE), source)
+        with Fleet(count=2) as fleet:
+            pair = Pair(fleet, reference, here)
+            values = [pair.launch(number).value for number in range(LAUNCHES)]
+        return float(np.exp(np.mean(values)))
+
+    track_ratio_to_reference.unit = "new/reference"
+    track_ratio_to_reference.pretty_name = f"time of a step over that of MuJoCo {REFERENCE}, paired"

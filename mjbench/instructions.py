@@ -1,0 +1,351 @@
+"""Instructions per step, by function, counted by Callgrind: exact on the noisiest machine.
+
+One process under Callgrind steps all models of a release (counted.py). Callgrind writes its counts
+at each call of a marker; what lies between a model's two markers is one pass over its work by a
+Python loop: the engine (what `mj_step` called, inclusive) and, outside it, the bindings and Python.
+Counts repeat to about 1e-4. They say what code did, not how long it took: memory, caches, branches
+and system calls cost time that no instruction tells.
+"""
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import mjbench
+from mjbench import installs, isolate, worker
+from mjbench.errors import MachineError, one_line
+from mjbench.models import Source
+
+MARKER = "mj_version"
+ENGINE = "mj_step"
+# Simulations and steps of each model; heavy ones are cut to about HEAVY_STEPS.
+NBATCH, NSTEP = 2, 50
+# Without these, glibc copies and clears large blocks by one instruction that Callgrind counts once
+# for every byte: false steps of 50 %.
+_LARGE = 1_000_000_000
+TUNABLES = f"glibc.cpu.x86_rep_stosb_threshold={_LARGE}:glibc.cpu.x86_rep_movsb_threshold={_LARGE}"
+# Functions of the pipeline that only call others: what they call is told apart by stage.
+TRUNK = (
+    "mj_step",
+    "mj_forward",
+    "mj_forwardSkip",
+    "mj_fwdKinematics",
+    "mj_fwdPosition",
+    "mj_fwdVelocity",
+    "mj_RungeKutta",
+)
+STAGES: Mapping[str, str] = {
+    "kinematics": r"mj_(kinematics\w*|comPos|camlight|flex|tendon|transmission|updateSleep\w*)$",
+    "inertia": r"mj_(crb|makeM|factorM|factorI|tendonArmature)$",
+    "collision": r"mj_(collision|broadphase)$",
+    "constraint making": r"mj_(makeConstraint|projectConstraint|referenceConstraint|island|"
+    r"instantiate\w*|makeImpulse|constructIsland\w*)$",
+    "velocity and forces": r"mj_(comVel|passive|rne\w*|fwdActuation|fwdAcceleration|subtreeVel|"
+    r"tendonBias|tendonDot|xfrcAccumulate|actuator\w*|fwdVelocity)$",
+    "solver": r"mj_(fwdConstraint|solPGS|solCG|solNewton|solNoSlip)$",
+    "sensors": r"mj_(sensor\w+|energy\w+)$",
+    "integration": r"mj_(Euler\w*|implicit\w*|advance|discrete\w*)$",
+    "checks": r"mj_(check\w+)$",
+}
+
+
+@dataclass(frozen=True)
+class Function:
+    """Instructions of one function, per step."""
+
+    name: str
+    self: float
+    inclusive: float
+
+
+@dataclass(frozen=True)
+class Count:
+    """What one model's steps cost in one release.
+
+    Attributes:
+      model: its name.
+      release: of MuJoCo.
+      status: `ok`, `input`, `crashed` or `timeout`.
+      detail: one line; empty when ok.
+      instructions_per_step: of the engine, all below `mj_step`.
+      outside_per_step: of the bindings, Python, and all else that is not the engine.
+      functions: of the engine, the most expensive first.
+      stages: instructions per step by stage of the pipeline.
+      steps: that were counted.
+      work: contacts, constraints, solver iterations per step.
+    """
+
+    model: str
+    release: str
+    status: str = "ok"
+    detail: str = ""
+    instructions_per_step: float | None = None
+    outside_per_step: float | None = None
+    functions: Sequence[Function] = ()
+    stages: Mapping[str, float] | None = None
+    steps: int = 0
+    work: Mapping[str, float] | None = None
+
+
+def unavailable() -> str | None:
+    """Return why instructions cannot be counted here, in one line, or None if they can."""
+    if shutil.which("valgrind"):
+        return None
+    return "counting instructions needs valgrind: install it, such as by `apt install valgrind`"
+
+
+# -- counting -----------------------------------------------------------------------------------
+
+
+def count(
+    release: installs.Wanted,
+    sources: Sequence[Source],
+    limit_s: float = 600.0,
+    given: Path | None = None,
+    keep: Path | None = None,
+    seed: int = 0,
+) -> list[Count]:
+    """Count the instructions of models in one release.
+
+    Args:
+      release: of MuJoCo.
+      sources: the models.
+      limit_s: the process is killed after this long.
+      given: folder of workloads that an earlier call kept, to do the same work again.
+      keep: folder to keep this call's workloads in.
+      seed: of the workloads, where they are not given.
+
+    Raises:
+      MachineError: no valgrind, or it fails.
+    """
+    problem = unavailable()
+    if problem:
+        raise MachineError(problem)
+    found: list[Count] = []
+    while len(found) < len(sources):
+        # a model that ends the process costs its own row: the others are counted by another one
+        with tempfile.TemporaryDirectory(prefix="mjbench-") as scratch:
+            found += _count(release, sources, len(found), Path(scratch), limit_s, given, keep, seed)
+    return found
+
+
+def _count(
+    release: installs.Wanted,
+    sources: Sequence[Source],
+    first: int,
+    folder: Path,
+    limit_s: float,
+    given: Path | None,
+    keep: Path | None,
+    seed: int,
+) -> list[Count]:
+    entries: list[dict[str, Any]] = []
+    for number, source in enumerate(sources[first:], first):
+        entry = {"name": source.name, "path": str(source.path), "number": number, "seed": seed}
+        entry |= {"nbatch": NBATCH, "nstep": NSTEP}
+        stored = given / f"{number}.npz" if given else None
+        if stored and stored.is_file():
+            shutil.copy(stored, folder)
+            entry["given"] = stored.name
+        entries.append(entry)
+    request = folder / "request.json"
+    request.write_text(json.dumps({"version": release.version, "models": entries}))
+    ended = _run(release, folder, request, limit_s)
+    answers = [
+        json.loads(line) for line in isolate.text(folder / "answers.jsonl").splitlines() if line
+    ]
+    counts = [
+        _counted(release, answer, folder / f"callgrind.out.{2 * i + 2}")
+        for i, answer in enumerate(answers)
+    ]
+    if keep:
+        for file in folder.glob("*.npz"):
+            shutil.copy(file, keep)
+    if len(counts) < len(entries):
+        name = sources[first + len(counts)].name
+        if ended is None:
+            raise MachineError("valgrind ended before its work was done")
+        counts.append(Count(name, release.version, *ended))
+    return counts
+
+
+def _run(
+    release: installs.Wanted, folder: Path, request: Path, limit_s: float
+) -> tuple[str, str] | None:
+    """Run the program under Callgrind; return how it failed, (status, detail), or None."""
+    core = folder / "core"
+    core.mkdir()
+    (core / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
+    options = ["--tool=callgrind", f"--dump-before={MARKER}", "--quiet"]
+    options += [f"--callgrind-out-file={folder / 'callgrind.out'}"]
+    environment = {**os.environ, "GLIBC_TUNABLES": TUNABLES, "PYTHONHASHSEED": "0"}
+    environment["TMPDIR"] = str(folder)
+    with installs.use(release) as install, (folder / "said.txt").open("wb") as said:
+        program = worker.command(
+            f"from mjbench.counted import main; main({str(request)!r})", core, install
+        )
+        child = subprocess.Popen(
+            ["valgrind", *options, *program],
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=said,
+            cwd=folder,
+            env=environment,
+            start_new_session=True,
+            preexec_fn=_die_with_parent,
+        )
+        try:
+            code = child.wait(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            return "timeout", f"no answer within {limit_s:g} s, killed"
+        finally:
+            _kill_group(child)
+    if code == 0:
+        return None
+    last = (isolate.text(folder / "said.txt").strip().splitlines() or [""])[-1]
+    return "crashed", one_line(f"{isolate.cause_of_death(code)}; it said: {last}", 200)
+
+
+def _die_with_parent() -> None:
+    from mjbench.machine import die_with_parent
+
+    die_with_parent()
+
+
+def _kill_group(child: "subprocess.Popen[bytes]") -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    child.wait()
+
+
+def _counted(release: installs.Wanted, answer: Mapping[str, Any], dump: Path) -> Count:
+    if answer["status"] != "ok":
+        return Count(answer["name"], release.version, answer["status"], answer["detail"])
+    profile = parse(dump.read_text(encoding="utf-8", errors="replace"))
+    steps = answer["steps"]
+    engine = profile.inclusive(ENGINE)
+    if engine == 0:
+        raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {release.version}")
+    return Count(
+        answer["name"],
+        release.version,
+        instructions_per_step=engine / steps,
+        outside_per_step=(profile.total - engine) / steps,
+        functions=[
+            Function(name, self / steps, inclusive / steps)
+            for name, self, inclusive in profile.below(ENGINE)
+        ],
+        stages={stage: cost / steps for stage, cost in stages(profile).items()},
+        steps=steps,
+        work=answer["work"],
+    )
+
+
+def as_result(count: Count) -> dict[str, Any]:
+    """Return what `mjbench instructions --json` gives of one model in one release."""
+    return {**asdict(count), "functions": [asdict(function) for function in count.functions]}
+
+
+# -- Callgrind's format ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What Callgrind counted between two dumps.
+
+    Attributes:
+      self_cost: instructions of each function itself.
+      arcs: instructions of (caller, callee), all that the callee did included.
+    """
+
+    self_cost: Mapping[str, int]
+    arcs: Mapping[tuple[str, str], int]
+
+    @property
+    def total(self) -> int:
+        """Return all instructions."""
+        return sum(self.self_cost.values())
+
+    def inclusive(self, name: str) -> int:
+        """Return the instructions of a function with all that it called."""
+        return self.self_cost.get(name, 0) + sum(
+            cost for (caller, callee), cost in self.arcs.items() if caller == name != callee
+        )
+
+    def below(self, root: str) -> list[tuple[str, int, int]]:
+        """Return (name, self, inclusive) of what `root` reaches, the most self cost first."""
+        callees: dict[str, set[str]] = defaultdict(set)
+        for caller, callee in self.arcs:
+            callees[caller].add(callee)
+        reached, new = {root}, {root}
+        while new:
+            new = set().union(*(callees[name] for name in new)) - reached
+            reached |= new
+        rows = [(name, self.self_cost.get(name, 0), self.inclusive(name)) for name in reached]
+        return sorted(rows, key=lambda row: (-row[1], row[0]))
+
+
+def parse(text: str) -> Profile:
+    """Read a dump in Callgrind's format, version 1, with one event (instructions).
+
+    A line is a position and a cost; the line after `calls=` is the cost of what was called. Names
+    are written once, as `(id) name`, and by their id from then on (Valgrind manual, Callgrind
+    Format Specification).
+    """
+    names: dict[str, str] = {}
+
+    def name_of(word: str) -> str:
+        found = re.match(r"\((\d+)\)(?: (.*))?$", word)
+        if not found:
+            return word
+        if found[2] is not None:
+            names[found[1]] = found[2]
+        return names[found[1]]
+
+    self_cost: dict[str, int] = defaultdict(int)
+    arcs: dict[tuple[str, str], int] = defaultdict(int)
+    function = callee = ""
+    called = False
+    for line in text.splitlines():
+        if line.startswith("fn="):
+            function = _plain(name_of(line[3:]))
+        elif line.startswith("cfn="):
+            callee = _plain(name_of(line[4:]))
+        elif line.startswith("calls="):
+            called = True
+        elif line and (line[0].isdigit() or line[0] in "+-*"):
+            cost = int(line.split()[1])
+            if called:
+                arcs[function, callee] += cost
+                called = False
+            else:
+                self_cost[function] += cost
+    return Profile(dict(self_cost), dict(arcs))
+
+
+def _plain(name: str) -> str:
+    """Return a function's name without what the compiler and Callgrind append to it."""
+    return re.sub(r"('\d+|\.(constprop|isra|part|cold|lto_priv|llvm)\.?\d*)+$", "", name)
+
+
+def stages(profile: Profile) -> dict[str, int]:
+    """Return instructions of the engine by stage of the pipeline; they sum up to all of it."""
+    found = dict.fromkeys(STAGES, 0)
+    for (caller, callee), cost in profile.arcs.items():
+        if caller in TRUNK and callee not in TRUNK:
+            for stage, names in STAGES.items():
+                if re.match(names, callee):
+                    found[stage] += cost
+                    break
+    found["other"] = profile.inclusive(ENGINE) - sum(found.values())
+    return found

@@ -1,0 +1,125 @@
+"""How often paired comparison is wrong, slow or undecided on this machine, now.
+
+Both sides of a trial are the same release, path and work; the new one may do a known share of the
+simulations once more. Whatever a verdict says beyond that is an error of the instrument.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mjbench import installs, machine, verdict
+from mjbench.errors import MachineError
+from mjbench.models import Source
+from mjbench.paired import Fleet, Side, Sizes
+from mjbench.runs import Record
+
+# Simulations of a block, so that 0.5 % of them is a whole number.
+NBATCH = 200
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A model with a slowdown of known size; 0 is an A/A comparison."""
+
+    model: Source
+    slowdown: float
+
+
+def trial(fleet: Fleet, arm: Arm, plan: verdict.Plan) -> Record:
+    """Run one trial; return its record.
+
+    Raises:
+      MachineError: a side failed.
+      KeyboardInterrupt: interrupted.
+    """
+    side = Side(installs.wanted(installs.HERE), arm.model)
+    sizes = Sizes(nbatch=NBATCH)
+    new = replace(side, slowdown=arm.slowdown)
+    outcome = verdict.decide(fleet, side, new, replace(plan, sizes=sizes))
+    if outcome.status == "interrupted":
+        raise KeyboardInterrupt
+    if outcome.judgement is None:
+        raise MachineError(outcome.detail)
+    judged = outcome.judgement
+    return {
+        "type": "trial",
+        "model": arm.model.name,
+        "slowdown": arm.slowdown,
+        "verdict": judged.verdict,
+        **verdict.interval(judged),
+        "seconds": outcome.seconds,
+        "launches": [[launch.warm, round(launch.value, 7)] for launch in outcome.launches],
+    }
+
+
+def run(
+    fleet: Fleet,
+    arms: Sequence[Arm],
+    trials: int,
+    plan: verdict.Plan,
+    on_trial: Callable[[Record], None],
+) -> None:
+    """Run the trials of all arms in turns, so that a change of the machine hits all of them."""
+    for _ in range(trials):
+        for arm in arms:
+            on_trial(trial(fleet, arm, plan))
+
+
+def summary(records: Sequence[Record]) -> list[dict[str, Any]]:
+    """Return, for each model and slowdown, what the trials say.
+
+    Keys: model, slowdown, trials, detected (share called slower), wrong (share called faster, or
+    anything but same or inconclusive where there is no slowdown), inconclusive, covered (share of
+    intervals that hold the truth), error (mean of estimate less truth), seconds (mean), launches
+    (mean), launch_sd (standard deviation of launches, of the logarithm).
+    """
+    groups: dict[tuple[str, float], list[Record]] = {}
+    for record in records:
+        if record["type"] == "trial":
+            groups.setdefault((record["model"], record["slowdown"]), []).append(record)
+    return [_row(model, truth, group) for (model, truth), group in sorted(groups.items())]
+
+
+def _row(model: str, truth: float, group: Sequence[Record]) -> dict[str, Any]:
+    def share(test: Callable[[Record], bool]) -> float:
+        return sum(map(test, group)) / len(group)
+
+    values = [[value for _, value in record["launches"]] for record in group]
+    deviations = [np.var(v, ddof=1) for v in values if len(v) > 1]
+    return {
+        "model": model,
+        "slowdown": truth,
+        "trials": len(group),
+        "detected": share(lambda r: r["verdict"] == "slower"),
+        "wrong": share(lambda r: r["verdict"] in (("faster",) if truth else ("faster", "slower"))),
+        "inconclusive": share(lambda r: r["verdict"] == "inconclusive"),
+        "covered": share(lambda r: r["low"] is not None and r["low"] <= 1 + truth <= r["high"]),
+        "error": float(np.mean([r["estimate"] - 1 - truth for r in group])),
+        "seconds": float(np.mean([r["seconds"] for r in group])),
+        "launches": float(np.mean([len(v) for v in values])),
+        "launch_sd": float(np.sqrt(np.mean(deviations))) if deviations else None,
+    }
+
+
+@contextlib.contextmanager
+def neighbour(busy: bool) -> Iterator[None]:
+    """Keep the last of this process's cores busy while the block runs, if asked to."""
+    if not busy:
+        yield
+        return
+    core = max(os.sched_getaffinity(0))
+    code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
+    child = subprocess.Popen([sys.executable, "-c", code], preexec_fn=machine.die_with_parent)
+    try:
+        yield
+    finally:
+        child.send_signal(signal.SIGKILL)
+        child.wait()

@@ -1,0 +1,100 @@
+"""Read the two sides of `mjbench ab` from words such as `path=rollout,threads=2`."""
+
+import re
+from typing import Any
+
+from mjbench import installs, models, paths
+from mjbench.errors import InputError
+from mjbench.paired import Side
+
+_DEFAULTS = {"model": "cartpole", "path": "python_loop", "release": installs.HERE}
+# Fields of MjOption that a side may set by name (a number, or an enum's value such as `cg`).
+OPTION_FIELDS = (
+    "timestep",
+    "integrator",
+    "solver",
+    "cone",
+    "jacobian",
+    "iterations",
+    "tolerance",
+    "ls_iterations",
+    "ls_tolerance",
+    "noslip_iterations",
+    "noslip_tolerance",
+    "ccd_iterations",
+    "ccd_tolerance",
+    "impratio",
+    "density",
+    "viscosity",
+    "disableflags",
+    "enableflags",
+)
+
+
+def parse(old: str, new: str) -> tuple[Side, Side]:
+    """Return the sides that two words name; what one leaves out is the other's.
+
+    Raises:
+      InputError: a key or value that means nothing.
+    """
+    first, second = _words(old), _words(new)
+    common = {**_DEFAULTS}
+    for key in _DEFAULTS:
+        for words in (second, first):
+            if key in words:
+                common[key] = words[key]
+    return _side(old, {**common, **first}), _side(new, {**common, **second})
+
+
+def _words(text: str) -> dict[str, str]:
+    found = {}
+    for word in filter(None, text.split(",")):
+        key, equals, value = (part.strip() for part in word.partition("="))
+        if key == "option":  # option=solver:cg is solver=cg
+            key, equals, value = (part.strip() for part in re.sub("[:]", "=", value).partition("="))
+        if not equals or not key or not value:
+            raise InputError(f"{text!r}: {word!r} is not KEY=VALUE")
+        found[key] = value
+    return found
+
+
+def _side(text: str, words: dict[str, str]) -> Side:
+    path = paths.find(words["path"])
+    known = {option.name: option for option in path.options}
+    options: dict[str, Any] = {}
+    fields: dict[str, str] = {}
+    for key, value in words.items():
+        if key in _DEFAULTS:
+            continue
+        if key in known:
+            options[key] = _parsed(text, key, value, known[key])
+        elif key in OPTION_FIELDS:
+            fields[key] = value
+        else:
+            raise InputError(
+                f"{text!r}: no {key!r}; path {path.name} has {', '.join(known) or 'no options'};"
+                f" there are {', '.join(_DEFAULTS)}, and MjOption's {', '.join(OPTION_FIELDS)}"
+            )
+    if "threads" in known and "threads" not in options:
+        options["threads"] = 1
+    if "processes" in known and "processes" not in options:
+        options["processes"] = 1
+    return Side(
+        installs.wanted(words["release"]),
+        models.resolve(words["model"]),
+        path.name,
+        path.simplified(options),
+        fields,
+    )
+
+
+def _parsed(text: str, key: str, value: str, option: Any) -> Any:
+    try:
+        parsed = option.parse(value)
+    except ValueError as error:
+        raise InputError(f"{text!r}: {key}: {error}") from error
+    if option.allowed and parsed not in option.allowed:
+        raise InputError(f"{text!r}: {key} is one of {', '.join(option.allowed)}")
+    if option.parse is int and parsed < 1:
+        raise InputError(f"{text!r}: {key} must be at least 1")
+    return parsed

@@ -1,0 +1,302 @@
+"""One side of a paired comparison: a process that does what `paired` asks of it.
+
+It is started once for each release, warm: MuJoCo imported and checked. From then on it forks, so
+that another process like it costs a millisecond and not half a second:
+
+    warm process ──fork──► holder of a model ──fork──► launch, launch, …
+
+Every launch allocates its MjModel, MjData and controls anew behind a random amount of other
+memory, and runs at a random depth of the stack: where data lie decides a percent of its speed,
+and one layout is not a sample. Requests and answers are pickled tuples over a socket; a block is
+a byte there and eight bytes back.
+
+This module runs inside the environment of any one release and needs only NumPy and MuJoCo.
+"""
+
+import copy
+import gc
+import os
+import random
+import signal
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import InputError, MachineError, MjbenchError, one_line
+
+BLOCK, END = b"b", b"e"
+NANOSECONDS = struct.Struct("<q")
+# Random allocations before a launch makes its own: how many, and the largest of each, in bytes;
+# and the most frames of the C stack below which it runs.
+_SMALL, _SMALL_BYTES = 400, 4096
+_LARGE, _LARGE_BYTES = 8, 1 << 21
+_DEPTH = 24
+
+
+class Worker:
+    """What a process of one side knows and can be asked."""
+
+    def __init__(self, connection: Connection):
+        self.connection = connection
+        self.model: Any = None
+        self.workload: Any = None
+        self.prepared: Any = None
+        self.resources: Any = None
+        self.padding: list[bytearray] = []
+
+    def serve(self) -> None:
+        """Answer requests until the parent hangs up."""
+        while True:
+            try:
+                do, arguments = self.connection.recv()
+            except (EOFError, OSError):
+                os._exit(0)
+            if do == "fork":
+                self._fork()
+                continue
+            try:
+                answer = ("ok", getattr(self, f"do_{do}")(**arguments))
+            except MjbenchError as error:
+                answer = ("input" if error.exit_code == 2 else "failed", str(error))
+            except MemoryError:
+                answer = ("failed", "out of memory")
+            except Exception as error:
+                answer = ("failed", f"{type(error).__name__}: {one_line(error)}")
+            try:
+                self.connection.send(answer)
+            except OSError:  # the parent hung up in the middle
+                os._exit(0)
+
+    def _fork(self) -> None:
+        """Fork; the child answers on the socket that comes with the request."""
+        descriptor = recv_handle(self.connection)
+        pid = os.fork()
+        if pid:
+            os.close(descriptor)
+            self.connection.send(("ok", pid))
+            return
+        from mjbench.machine import die_with_parent
+
+        die_with_parent()
+        self.connection.close()
+        self.connection = Connection(descriptor)
+        random.seed(os.urandom(8))
+
+    def do_start(self, version: str) -> str:
+        """Import MuJoCo, and make sure that it is the release meant."""
+        import mujoco
+
+        from mjbench import releases
+
+        problem = releases.imported_problem(version)
+        if problem:
+            raise MachineError(problem)
+        import mjbench.paths
+        import mjbench.work
+
+        mjbench.paths.registry()
+        gc.collect()
+        gc.freeze()  # nor looked through again by the collector of each launch
+        gc.disable()
+        return str(mujoco.__version__)
+
+    def do_ended(self, pid: int) -> int:
+        """Return how a child ended: its exit code, or minus the signal."""
+        _, status = os.waitpid(pid, 0)
+        return os.waitstatus_to_exitcode(status)
+
+    def do_load(self, name: str, path: str, options: Mapping[str, str]) -> None:
+        """Load a model and set options of its `opt`."""
+        from mjbench import models
+
+        self.model = models.load(models.Source(name, Path(path)))
+        for option, value in options.items():
+            _set_option(self.model, option, value)
+
+    def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> None:
+        """Make the workload."""
+        from mjbench import work
+
+        self.workload, _, _ = work.borne(self.model, nbatch, nstep, hold, seed)
+
+    def do_give(self) -> dict[str, Any]:
+        """Return the workload, taken apart by MjData field."""
+        from mjbench import workload
+
+        fields = workload.fields(self.model, self.workload.initial_state)
+        return {"fields": fields, "control": self.workload.control, "hold": self.workload.hold}
+
+    def do_take(self, fields: Mapping[str, Any], control: Any, hold: int) -> None:
+        """Take the workload that another side made."""
+        from mjbench import workload
+
+        if control.shape[2] != self.model.nu:
+            raise InputError(f"the model has {self.model.nu} controls, not {control.shape[2]}")
+        start = workload.states(self.model, fields)
+        self.workload = workload.Workload(self.model, start, control, hold, seed=0)
+
+    def do_observe(self) -> dict[str, Any]:
+        """Do the work once, plainly: what it was, and where one step leads from each start."""
+        from mjbench import work
+
+        seen = work.observe(self.workload)
+        return {
+            "work": seen.work.as_dict(),
+            "diverged": int((~seen.healthy).sum()),
+            "diagnosis": seen.diagnosis(),
+            "final": seen.final_state,
+            "after": work.one_step(self.model, self.workload.initial_state),
+            "start_contacts": seen.start_contacts,
+        }
+
+    def do_cost(self) -> float:
+        """Return about how long one step takes, in seconds."""
+        from mjbench import work
+
+        return work.step_s(self.model)
+
+    def do_prepare(
+        self,
+        path: str,
+        options: Mapping[str, Any],
+        cores: list[int] | None,
+        extra: int,
+        final: Any,
+    ) -> int:
+        """Prepare a path's run in fresh memory, and check it; return nanoseconds of a warm block.
+
+        Args:
+          path: its name.
+          options: its options.
+          cores: to run on; None for any.
+          extra: simulations drawn again at random, as a slowdown of known size.
+          final: (nbatch, nstate) the final states of the plain loop, which it must reach.
+        """
+        import numpy as np
+
+        from mjbench import paths, workload
+
+        if cores and hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, cores)
+        self.padding = _scattered()
+        model = copy.copy(self.model)
+        given = self.workload
+        rows = [*range(given.nbatch), *random.choices(range(given.nbatch), k=extra)]
+        made = workload.Workload(
+            model, given.initial_state[rows], given.control[rows], given.hold, given.seed
+        )
+        way = paths.find(path)
+        reason = way.unavailable() or way.unsuited(made, options)
+        if reason:
+            raise InputError(reason)
+        self.resources = paths.Resources(made)
+        self.prepared = way.prepare(made, options, self.resources)
+        reached = self.prepared.verify()
+        held = slice(None) if reached.held is None else reached.held
+        if not np.array_equal(reached.values[held], np.asarray(final)[rows][held]):
+            raise MachineError(f"path {path} does not reach the final states of the plain loop")
+        return self._block()
+
+    def do_time(self) -> None:
+        """Time a block whenever asked to, until told to end."""
+        _deeper(random.randrange(_DEPTH), self._time)
+
+    def _time(self) -> None:
+        receive, send, pack = (
+            self.connection.recv_bytes,
+            self.connection.send_bytes,
+            NANOSECONDS.pack,
+        )
+        while receive() == BLOCK:
+            send(pack(self._block()))
+
+    def do_cores(self, threads: int) -> float:
+        """Return how many cores `threads` threads get now (see machine.Calibration)."""
+        from mjbench.machine import Calibration
+
+        calibration = Calibration(threads)
+        seconds = []
+        for run in (calibration.single, calibration.together) * 2:
+            begin = time.perf_counter()
+            run()
+            seconds.append(time.perf_counter() - begin)
+        return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
+
+    def _block(self) -> int:
+        run, clock = self.prepared.run, time.perf_counter_ns
+        begin = clock()
+        run()
+        return clock() - begin
+
+
+def _set_option(model: Any, option: str, value: str) -> None:
+    """Set a field of `model.opt`: a number, or the name of an enum's value."""
+    import mujoco
+
+    enums = {"integrator": "mjINT_", "solver": "mjSOL_", "cone": "mjCONE_", "jacobian": "mjJAC_"}
+    if not hasattr(model.opt, option) or callable(getattr(model.opt, option)):
+        raise InputError(f"no option {option!r}: give a number field of MjOption, such as solver")
+    try:
+        if option in enums and not value.isdigit():
+            kind = getattr(mujoco, f"mjt{option.capitalize()}")
+            names = {n.lower(): n for n in dir(kind) if n.startswith(enums[option])}
+            number = int(getattr(kind, names[f"{enums[option]}{value}".lower()]))
+        else:
+            number = type(getattr(model.opt, option))(float(value))
+        setattr(model.opt, option, number)
+    except KeyError:
+        known = ", ".join(sorted(n.removeprefix(enums[option]) for n in names.values()))
+        raise InputError(f"option {option}: {value!r} is not one of {known}") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"option {option}: {value!r} will not do: {one_line(error)}") from error
+
+
+def _scattered() -> list[bytearray]:
+    """Return blocks of memory that move whatever is allocated after them to random places."""
+    small = [bytearray(random.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
+    large = [bytearray(random.randrange(1 << 12, _LARGE_BYTES)) for _ in range(_LARGE)]
+    # holes, into which the allocator puts some of what comes
+    return random.sample(small, _SMALL // 2) + random.sample(large, _LARGE // 2)
+
+
+def _deeper(levels: int, function: Callable[[], None]) -> None:
+    """Call `function` below `levels` further frames of the C stack."""
+    if levels == 0:
+        function()
+    else:
+        max((None,), key=lambda _: _deeper(levels - 1, function))
+
+
+def main(descriptor: int) -> None:
+    """Be a warm process; the socket is inherited."""
+    from mjbench.machine import die_with_parent
+
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Worker(Connection(descriptor)).serve()
+
+
+def command(code: str, core: Path, install: Path | None) -> list[str]:
+    """Return the command that runs Python code in the environment of a release.
+
+    Args:
+      code: what to run.
+      core: a folder that holds mjbench and nothing else.
+      install: the folder of a release; None for the environment of this process.
+    """
+    if install is None:
+        return [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(core)!r}); {code}"]
+    places = [str(core), str(install)]
+    return [sys.executable, "-I", "-S", "-c", f"import sys; sys.path += {places!r}; {code}"]
+
+
+def pair() -> tuple[Connection, socket.socket]:
+    """Return a connection for the parent and the socket for a worker at its other end."""
+    ours, theirs = socket.socketpair()
+    return Connection(ours.detach()), theirs

@@ -1,0 +1,168 @@
+"""What a history shows: steps, changed work, gaps, and the page made of them."""
+
+import json
+import math
+import re
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjbench import history as room
+from mjbench import releases
+from mjbench.errors import InputError
+from mjbench.history import History, Point, Series
+from mjbench.report import history as report
+
+ROOT = Path(__file__).parent.parent
+VERSIONS = ["1.0", "1.1", "1.2", "1.3", "1.4", "1.5"]
+
+
+def timed(*values: Any, model: str = "pole", rounds: Any = None) -> Series:
+    """Return a series of step times in seconds, both rounds alike unless given."""
+    points = {}
+    for i, (version, value) in enumerate(zip(VERSIONS, values, strict=False)):
+        both = (value, value) if rounds is None else rounds[i]
+        points[version] = Point(value, both)
+    return Series(report.STEP[0], "1000 × mj_step", {"model": model}, points)
+
+
+def counted(benchmark: str, *values: float, model: str = "pole") -> Series:
+    points = {v: Point(x) for v, x in zip(VERSIONS, values, strict=False)}
+    return Series(benchmark, benchmark, {"model": model}, points)
+
+
+def history(*series: Series) -> History:
+    return History({"machine": "here"}, VERSIONS, series)
+
+
+def test_a_step_is_found_where_it_came() -> None:
+    (step,) = room.steps(history(timed(1.0, 1.01, 0.99, 1.2, 1.21, 1.19)))
+    assert (step.old, step.new) == ("1.2", "1.3")
+    assert step.ratio == pytest.approx(1.2 / 0.99)
+
+
+def test_a_step_down_is_one_too() -> None:
+    (step,) = room.steps(history(timed(1.0, 1.0, 0.8, 0.8, 0.8, 0.8)))
+    assert step.ratio == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        (1.0, 1.04, 1.0, 1.04, 1.0, 1.04),  # too small
+        (1.0, 1.0, 1.3, 1.0, 1.0, 1.0),  # one odd release is no level
+        (1.0, 1.04, 1.08, 1.12, 1.16, 1.2),  # a slope, no single step above 5 %
+    ],
+)
+def test_what_is_no_step(values: tuple[float, ...]) -> None:
+    assert room.steps(history(timed(*values))) == []
+
+
+def test_a_step_must_show_in_every_round() -> None:
+    """The machine was slow for the whole of one round from 1.3 on."""
+    values = (1.0, 1.0, 1.0, 1.1, 1.1, 1.1)
+    rounds = [(1.0, 1.0)] * 3 + [(1.2, 1.0)] * 3
+    assert room.steps(history(timed(*values, rounds=rounds))) == []
+
+
+def test_releases_without_a_number_are_passed_over() -> None:
+    (step,) = room.steps(history(timed(1.0, 1.0, math.nan, None, 1.5, 1.5)))
+    assert (step.old, step.new) == ("1.1", "1.4")
+
+
+def test_changed_work_is_told_in_words() -> None:
+    found = history(
+        counted(room.WORK["contacts"], 1.0, 5.0),
+        counted(room.WORK["constraints"], 4.0, 4.0),
+        counted(room.DRIFT, 1e-3, 1e-3),
+    )
+    assert room.work_changes(found, "pole", "1.0", "1.1") == ["contacts 1 → 5"]
+
+
+@pytest.mark.parametrize(
+    ("drifts", "words"),
+    [
+        ((0.0, 0.0), []),
+        ((1e-15, 0.0), []),  # rounding
+        ((1e-3, 0.0), ["other result of a step"]),
+        ((1e-3, 2e-3), ["other result of a step"]),
+    ],
+)
+def test_another_result_of_a_step_is_told(drifts: tuple[float, float], words: list[str]) -> None:
+    assert room.work_changes(history(counted(room.DRIFT, *drifts)), "pole", "1.0", "1.1") == words
+
+
+def test_rounds_are_the_parts_of_the_samples() -> None:
+    assert room._by_round([1.0, 2.0, 3.0, 10.0, 20.0, 30.0], 2) == (2.0, 20.0)
+    assert room._by_round([], 2) == ()
+
+
+def test_the_page_names_steps_causes_and_gaps() -> None:
+    series = timed(1.0e-3, 1.0e-3, math.nan, 1.5e-3, 1.5e-3, None)
+    causes = [report.Cause("1.3", "pole", "abc123", "more contacts")]
+    page = report.page(history(series, counted(room.WORK["contacts"], 1, 1, 1, 5, 5, 5)), causes)
+    assert "| 1.3 | `pole` | +50.0 % | +50.0 %, +50.0 % | contacts 1 → 5 |" in page
+    assert "more contacts (`abc123`)" in page
+    assert "| not applicable | 1.2 |" in page
+    assert "| failed | 1.5 |" in page
+    assert "| 1.3 | 1.5▲ |" in page
+
+
+def test_no_results_are_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no results of asv"):
+        room.load(tmp_path, releases.bundle_path())
+
+
+def test_two_machines_must_be_told_apart(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "machine.json").write_text("{}")
+    with pytest.raises(InputError, match="one, two: name one by --machine"):
+        room.load(tmp_path, releases.bundle_path())
+
+
+# what is committed
+
+
+def test_the_committed_page_is_what_the_committed_results_show() -> None:
+    measured = room.load(ROOT / "results/asv", releases.bundle_path())
+    causes = report.causes(ROOT / "benchmarks/causes.toml")
+    page = (ROOT / "docs/history.md").read_text()
+    assert page == report.page(measured, causes), "mjbench history -o docs/history.md"
+
+
+def test_the_committed_results_span_the_releases() -> None:
+    measured = room.load(ROOT / "results/asv", releases.bundle_path())
+    assert len(measured.versions) >= 30
+    minors: dict[str, list[str]] = {}
+    for release in releases.read(releases.bundle_path()):
+        if releases.key(release.version) >= (2, 3, 7):
+            minors.setdefault(release.version.rpartition(".")[0], []).append(release.version)
+    for versions in minors.values():
+        assert {versions[0], versions[-1]} <= set(measured.versions)
+    for series in measured.series:
+        for version, point in series.points.items():
+            assert len(point.rounds) == 2 or not series.timed or not point.measured, version
+
+
+def test_the_committed_results_hold_no_paths_and_addresses() -> None:
+    for file in (ROOT / "results/asv").rglob("*.json"):
+        text = file.read_text()
+        assert not re.search(r"https?://|/home/|/tmp/|/root/|/work/", text), file
+
+
+def test_every_cause_is_an_item_of_its_release_in_the_changelog() -> None:
+    changelog = Path(str(metadata.distribution("mujoco").locate_file("mujoco/doc/changelog.rst")))
+    if not changelog.is_file():
+        pytest.skip("this MuJoCo ships no changelog")
+    parts = re.split(r"^Version (\d+\.\d+\.\d+).*$", changelog.read_text(), flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    for cause in report.causes(ROOT / "benchmarks/causes.toml"):
+        assert cause.commit in sections[cause.release], cause
+
+
+def test_the_settings_of_asv_are_those_of_the_benchmarks() -> None:
+    known = json.loads((ROOT / "results/asv/benchmarks.json").read_text())
+    assert any(name == report.STEP[0] for name in known)

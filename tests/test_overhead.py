@@ -1,0 +1,71 @@
+"""Sources of overhead: real code, each computing what its cheaper form computes."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjbench import habits, models, overhead
+
+NSTEP = 20
+
+
+@pytest.fixture(scope="module")
+def cartpole() -> Any:
+    return models.load(models.resolve("cartpole"))
+
+
+@pytest.mark.parametrize("source", overhead.SOURCES, ids=lambda s: s.name)
+def test_a_source_steps_as_the_bare_loop_does(source: overhead.Source, cartpole: Any) -> None:
+    if source.name == "state set":
+        pytest.skip("it puts the state back in every step, which is what it is timed for")
+    made = overhead.loop(source, cartpole, NSTEP)
+    made.run()
+    bare = overhead.loop(overhead.Source("time", "pass", value="data.time"), cartpole, NSTEP)
+    bare.run()
+    told = overhead.Source(source.name, source.inside, source.before, value="data.time")
+    again = overhead.loop(told, cartpole, NSTEP)
+    again.run()
+    assert again.value() == bare.value() == pytest.approx(NSTEP * cartpole.opt.timestep)
+
+
+@pytest.mark.parametrize("source", [s for s in overhead.SOURCES if s.cheaper], ids=lambda s: s.name)
+def test_the_cheaper_form_computes_the_same(source: overhead.Source, cartpole: Any) -> None:
+    values = []
+    for one in (source, overhead.find(source.cheaper)):
+        made = overhead.loop(one, cartpole, NSTEP)
+        made.run()
+        values.append(np.array(made.value()))
+    assert np.array_equal(*values)
+
+
+def test_names_are_unique_and_cheaper_forms_exist() -> None:
+    names = [source.name for source in overhead.SOURCES]
+    assert len(names) == len(set(names))
+    assert {s.cheaper for s in overhead.SOURCES if s.cheaper} <= set(names)
+
+
+def test_a_callback_does_not_outlive_its_loop(cartpole: Any) -> None:
+    overhead.loop(overhead.find("callback from Python"), cartpole, NSTEP).run()
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_a_model_without_actuators_has_no_controls_to_write() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    kept = {s.name for s in overhead.SOURCES if overhead.available(s, model)}
+    assert not any(name.startswith("control") for name in kept)
+
+
+def test_the_table_has_every_source_with_its_cheaper_form() -> None:
+    table = habits.measure(models.resolve("cartpole"), launches=2)
+    assert {c.source for c in table.costs} == {
+        s.name for s in overhead.SOURCES if s.name not in ("bare loop", habits.BINDING)
+    }
+    for cost in table.costs:
+        assert cost.low <= cost.ns <= cost.high
+        assert (cost.saved_ns is None) == (not cost.cheaper)
+        assert "mj_step(model, data)" in cost.code
+    assert table.bare_ns > 0
