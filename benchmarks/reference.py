@@ -14,7 +14,7 @@ from mjbench.paired import Fleet, Pair, Side
 
 REFERENCE = "4.0.0"
 # Launches vary by about a percent: the mean of these by less than half of one.
-LAUNCHES = 8
+LAUNCHES = 12
 
 
 class Reference(Tracked):
@@ -33,7 +33,7 @@ class Reference(Tracked):
         source = models.resolve(model)
         reference = Side(installs.wanted(REFERENCE), source)
         here = Side(installs.wanted(installs.HERE), source)
-        with Fleet(count=2) as fleet:
+        with Fleet() as fleet:
             pair = Pair(fleet, reference, here)
             values = [pair.launch(number).value for number in range(LAUNCHES)]
         return float(np.exp(np.mean(values)))

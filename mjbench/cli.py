@@ -462,7 +462,7 @@ def versions(
     Ratios are new time over old time: above 1 is slower. A verdict of a release that does other
     work says so beside it.
     """
-    from mjbench import installs, models
+    from mjbench import installs, models, paths, sides
     from mjbench.paired import Side
 
     named = [word for word in words if installs.is_release(word)]
@@ -474,8 +474,9 @@ def versions(
     sources = [models.resolve(name) for name in given or models.shipped()]
     ways = path_names or ["python_loop"]
     before, *after = [installs.wanted(word) for word in [*olds, *new_words]]
+    options = {way: sides.complete(paths.find(way), {}) for way in ways}
     pairs = [
-        (Side(before, source, way, _one_thread(way)), Side(release, source, way, _one_thread(way)))
+        (Side(before, source, way, options[way]), Side(release, source, way, options[way]))
         for release in after
         for source in sources
         for way in ways
@@ -684,13 +685,6 @@ def explain(
 def _count_code(found: Sequence[Any]) -> int:
     statuses = {count.status for count in found}
     return 3 if statuses & set(_FAILED) else 2 if "input" in statuses else 0
-
-
-def _one_thread(way: str) -> dict[str, Any]:
-    from mjbench import paths
-
-    names = {option.name for option in paths.find(way).options}
-    return {"threads": 1} if "threads" in names else {}
 
 
 def _decide(

@@ -9,6 +9,7 @@ This module runs on NumPy alone; only a verdict (stats) needs SciPy.
 """
 
 import contextlib
+import itertools
 import os
 import random
 import signal
@@ -36,7 +37,7 @@ LAUNCH_S, LEAST_QUADS, MOST_QUADS = 0.08, 4, 30
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 # Warm processes of each release, used in turns.
-WARM = 4
+WARM = 2
 
 
 class SideError(MachineError):
@@ -266,18 +267,6 @@ class Fleet:
         if key not in self._warm and key not in self._waiting:
             self._waiting[key] = self._start(release)
 
-    def ready(self, releases: Sequence[installs.Wanted]) -> list[int]:
-        """Return the numbers of the warm processes that all these releases have by now."""
-        return [
-            number
-            for number in range(self.count)
-            if all(self._is_ready((release.key, number)) for release in releases)
-        ]
-
-    def _is_ready(self, key: tuple[str, int]) -> bool:
-        waiting = self._waiting.get(key)
-        return key in self._warm or (waiting is not None and waiting.connection.poll(0))
-
     def warm(self, release: installs.Wanted, number: int = 0) -> Process:
         """Return a warm process of a release."""
         key = (release.key, number)
@@ -348,14 +337,22 @@ class Pair:
     def _begin(self) -> None:
         old, new = self.sides
         sizes = self.sizes
-        for side in self.sides:
-            self.fleet.start(side.release)
+        # all of them before anything is timed: one that starts meanwhile would be in the way
+        numbers = range(self.fleet.count)
+        for number, side in itertools.product(numbers, self.sides):
+            self.fleet.start(side.release, number)
+        for number, side in itertools.product(numbers, self.sides):
+            self.fleet.warm(side.release, number)
         first, second = self._loaded(0, 0), self._loaded(1, 0)
         nbatch, nstep = self._sizes(first.call("cost"), second.call("cost"))
         making = {"nbatch": nbatch, "nstep": nstep, "hold": sizes.hold, "seed": sizes.seed}
-        first.call("make", **making)
-        self._given = first.call("give")
+        # by a process of its own: were it one of the two sides, their memory would differ
+        maker = first.fork()
+        maker.call("make", **making)
+        self._given = maker.call("give")
+        maker.end()
         self._own: dict[str, Any] | None = None
+        first.call("take", **self._given)
         try:
             second.call("take", **self._given)
         except InputError:
@@ -370,12 +367,7 @@ class Pair:
 
     def launch(self, number: int) -> Launch:
         """Measure once, in fresh processes."""
-        releases = [side.release for side in self.sides]
-        if number < self.fleet.count:  # the next ones start meanwhile, on another core
-            for release in releases:
-                self.fleet.start(release, number)
-        ready = self.fleet.ready(releases)
-        warm = ready[number % len(ready)]
+        warm = number % self.fleet.count
         parallel = any(side.parallel for side in self.sides)
         core = None if parallel else freest_core()
         order = random.sample((0, 1), 2)

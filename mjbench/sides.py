@@ -1,6 +1,7 @@
 """Read the two sides of `mjbench ab` from words such as `path=rollout,threads=2`."""
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from mjbench import installs, models, paths
@@ -75,17 +76,20 @@ def _side(text: str, words: dict[str, str]) -> Side:
                 f"{text!r}: no {key!r}; path {path.name} has {', '.join(known) or 'no options'};"
                 f" there are {', '.join(_DEFAULTS)}, and MjOption's {', '.join(OPTION_FIELDS)}"
             )
-    if "threads" in known and "threads" not in options:
-        options["threads"] = 1
-    if "processes" in known and "processes" not in options:
-        options["processes"] = 1
     return Side(
         installs.wanted(words["release"]),
         models.resolve(words["model"]),
         path.name,
-        path.simplified(options),
+        complete(path, options),
         fields,
     )
+
+
+def complete(path: paths.Path, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a path's options with what was not given: one thread, else the first it tries."""
+    one = {"threads": 1, "processes": 1}
+    usual = {o.name: one.get(o.name, o.values[0] if o.values else None) for o in path.options}
+    return path.simplified({**usual, **given})
 
 
 def _parsed(text: str, key: str, value: str, option: Any) -> Any:

@@ -108,7 +108,7 @@ def _cells(row: Record) -> list[str]:
         f"{ratio['estimate']:.4f}" if ratio else "",
         ends,
         row["verdict"] or row["status"],
-        "" if row["work"] is None else work_text(row) or "same",
+        "" if row["work"] is None else "changed" if row["changed_work"] else "same",
         "" if row["drift"] is None else f"{row['drift']:.1g}",
         str(row["launches"]),
         str(row["pairs"]),
