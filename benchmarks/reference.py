@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench import installs, models
+from mjbench import installs, models, stats
 from mjbench.paired import Fleet, Pair, Side
 
 REFERENCE = "4.0.0"
@@ -36,7 +36,7 @@ class Reference(Tracked):
         with Fleet() as fleet:
             pair = Pair(fleet, reference, here)
             values = [pair.launch(number).value for number in range(LAUNCHES)]
-        return float(np.exp(np.mean(values)))
+        return float(np.exp(stats.anytime_interval(values, 0.99).mean))
 
     track_ratio_to_reference.unit = "new/reference"
     track_ratio_to_reference.pretty_name = f"time of a step over that of MuJoCo {REFERENCE}, paired"
