@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.up-to-date
 
-.PHONY: help bench test lint c-floor clean
+.PHONY: help bench test lint c-floor slowdown clean
 
 help:
 	@echo "make bench    set up, then compare every path on our ten models (about 3 minutes)"
 	@echo "make test     set up, then lint, check types and run the tests"
 	@echo "make c-floor  set up, then compare the paths with a C loop (needs a C compiler)"
+	@echo "make slowdown set up, then see that asv finds a release slowed on purpose (5 minutes)"
 	@echo "make clean    remove the virtual environment and caches"
 
 bench: $(STAMP)
@@ -25,6 +26,9 @@ lint: $(STAMP)
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor
+
+slowdown: $(STAMP)
+	$(BIN)/python -m benchmarks.slowdown
 
 # Made anew when what it is made from changes, or when a half-made one was left behind.
 $(STAMP): pyproject.toml constraints.txt

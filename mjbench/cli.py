@@ -656,7 +656,10 @@ def explain(
     given = [word for word in words if word not in named]
     sources = [models.resolve(name) for name in given or models.shipped()]
     plan = verdict.Plan(
-        *(chosen[key] for key in ("min_effect", "confidence", "precision", "time_limit")),
+        chosen["min_effect"],
+        chosen["confidence"],
+        chosen["precision"],
+        chosen["time_limit"],
         paired.Sizes(chosen["nbatch"], chosen["nstep"], chosen["hold"], chosen["seed"]),
     )
     out = tables.console(stderr=json_file == "-")
@@ -672,8 +675,8 @@ def explain(
             for old, new, source in zip(*found, sources, strict=True):
                 outcome = None
                 if clock and old.status == new.status == "ok":
-                    sides = [paired.Side(release, source) for release in releases]
-                    outcome = verdict.decide(fleet, *sides, plan)
+                    before, after = (paired.Side(release, source) for release in releases)
+                    outcome = verdict.decide(fleet, before, after, plan)
                     if outcome.status == "interrupted":
                         raise KeyboardInterrupt
                 counts.print_explanation(out, old, new, outcome, top)
@@ -940,6 +943,36 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
             report.print_table(out, table, code)
             found.append(asdict(table))
         write_json({"schema": 1, "results": found})
+
+
+@cli.command()
+@click.option("--angles", metavar="RAD,…", help="Initial angles  [default: 0 to 0.4 by 0.05]")
+@click.option("--samples", type=click.IntRange(min=1), default=1000, show_default=True)
+@click.option("--threads", type=_Numbers(), default="1,4,16", show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@_JSON
+def falls(
+    angles: str | None, samples: int, threads: list[int], seed: int, json_file: str | None
+) -> None:
+    """How likely does the cart-pole fall, by initial angle? One question, asked by every path.
+
+    The pole is left alone from random starts around each angle; it has fallen when it passes
+    0.5 rad within a second. All paths must count the same falls; then their times are compared.
+    """
+    from mjbench import falls as room
+    from mjbench import machine
+    from mjbench.report import falls as report
+    from mjbench.report import tables
+
+    try:
+        asked = tuple(float(word) for word in angles.split(",")) if angles else room.ANGLES
+    except ValueError as error:
+        raise InputError(f"--angles {angles}: {error}") from error
+    out = tables.console(stderr=json_file == "-")
+    with _json_target(json_file) as write_json:
+        found = room.ask(asked, samples, threads, seed)
+        report.print_falls(out, found, machine.usable_cores())
+        write_json({"schema": 1, **room.as_result(found)})
 
 
 @cli.command()

@@ -1,8 +1,8 @@
 """What a history measured by asv shows: the steps between releases, and whether the work changed.
 
 asv keeps one file for every release. Here they become series, one for each benchmark and choice
-of parameters; a step is a change between two neighbouring releases that every round of the
-measurement shows, and that still stands when single releases are smoothed away.
+of parameters. A step is a change between two neighbouring releases: of the paired ratio to a
+reference release, or of a time, if every round shows it and the releases around it stand apart.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from mjbench.errors import InputError, one_line
 
 # The smallest change of a time that counts as a step.
 THRESHOLD = 0.05
-# Releases on each side of a step whose median is the level there: one odd release moves no level.
+# Releases on each side of a step that must all lie on their side of it.
 LEVEL = 3
 # Benchmarks that say whether a step of the engine did the same work.
 WORK = {
@@ -29,6 +29,10 @@ WORK = {
     "solver iterations": "step.Work.track_solver_iterations",
 }
 DRIFT = "step.Drift.track_drift"
+# Times of a step, unpaired.
+TIMES = ("step.Step.time_1000_steps", "step.HeavyStep.time_100_steps")
+# Time of a step over the reference release's, paired.
+RATIO = "reference.Reference.track_ratio_to_reference"
 
 
 @dataclass(frozen=True)
@@ -114,8 +118,7 @@ class Step:
       old: the last release before it.
       new: the release it came in.
       ratio: new value over old value.
-      rounds: the same by round.
-      levels: level after over level before, each of up to LEVEL releases.
+      rounds: the same by round; empty of a series without rounds.
     """
 
     series: Series
@@ -123,7 +126,6 @@ class Step:
     new: str
     ratio: float
     rounds: tuple[float, ...]
-    levels: float
 
 
 # -- reading ------------------------------------------------------------------------------------
@@ -232,28 +234,62 @@ def _by_round(samples: Sequence[float], rounds: int) -> tuple[float, ...]:
 def steps(history: History, threshold: float = THRESHOLD) -> list[Step]:
     """Return the steps of all timed series, by release and then the largest first.
 
-    A step is a change by more than `threshold` from one release to the next, in the same
-    direction in the medians of all samples, in every round, and in the levels around it.
+    An unpaired time of a release is the smaller of its rounds' medians, since what disturbs a
+    process only adds. A step is a change by more than `threshold` from one release to the next, in
+    the same direction in every round, after which up to LEVEL releases all lie on the other side
+    of all of the LEVEL before. One odd release is no step.
     """
     found = [s for one in history.series if one.timed for s in _steps_of(one, threshold)]
+    return _in_order(history, found)
+
+
+def paired_steps(history: History, threshold: float = THRESHOLD) -> list[Step]:
+    """Return the steps of the paired ratio to the reference release, by release.
+
+    A step is a change of more than `threshold` from one release to the next, of which the unpaired
+    times show at least half in some round. Its rounds are those of the unpaired times.
+    """
+    found = []
+    for one in history.series:
+        if one.benchmark != RATIO:
+            continue
+        measured = [(v, float(p.value or 0.0)) for v, p in one.points.items() if p.measured]
+        for (old, before), (new, after) in itertools.pairwise(measured):
+            change = math.log(after / before)
+            rounds = unpaired(history, one.params["model"], old, new)
+            shown = any(math.log(r) * math.copysign(1, change) > abs(change) / 2 for r in rounds)
+            if shown and abs(change) > math.log1p(threshold):
+                found.append(Step(one, old, new, after / before, rounds))
+    return _in_order(history, found)
+
+
+def unpaired(history: History, model: str, old: str, new: str) -> tuple[float, ...]:
+    """Return new over old time of a step of a model, round by round."""
+    for benchmark in TIMES:
+        series = history.find(benchmark, model=model)
+        before, after = (series.points.get(v) if series else None for v in (old, new))
+        if before and after:
+            return tuple(b / a for a, b in zip(before.rounds, after.rounds, strict=False))
+    return ()
+
+
+def _in_order(history: History, found: Sequence[Step]) -> list[Step]:
     order = {version: i for i, version in enumerate(history.versions)}
     return sorted(found, key=lambda s: (order[s.new], -abs(math.log(s.ratio))))
 
 
 def _steps_of(series: Series, threshold: float) -> Iterator[Step]:
     measured = [(v, p) for v, p in series.points.items() if p.measured]
-    values = [float(p.value or 0.0) for _, p in measured]
+    values = [min(p.rounds or (float(p.value or 0.0),)) for _, p in measured]
+    least = math.log1p(threshold)
     for i in range(1, len(measured)):
         (old, before), (new, after) = measured[i - 1], measured[i]
-        levels = statistics.median(values[i : i + LEVEL]) / statistics.median(
-            values[max(0, i - LEVEL) : i]
-        )
+        below, above = values[max(0, i - LEVEL) : i], values[i : i + LEVEL]
         rounds = tuple(b / a for a, b in zip(before.rounds, after.rounds, strict=False))
-        ratio = values[i] / values[i - 1]
-        logs = [math.log(x) for x in (ratio, levels, *rounds)]
-        least = math.log1p(threshold)
-        if all(x > least for x in logs) or all(x < -least for x in logs):
-            yield Step(series, old, new, ratio, rounds, levels)
+        logs = [math.log(x) for x in (values[i] / values[i - 1], *rounds)]
+        apart = min(above) > max(below) if logs[0] > 0 else max(above) < min(below)
+        if apart and (all(x > least for x in logs) or all(x < -least for x in logs)):
+            yield Step(series, old, new, values[i] / values[i - 1], rounds)
 
 
 def work_changes(history: History, model: str, old: str, new: str) -> list[str]:
@@ -289,11 +325,10 @@ def gaps(history: History) -> list[tuple[str, str, list[str], str]]:
     """Return (title, parameters, releases, `failed` or `not applicable`) of what has no number."""
     found = []
     for one in history.series:
-        for kind, test in (
-            ("failed", lambda p: p.value is None),
-            ("not applicable", lambda p: p.value is not None and math.isnan(p.value)),
-        ):
-            versions = [v for v, p in one.points.items() if test(p)]
-            if versions:
-                found.append((one.title, one.label, versions, kind))
+        missing: dict[str, list[str]] = {}
+        for version, point in one.points.items():
+            if not point.measured:
+                kind = "failed" if point.value is None else "not applicable"
+                missing.setdefault(kind, []).append(version)
+        found += [(one.title, one.label, versions, kind) for kind, versions in missing.items()]
     return found

@@ -146,7 +146,9 @@ def costs() -> dict[str, float]:
 
 def _excused(line: str, code: str) -> bool:
     found = re.search(r"#\s*noqa\b(?::\s*([\w, ]+))?", line, flags=re.IGNORECASE)
-    return bool(found) and (found[1] is None or code in re.split(r"[,\s]+", found[1].upper()))
+    if found is None:
+        return False
+    return found[1] is None or code in re.split(r"[,\s]+", found[1].upper())
 
 
 class _Script:
@@ -182,10 +184,9 @@ class _Script:
                     yield node, ALLOCATION
             if self._beyond_ncon(node):
                 yield node, CONTACT  # type: ignore[misc]
-        episodes = isinstance(loop, ast.For) and any(
+        if isinstance(loop, ast.For) and any(
             isinstance(node, ast.For | ast.While) and self.steps(node) for node in inner
-        )
-        if episodes:
+        ):
             for node in inner:
                 if isinstance(node, ast.Call) and _name(node.func) == "MjData":
                     yield node, FRESH

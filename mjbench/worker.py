@@ -270,7 +270,7 @@ def _deeper(levels: int, function: Callable[[], None]) -> None:
     if levels == 0:
         function()
     else:
-        max((None,), key=lambda _: _deeper(levels - 1, function))
+        list(map(lambda _: _deeper(levels - 1, function), (None,)))  # noqa: C417  a frame of C
 
 
 def main(descriptor: int) -> None:

@@ -23,9 +23,9 @@ def timed(*values: Any, model: str = "pole", rounds: Any = None) -> Series:
     """Return a series of step times in seconds, both rounds alike unless given."""
     points = {}
     for i, (version, value) in enumerate(zip(VERSIONS, values, strict=False)):
-        both = (value, value) if rounds is None else rounds[i]
+        both = (value,) * (2 if value else 0) if rounds is None else rounds[i]
         points[version] = Point(value, both)
-    return Series(report.STEP[0], "1000 × mj_step", {"model": model}, points)
+    return Series(room.TIMES[0], "1000 × mj_step", {"model": model}, points)
 
 
 def counted(benchmark: str, *values: float, model: str = "pole") -> Series:
@@ -52,7 +52,8 @@ def test_a_step_down_is_one_too() -> None:
     "values",
     [
         (1.0, 1.04, 1.0, 1.04, 1.0, 1.04),  # too small
-        (1.0, 1.0, 1.3, 1.0, 1.0, 1.0),  # one odd release is no level
+        (1.0, 1.0, 1.3, 1.0, 1.0, 1.0),  # one odd release
+        (1.0, 1.3, 1.0, 1.2, 1.2, 1.2),  # the releases before do not stand apart
         (1.0, 1.04, 1.08, 1.12, 1.16, 1.2),  # a slope, no single step above 5 %
     ],
 )
@@ -61,7 +62,7 @@ def test_what_is_no_step(values: tuple[float, ...]) -> None:
 
 
 def test_a_step_must_show_in_every_round() -> None:
-    """The machine was slow for the whole of one round from 1.3 on."""
+    """The machine was slow for the whole of one round from 1.3 on: nothing is told."""
     values = (1.0, 1.0, 1.0, 1.1, 1.1, 1.1)
     rounds = [(1.0, 1.0)] * 3 + [(1.2, 1.0)] * 3
     assert room.steps(history(timed(*values, rounds=rounds))) == []
@@ -70,6 +71,26 @@ def test_a_step_must_show_in_every_round() -> None:
 def test_releases_without_a_number_are_passed_over() -> None:
     (step,) = room.steps(history(timed(1.0, 1.0, math.nan, None, 1.5, 1.5)))
     assert (step.old, step.new) == ("1.1", "1.4")
+
+
+def test_what_slows_one_round_does_not_count() -> None:
+    rounds = [(1.0, 1.0)] * 3 + [(1.2, 1.3)] * 3
+    (step,) = room.steps(history(timed(1.0, 1.0, 1.0, 1.25, 1.25, 1.25, rounds=rounds)))
+    assert step.ratio == pytest.approx(1.2)
+    assert step.rounds == pytest.approx((1.2, 1.3))
+
+
+def test_a_paired_step_is_one_by_itself() -> None:
+    ratios = counted(room.RATIO, 1.0, 1.02, 1.3, 1.0, math.nan, 0.9)
+    times = timed(1.0, 1.0, 1.2, 1.0, 1.0, 0.9)
+    found = room.paired_steps(history(ratios, times))
+    assert [(s.old, s.new) for s in found] == [("1.1", "1.2"), ("1.2", "1.3"), ("1.3", "1.5")]
+
+
+def test_a_paired_step_that_no_unpaired_round_shows_is_none() -> None:
+    ratios = counted(room.RATIO, 1.0, 1.0, 1.1, 1.1, 1.1, 1.1)
+    times = timed(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    assert room.paired_steps(history(ratios, times)) == []
 
 
 def test_changed_work_is_told_in_words() -> None:
@@ -101,9 +122,12 @@ def test_rounds_are_the_parts_of_the_samples() -> None:
 
 def test_the_page_names_steps_causes_and_gaps() -> None:
     series = timed(1.0e-3, 1.0e-3, math.nan, 1.5e-3, 1.5e-3, None)
+    ratios = counted(room.RATIO, 1.0, 1.0, math.nan, 1.4, 1.4, 1.4)
+    contacts = counted(room.WORK["contacts"], 1, 1, 1, 5, 5, 5)
     causes = [report.Cause("1.3", "pole", "abc123", "more contacts")]
-    page = report.page(history(series, counted(room.WORK["contacts"], 1, 1, 1, 5, 5, 5)), causes)
-    assert "| 1.3 | `pole` | +50.0 % | +50.0 %, +50.0 % | contacts 1 → 5 |" in page
+    page = report.page(history(series, ratios, contacts), causes)
+    assert "| 1.3 | `pole` | +40.0 % |" in page
+    assert "| contacts 1 → 5 |" in page
     assert "more contacts (`abc123`)" in page
     assert "| not applicable | 1.2 |" in page
     assert "| failed | 1.5 |" in page
@@ -165,4 +189,4 @@ def test_every_cause_is_an_item_of_its_release_in_the_changelog() -> None:
 
 def test_the_settings_of_asv_are_those_of_the_benchmarks() -> None:
     known = json.loads((ROOT / "results/asv/benchmarks.json").read_text())
-    assert any(name == report.STEP[0] for name in known)
+    assert any(name == room.TIMES[0] for name in known)

@@ -14,7 +14,7 @@ from mjbench import history as room
 from mjbench.errors import InputError, one_line
 from mjbench.history import History, Series, Step
 
-STEP = ("step.Step.time_1000_steps", "step.HeavyStep.time_100_steps")
+CAUSE = "cause by MuJoCo's changelog"
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ def causes(file: Path) -> list[Cause]:
 
 def page(history: History, known: Sequence[Cause], threshold: float = room.THRESHOLD) -> str:
     """Return the page, in Markdown."""
-    steps = room.steps(history, threshold)
-    engine = [s for s in steps if s.series.benchmark in STEP]
-    others = [s for s in steps if s.series.benchmark not in STEP]
+    engine = room.paired_steps(history, threshold)
+    others = [s for s in room.steps(history, threshold) if s.series.benchmark not in room.TIMES]
     parts = [
         _head(history, threshold),
         "## A step of each model\n",
-        "Microseconds of one `mj_step` from Python, median of all samples. ▲ and ▼ mark the steps"
-        " told below.\n",
+        "Microseconds of one `mj_step` from Python, median of all samples, unpaired: single values"
+        " are off by up to a quarter where the machine was slow. ▲ and ▼ mark the paired steps told"
+        " below.\n",
         *_by_release(history, engine),
         "\n## Steps of `mj_step`\n",
         *_engine_table(history, engine, known, threshold),
@@ -75,29 +75,31 @@ def page(history: History, known: Sequence[Cause], threshold: float = room.THRES
 def _head(history: History, threshold: float) -> str:
     machine = history.machine
     counted = [s for s in history.series if s.timed]
-    samples = {len(p.rounds) for s in counted for p in s.points.values() if p.measured}
-    about = ", ".join(machine[k] for k in ("cpu", "num_cpu", "arch", "os") if machine.get(k))
+    rounds = {len(p.rounds) for s in counted for p in s.points.values() if p.measured}
+    about = [machine[k] for k in ("cpu", "arch", "os") if machine.get(k)]
+    cores = f", {machine['num_cpu']} cores" if machine.get("num_cpu") else ""
     return (
         "# What the history shows\n\n"
         "Written by `mjbench history` from the results in `results/asv`; do not edit.\n\n"
         f"{len(history.versions)} releases of MuJoCo, {history.versions[0]} to"
-        f" {history.versions[-1]}, measured by `asv run --interleave-rounds --record-samples` on"
-        f" `{machine['machine']}` ({about} cores as asv names them). Every release was visited in"
-        f" {max(samples, default=0)} rounds, the second in the opposite order, so that what slowed"
-        " the machine for a while cannot look like a release.\n\n"
-        f"A step is a change by more than {threshold:.0%} from one release to the next, in the same"
-        " direction in every round and in the levels (median of up to"
-        f" {room.LEVEL} releases) before and after. Absolute times are this machine's; ratios"
-        " of neighbours travel better. How a number comes about: [method.md](method.md).\n"
+        f" {history.versions[-1]}, measured by asv on `{machine['machine']}`"
+        f" ({', '.join(about)}{cores}). Times: `asv run --interleave-rounds --record-samples`,"
+        f" {max(rounds, default=0)} rounds in opposite orders. Steps of `mj_step` are those of the"
+        " *paired* ratio to one fixed release, which the machine's drift cannot bend"
+        " (`benchmarks/reference.py`), where some unpaired round shows half of it too. Steps around"
+        f" it are of unpaired times: they must show in every round, and separate the {room.LEVEL}"
+        f" releases before from those after. Told is what exceeds {threshold:.0%} from one release"
+        " to the next. Absolute times are this machine's. [method.md](method.md) says how a number"
+        " comes about.\n"
     )
 
 
 def _by_release(history: History, steps: Sequence[Step]) -> Iterator[str]:
-    columns = [s for s in history.series if s.benchmark in STEP]
-    columns.sort(key=lambda s: (s.benchmark == STEP[1], s.label))
+    columns = [s for s in history.series if s.benchmark in room.TIMES]
+    columns.sort(key=lambda s: (s.benchmark == room.TIMES[1], s.label))
     yield "| release | " + " | ".join(f"`{s.label}`" for s in columns) + " |"
     yield "|---|" + "---:|" * len(columns)
-    marks = {(s.series.label, s.new): "▲" if s.ratio > 1 else "▼" for s in steps}
+    marks = {(s.series.params["model"], s.new): "▲" if s.ratio > 1 else "▼" for s in steps}
     for version in history.versions:
         cells = [_micro(s, version) + marks.get((s.label, version), "") for s in columns]
         yield f"| {version} | " + " | ".join(cells) + " |"
@@ -117,7 +119,8 @@ def _engine_table(
     if not steps:
         yield f"None above {threshold:.0%}."
         return
-    yield "| release | model | time of a step | by round | work | cause by MuJoCo's changelog |"
+    heads = ("release", "model", "time of a step, paired", "unpaired, by round", "work", CAUSE)
+    yield f"| {' | '.join(heads)} |"
     yield "|---|---|---:|---:|---|---|"
     for step in steps:
         model = step.series.params["model"]
@@ -134,7 +137,7 @@ def _other_table(steps: Sequence[Step], known: Sequence[Cause], threshold: float
     if not steps:
         yield f"None above {threshold:.0%}."
         return
-    yield "| release | benchmark | with | change | cause by MuJoCo's changelog |"
+    yield f"| release | benchmark | with | change | {CAUSE} |"
     yield "|---|---|---|---:|---|"
     groups: dict[tuple[str, str, bool], list[Step]] = {}
     for step in steps:
@@ -187,9 +190,9 @@ def _gaps(history: History) -> Iterator[str]:
         merged.setdefault((title, kind, tuple(versions)), []).append(label)
     yield "| benchmark | with | | releases |"
     yield "|---|---|---|---|"
-    for (title, kind, versions), labels in merged.items():
+    for (title, kind, missing), labels in merged.items():
         with_ = f"{len(labels)} choices" if len(labels) > 4 else "; ".join(filter(None, labels))
-        yield f"| {title} | {with_} | {kind} | {_range(history, versions)} |"
+        yield f"| {title} | {with_} | {kind} | {_range(history, missing)} |"
 
 
 def _range(history: History, versions: Sequence[str]) -> str:

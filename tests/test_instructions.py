@@ -1,0 +1,206 @@
+"""Counting instructions: Callgrind's format, stages, and counts that repeat."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjbench import explain, installs, instructions, models
+from mjbench.instructions import Count, Function
+
+ROOT = Path(__file__).parent.parent
+HERE = installs.wanted(installs.HERE)
+needs_valgrind = pytest.mark.skipif(
+    instructions.unavailable() is not None, reason=str(instructions.unavailable())
+)
+
+# main calls mj_step twice; mj_step calls mj_forward, and that mj_collision and itself again.
+DUMP = """\
+# callgrind format
+version: 1
+positions: line
+events: Ir
+
+fn=(1) main
+10 5
+cfn=(2) mj_step
+calls=2 20
+11 1000
+fn=(2)
+20 100
++1 50
+cfn=(3) mj_forward
+calls=2 30
+* 850
+fn=(3)
+30 50
+cfn=(4) mj_collision
+calls=2 40
+31 500
+cfn=(5) mj_solNewton.isra.0
+calls=2 50
+32 300
+fn=(4)
+40 500
+fn=(5)
+50 300
+"""
+
+
+def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
+    profile = instructions.parse(DUMP)
+    assert profile.self_cost == {
+        "main": 5,
+        "mj_step": 150,
+        "mj_forward": 50,
+        "mj_collision": 500,
+        "mj_solNewton": 300,
+    }
+    assert profile.total == 1005
+    assert profile.inclusive("mj_step") == 1000
+    assert profile.inclusive("mj_collision") == 500
+
+
+def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
+    rows = instructions.parse(DUMP).below("mj_step")
+    assert [name for name, _, _ in rows] == [
+        "mj_collision",
+        "mj_solNewton",
+        "mj_step",
+        "mj_forward",
+    ]
+
+
+def test_stages_sum_up_to_the_engine() -> None:
+    found = instructions.stages(instructions.parse(DUMP))
+    assert found["collision"] == 500
+    assert found["solver"] == 300
+    assert sum(found.values()) == 1000
+
+
+def test_recursion_is_not_counted_twice() -> None:
+    text = DUMP + "fn=(6) mju_sort'2\n60 7\ncfn=(7) mju_sort\ncalls=1 60\n61 3\n"
+    profile = instructions.parse(text)
+    assert profile.self_cost["mju_sort"] == 7
+    assert profile.inclusive("mju_sort") == 7
+
+
+def counted(release: str, **functions: float) -> Count:
+    listed = [Function(name, cost, cost) for name, cost in functions.items()]
+    return Count(
+        "pile",
+        release,
+        instructions_per_step=sum(functions.values()),
+        outside_per_step=1.0,
+        functions=listed,
+        stages={},
+        work={"contacts": 4.0},
+    )
+
+
+def test_what_changed_is_sorted_by_contribution_with_new_and_gone() -> None:
+    old = counted("1.0", a=100.0, b=50.0, gone=30.0)
+    new = counted("2.0", a=90.0, b=50.0, fresh=200.0)
+    found = explain.changes(old, new)
+    assert [(c.name, c.difference, c.kind) for c in found] == [
+        ("fresh", 200.0, "new"),
+        ("gone", -30.0, "gone"),
+        ("a", -10.0, ""),
+    ]
+    assert sum(c.difference for c in found) == (new.instructions_per_step or 0) - 180.0
+
+
+def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
+    python = tmp_path / "python"
+    python.symlink_to(sys.executable)
+    done = subprocess.run(
+        [sys.executable, "-m", "mjbench", "instructions", "cartpole"],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": str(tmp_path), "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 3
+    assert "valgrind: install it" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@needs_valgrind
+def test_two_counts_differ_by_at_most_a_tenth_of_a_percent(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Also with a larger environment and another working directory."""
+    sources = [models.resolve(name) for name in ("cartpole", "cube_table")]
+    first = instructions.count(HERE, sources, keep=tmp_path)
+    monkeypatch.setenv("PADDING", "x" * 5000)
+    monkeypatch.chdir(tmp_path)
+    second = instructions.count(HERE, sources, given=tmp_path)
+    for one, two in zip(first, second, strict=True):
+        assert one.status == two.status == "ok"
+        assert one.instructions_per_step == pytest.approx(two.instructions_per_step, rel=1e-3)
+        assert one.work == two.work
+        assert sum((one.stages or {}).values()) == pytest.approx(one.instructions_per_step)
+
+
+@needs_valgrind
+def test_a_broken_model_costs_its_own_row(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.xml"
+    broken.write_text("<mujoco><worldbody/></mujoco>")
+    sources = [models.resolve(str(broken)), models.resolve("cartpole")]
+    first, second = instructions.count(HERE, sources)
+    assert first.status == "input"
+    assert "no degree of freedom" in first.detail
+    assert second.status == "ok"
+
+
+@needs_valgrind
+def test_the_command_writes_json(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "mjbench", "instructions", "cartpole", "--json", "out.json"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["instructions_per_step"] > 1000
+    assert any(f["name"].startswith("mj_kinematics") for f in row["functions"])
+    assert list(tmp_path.iterdir()) == [tmp_path / "out.json"]
+
+
+@needs_valgrind
+def test_counts_agree_with_bracketing_by_two_step_counts() -> None:
+    """A second method: what 40 steps cost more than 20, in one call of the engine each."""
+    (count,) = instructions.count(HERE, [models.resolve("cartpole")])
+    totals = {n: _total(n) for n in (20, 40)}
+    per_step = (totals[40] - totals[20]) / 20
+    assert count.instructions_per_step == pytest.approx(per_step, rel=0.02)
+
+
+def _total(nstep: int) -> int:
+    code = (
+        "import mujoco; from mjbench import models, workload;"
+        "m = models.load(models.resolve('cartpole')); d = workload.start_data(m);"
+        f"mujoco.mj_step(m, d, {nstep})"
+    )
+    environment: dict[str, Any] = {**os.environ, "GLIBC_TUNABLES": instructions.TUNABLES}
+    environment |= {"PYTHONHASHSEED": "0", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [
+            *("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null"),
+            *("--toggle-collect=mj_step", sys.executable, "-c", code),
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (line,) = [x for x in done.stderr.splitlines() if "Collected :" in x]
+    return int(line.split(":")[1])
