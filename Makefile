@@ -10,7 +10,7 @@ help:
 	@echo "make bench    set up, then compare every path on our ten models (about 3 minutes)"
 	@echo "make test     set up, then lint, check types and run the tests"
 	@echo "make c-floor  set up, then compare the paths with a C loop (needs a C compiler)"
-	@echo "make slowdown set up, then see that asv finds a release slowed on purpose (5 minutes)"
+	@echo "make slowdown set up, then see that asv finds a release slowed on purpose (8 minutes)"
 	@echo "make clean    remove the virtual environment and caches"
 
 bench: $(STAMP)

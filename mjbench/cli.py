@@ -355,55 +355,15 @@ class _Share(click.ParamType[float]):
         return share
 
 
-def _verdict_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that every paired comparison has."""
-    for option in reversed(
-        (
-            click.option(
-                "--min-effect",
-                type=_Share(),
-                default="1%",
-                show_default=True,
-                help="Smallest change that matters; what is surely within it is `same`.",
-            ),
-            click.option(
-                "--confidence",
-                type=_Share(),
-                default="99%",
-                show_default=True,
-                help="That a verdict is right.",
-            ),
-            click.option(
-                "--precision",
-                type=_Share(),
-                default="0.5%",
-                show_default=True,
-                help="Stop when the interval is this narrow (half of its width).",
-            ),
-            click.option(
-                "--time-limit",
-                default="60s",
-                show_default=True,
-                metavar="SECONDS",
-                callback=_seconds,
-                help="Per verdict; after it, `inconclusive`.",
-            ),
-            click.option("--nbatch", type=click.IntRange(min=1), help="Simulations of a block."),
-            click.option("--nstep", type=click.IntRange(min=1), help="Steps of each simulation."),
-            click.option(
-                "--hold",
-                type=click.IntRange(min=1),
-                default=1,
-                show_default=True,
-                help="Steps that each control is held.",
-            ),
-            click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
-            _RESULTS,
-            _JSON,
-        )
-    ):
-        command = option(command)
-    return command
+def _with(*options: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds options to a command, in their order."""
+
+    def add(command: Callable[..., None]) -> Callable[..., None]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
 
 
 def _seconds(ctx: click.Context, param: click.Parameter, value: str) -> float:
@@ -414,6 +374,51 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str) -> float:
     if not 0 < seconds < float("inf"):
         raise click.BadParameter(f"{value} is not above 0")
     return seconds
+
+
+_JUDGING = (
+    click.option(
+        "--min-effect",
+        type=_Share(),
+        default="1%",
+        show_default=True,
+        help="Smallest change that matters; what is surely within it is `same`.",
+    ),
+    click.option(
+        "--confidence",
+        type=_Share(),
+        default="99%",
+        show_default=True,
+        help="That a verdict is right.",
+    ),
+    click.option(
+        "--precision",
+        type=_Share(),
+        default="0.5%",
+        show_default=True,
+        help="Stop when the interval is this narrow (half of its width).",
+    ),
+    click.option(
+        "--time-limit",
+        default="60s",
+        show_default=True,
+        metavar="SECONDS",
+        callback=_seconds,
+        help="Of launches, for each verdict; after it, `inconclusive` if it is not certain.",
+    ),
+)
+_SIZES = (
+    click.option("--nbatch", type=click.IntRange(min=1), help="Simulations of a block."),
+    click.option("--nstep", type=click.IntRange(min=1), help="Steps of each simulation."),
+    click.option(
+        "--hold",
+        type=click.IntRange(min=1),
+        default=1,
+        show_default=True,
+        help="Steps that each control is held.",
+    ),
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
+)
 
 
 _FINDINGS = ("slower", "faster", "changed-work", "inconclusive")
@@ -441,7 +446,7 @@ _FAIL_ON = click.option(
 @click.option("--new", "news", multiple=True, metavar="RELEASE", help="A new release.")
 @click.option("--paths", "path_names", type=_Words(), help="Ways of stepping  [python_loop]")
 @_FAIL_ON
-@_verdict_options
+@_with(*_JUDGING, *_SIZES, _RESULTS, _JSON)
 def versions(
     words: tuple[str, ...],
     old: str | None,
@@ -488,15 +493,14 @@ def versions(
 @click.argument("old", metavar="SIDE")
 @click.argument("new", metavar="SIDE")
 @_FAIL_ON
-@_verdict_options
+@_with(*_JUDGING, *_SIZES, _RESULTS, _JSON)
 def ab(old: str, new: str, fail_on: list[str], **chosen: Any) -> None:
     """Compare two of anything, each SIDE given as KEY=VALUE,KEY=VALUE.
 
     \b
     Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
-    MjOption (solver, integrator, iterations, tolerance, …). A key that one side leaves out is the
-    other side's; model is cartpole, path is python_loop and release is installed where neither
-    says.
+    MjOption (solver, integrator, iterations, tolerance, …). Where one side names no model, path
+    or release, it has the other side's; cartpole, python_loop, installed where neither does.
       mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg
@@ -517,7 +521,7 @@ def ab(old: str, new: str, fail_on: list[str], **chosen: Any) -> None:
     help="Slowdowns to inject; 0 is an A/A comparison.",
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy meanwhile.")
-@_verdict_options
+@_with(*_JUDGING, _RESULTS, _JSON)
 def selfcheck(
     names: tuple[str, ...],
     trials: int,
@@ -612,6 +616,7 @@ def instructions(
     releases = [installs.wanted(word) for word in words or (installs.HERE,)]
     out = tables.console(stderr=json_file == "-")
     found = []
+    _interruptible()
     with _json_target(json_file) as write_json, tempfile.TemporaryDirectory() as kept:
         with _progress(out, len(releases)) as advance:
             for number, release in enumerate(releases):
@@ -629,7 +634,7 @@ def instructions(
 @click.argument("words", nargs=-1, required=True, metavar="OLD NEW MODEL…")
 @click.option("--top", type=click.IntRange(min=1), default=15, show_default=True)
 @click.option("--clock/--no-clock", default=True, help="Compare wall-clock times too.")
-@_verdict_options
+@_with(*_JUDGING, *_SIZES, _JSON)
 def explain(
     words: tuple[str, ...],
     top: int,
@@ -662,9 +667,13 @@ def explain(
         chosen["time_limit"],
         paired.Sizes(chosen["nbatch"], chosen["nstep"], chosen["hold"], chosen["seed"]),
     )
+    if chosen["nstep"] and chosen["nstep"] % chosen["hold"]:
+        raise InputError(f"--nstep {chosen['nstep']} is not a multiple of --hold {chosen['hold']}")
     out = tables.console(stderr=json_file == "-")
     results: list[dict[str, Any]] = []
     found: list[Any] = []
+    failed = False
+    _interruptible()
     with _json_target(json_file) as write_json, tempfile.TemporaryDirectory() as kept:
         folder = Path(kept)
         found += [
@@ -679,10 +688,11 @@ def explain(
                     outcome = verdict.decide(fleet, before, after, plan)
                     if outcome.status == "interrupted":
                         raise KeyboardInterrupt
+                    failed |= outcome.status != "ok"
                 counts.print_explanation(out, old, new, outcome, top)
                 results.append(derive.as_result(old, new, outcome))
         write_json({"schema": 1, "results": results})
-    sys.exit(_count_code([count for counted in found for count in counted]))
+    sys.exit(3 if failed else _count_code([count for counted in found for count in counted]))
 
 
 def _count_code(found: Sequence[Any]) -> int:
@@ -984,7 +994,7 @@ def lint(names: tuple[str, ...], json_file: str | None) -> None:
     \b
     Findings are FILE:LINE:COLUMN CODE MESSAGE, with about what it costs in each step; exit 1 if
     there are any. A folder stands for all Python files below it. `# noqa: MJB001` at the end of a
-    line excuses it. docs/lint.md describes the rules.
+    line excuses it.
     """
     from dataclasses import asdict
 
@@ -1027,8 +1037,7 @@ def _json_target(name: str | None) -> Iterator[Callable[[Any], None]]:
 @contextlib.contextmanager
 def _progress(out: Any, count: int) -> Iterator[Callable[[int, str, float], None]]:
     """Yield a function that moves a progress bar; there is none unless `out` is a terminal."""
-    signal.signal(signal.SIGTERM, _interrupt)
-    signal.signal(signal.SIGINT, _interrupt)
+    _interruptible()
     if not out.is_terminal:
         yield lambda number, name, share: None
         return
@@ -1043,6 +1052,12 @@ def _progress(out: Any, count: int) -> Iterator[Callable[[int, str, float], None
             bar.update(task, completed=number + share, description=name, refresh=True)
 
         yield advance
+
+
+def _interruptible() -> None:
+    """Have signals end the command by way of its cleaning up."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGINT, _interrupt)
 
 
 def _interrupt(signum: int, frame: Any) -> None:

@@ -57,6 +57,8 @@ def sentence(old: Count, new: Count, outcome: Outcome | None) -> list[str]:
     work = agreement.counter_changes(old.work or {}, new.work or {})
     lines.append("changed work: " + ", ".join(work) if work else "same work")
     judged = outcome.judgement if outcome else None
+    if outcome and outcome.status != "ok":
+        lines.append(f"time not compared: {outcome.detail}")
     if judged is None:
         return lines
     lines.append(

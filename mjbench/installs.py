@@ -45,6 +45,8 @@ class Wanted:
         content = hashlib.blake2b(digest_size=4)
         for wheel in self.wheels:
             content.update(wheel.read_bytes())
+        if self.word == HERE:
+            return f"{HERE}-{self.version}"
         local = f"+{content.hexdigest()}" if self.wheels else ""
         python = f"{sys.implementation.cache_tag}-{os.uname().machine}"
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
@@ -76,16 +78,21 @@ def wanted(word: str) -> Wanted:
         return Wanted(HERE, version)
     path = Path(word)
     if path.suffix == ".whl" or path.is_dir():
-        wheels = sorted(path.glob("mujoco*.whl")) if path.is_dir() else [path]
-        main = [w for w in wheels if w.name.startswith("mujoco-")]
-        if not main or not all(w.is_file() for w in wheels):
+        main = sorted(path.glob("mujoco-*.whl")) if path.is_dir() else [path]
+        if not main or not main[0].is_file() or not main[0].name.startswith("mujoco-"):
             raise InputError(f"{word}: no such wheel of mujoco")
-        return Wanted(word, main[0].name.split("-")[1], tuple(w.resolve() for w in wheels))
+        if len(main) > 1:
+            raise InputError(f"{word} holds several releases: name one of its wheels")
+        version = main[0].name.split("-")[1]
+        # from 4.0.0 on a release is several wheels, and the library is not in the first
+        wheels = [*main, *sorted(main[0].parent.glob(f"mujoco_*-{version}-*.whl"))]
+        return Wanted(word, version, tuple(w.resolve() for w in wheels))
     if not is_release(word):
         raise InputError(
             f"{word!r} is no release: give a version such as 3.5.0, a wheel, or `{HERE}`"
         )
-    return Wanted(word, word.removeprefix("v"))
+    version = word.removeprefix("v")
+    return Wanted(word, f"{version}.0" if re.fullmatch(r"\d+\.\d+", version) else version)
 
 
 def cache() -> Path:

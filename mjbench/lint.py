@@ -105,7 +105,7 @@ def check(file: str) -> list[Finding]:
         tree = ast.parse(text)
     except (OSError, SyntaxError, ValueError) as error:
         raise InputError(f"{file}: {one_line(error)}") from error
-    lines = text.splitlines()
+    lines = re.split(r"\r\n|\r|\n", text)  # as ast counts them
     found = {
         (node.lineno, node.col_offset + 1, rule.code): rule for node, rule in _Script(tree).look()
     }
@@ -245,7 +245,8 @@ class _Script:
     def _stored(self, node: ast.AST) -> Iterator[tuple[ast.expr, Rule]]:
         """Yield views that a statement or call of a loop keeps for later."""
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            if node.func.attr in ("append", "appendleft", "add", "insert", "put"):
+            kept = node.func.attr in ("append", "appendleft", "add", "insert", "put")
+            if kept and _dotted(node.func.value) not in _NUMPY:
                 yield from ((a, VIEW) for arg in node.args for a in self._views_in(arg))
         elif isinstance(node, ast.Assign):
             for target in node.targets:

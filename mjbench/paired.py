@@ -37,7 +37,7 @@ LAUNCH_S, LEAST_QUADS, MOST_QUADS = 0.08, 4, 30
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 # Warm processes of each release, used in turns.
-WARM = 2
+WARM = 4
 
 
 class SideError(MachineError):
@@ -199,14 +199,18 @@ class Process:
         ours, theirs = worker.pair()
         with theirs:
             self.doing = "forking"
-            self.connection.send(("fork", {}))
-            send_handle(self.connection, theirs.fileno(), self.pid)
+            with contextlib.suppress(OSError):  # a dead worker is told by `answer`
+                self.connection.send(("fork", {}))
+                send_handle(self.connection, theirs.fileno(), self.pid)
             pid = self.answer()
         return Process(ours, self.name, self.limit_s, pid, lambda: self.call("ended", pid=pid))
 
     def end(self) -> None:
-        """Have the process end, and its parent take note."""
+        """Have the process end, whatever it is doing, and its parent take note."""
         self.connection.close()
+        if self._code is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
         with contextlib.suppress(SideError, InputError, OSError):
             self._exit_code()
 
@@ -296,6 +300,7 @@ class Fleet:
                 stdout=said,
                 stderr=said,
                 cwd=self._core / "work",
+                env=worker.environment(self._folders[release.key]),
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
@@ -339,18 +344,14 @@ class Pair:
         sizes = self.sizes
         # all of them before anything is timed: one that starts meanwhile would be in the way
         numbers = range(self.fleet.count)
-        for number, side in itertools.product(numbers, self.sides):
-            self.fleet.start(side.release, number)
-        for number, side in itertools.product(numbers, self.sides):
-            self.fleet.warm(side.release, number)
+        for number, i in itertools.product(numbers, (0, 1)):
+            self.fleet.start(self.sides[i].release, self._number(i, number))
+        for number, i in itertools.product(numbers, (0, 1)):
+            self.fleet.warm(self.sides[i].release, self._number(i, number))
         first, second = self._loaded(0, 0), self._loaded(1, 0)
         nbatch, nstep = self._sizes(first.call("cost"), second.call("cost"))
         making = {"nbatch": nbatch, "nstep": nstep, "hold": sizes.hold, "seed": sizes.seed}
-        # by a process of its own: were it one of the two sides, their memory would differ
-        maker = first.fork()
-        maker.call("make", **making)
-        self._given = maker.call("give")
-        maker.end()
+        self._given = self._made(first, making)
         self._own: dict[str, Any] | None = None
         first.call("take", **self._given)
         try:
@@ -358,8 +359,8 @@ class Pair:
         except InputError:
             if old.model == new.model:
                 raise
-            self._own = making  # another model: its own starts, from the same seed
-            second.call("make", **making)
+            self._own = self._made(second, making)  # another model: starts of its own
+            second.call("take", **self._own)
         first.ask("observe")
         second.ask("observe")
         self._seen = (first.answer(), second.answer())
@@ -376,7 +377,7 @@ class Pair:
             for i in order:
                 processes[i] = self._holder(i, warm).fork()
                 ending.callback(processes[i].end)
-            cores = self._cores(processes[0]) if parallel else None
+            cores = self._cores(warm) if parallel else None
             with _pinned(core):
                 warm_ns = [self._prepare(processes[i], i, core) for i in order]
                 quads = int(1e9 * LAUNCH_S / (2 * sum(warm_ns)))
@@ -389,6 +390,19 @@ class Pair:
         for holder in self._holders.values():
             holder.end()
         self._holders.clear()
+
+    @staticmethod
+    def _made(holder: Process, making: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a workload by field, made by a process of its own.
+
+        Were it made by one of the two sides, their memory would differ.
+        """
+        maker = holder.fork()
+        try:
+            maker.call("make", **making)
+            return dict(maker.call("give"))
+        finally:
+            maker.end()
 
     def _prepare(self, process: Process, i: int, core: int | None) -> int:
         side, seen = self.sides[i], self._seen[i]
@@ -405,7 +419,7 @@ class Pair:
 
     def _loaded(self, i: int, warm: int) -> Process:
         side = self.sides[i]
-        holder = self.fleet.warm(side.release, warm).fork()
+        holder = self.fleet.warm(side.release, self._number(i, warm)).fork()
         self._holders[i, warm] = holder
         holder.name = f"{('old', 'new')[i]} side (MuJoCo {side.release.version}, {side.model.name})"
         holder.call(
@@ -416,13 +430,19 @@ class Pair:
         )
         return holder
 
+    @staticmethod
+    def _number(i: int, warm: int) -> int:
+        """Return the number of a side's warm process: never the other side's, nor of one release.
+
+        Two releases cannot share a process; two sides of one release must not, or comparing it
+        with itself would tell nothing of comparing two.
+        """
+        return 2 * warm + i
+
     def _holder(self, i: int, warm: int) -> Process:
         if (i, warm) not in self._holders:
             holder = self._loaded(i, warm)
-            if i == 1 and self._own is not None:
-                holder.call("make", **self._own)
-            else:
-                holder.call("take", **self._given)
+            holder.call("take", **(self._given if i == 0 or self._own is None else self._own))
         return self._holders[i, warm]
 
     def _sizes(self, *step_s: float) -> tuple[int, int]:
@@ -448,18 +468,29 @@ class Pair:
                     f"{side.model.name} with MuJoCo {side.release.version}: {seen['diverged']} of"
                     f" {len(seen['final'])} simulations diverge ({seen['diagnosis']})"
                 )
+        if len(old["final"]) != len(new["final"]):
+            raise InputError(
+                f"the sides have {len(old['final'])} and {len(new['final'])} simulations that do"
+                " not diverge: not the same work"
+            )
         same_sizes = all(old["after"][k].shape == new["after"][k].shape for k in old["after"])
         drift = (
             agreement.drift(new["after"], old["after"]) if same_sizes and not self._own else None
         )
         return Same(old["work"], new["work"], drift, len(old["final"]), nstep)
 
-    def _cores(self, process: Process) -> float:
+    def _cores(self, warm: int) -> float:
         threads = min(
             machine.usable_cores(),
             max(s.options.get(name) or 1 for s in self.sides for name in _THREAD_OPTIONS),
         )
-        return float(process.call("cores", threads=threads)) if threads > 1 else 1.0
+        if threads == 1:
+            return 1.0
+        process = self._holder(0, warm).fork()  # neither side's: it allocates and starts threads
+        try:
+            return float(process.call("cores", threads=threads))
+        finally:
+            process.end()
 
 
 def _quads(old: Process, new: Process, count: int) -> tuple[list[str], np.ndarray]:
@@ -470,7 +501,8 @@ def _quads(old: Process, new: Process, count: int) -> tuple[list[str], np.ndarra
     orders = [random.choice(("ABBA", "BAAB")) for _ in range(count)]
     ns = np.array([[sides[letter].block() for letter in order] for order in orders])
     for side in sides.values():
-        side.connection.send_bytes(worker.END)
+        with contextlib.suppress(OSError):
+            side.connection.send_bytes(worker.END)
         side.answer()
     return orders, ns
 

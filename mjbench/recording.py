@@ -5,6 +5,7 @@ every row shows the last state. Here every row is a copy, written into an array 
 """
 
 import difflib
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -28,6 +29,8 @@ _KINDS = {
 }
 # Fields whose size is that of the step: contacts, and one row a constraint.
 _CONTACT, _CONSTRAINT = "contact", "efc_"
+# Fields that lie in the arena besides (MJDATA_ARENA_POINTERS of mjxmacro.h): not recorded.
+_ARENA = re.compile(r"(iefc_|island_|dof_island|map_|i(M|LD|Dinv|acc)|bvh_active|efm_|tree_island)")
 
 Policy = Callable[[Any, Any], Any]
 
@@ -80,7 +83,8 @@ def record(
       nstep: steps.
       fields: names.
       controls: (nstep, nu) or (nu,), written to `data.ctrl` before each step.
-      policy: called with (model, data) before each step; what it returns is written to `data.ctrl`.
+      policy: called with (model, data) before each step; what it returns is written to
+        `data.ctrl`, unless it returns None.
 
     Returns:
       By field, an array (nstep, *shape), or a `Ragged` for a field that changes its size; with
@@ -136,7 +140,9 @@ def _loop(
         if controls is not None:
             ctrl[:] = controls[i]
         elif policy is not None:
-            ctrl[:] = policy(model, data)
+            values = policy(model, data)
+            if values is not None:  # it may have written data.ctrl itself
+                ctrl[:] = values
         mj_step(model, data)
         for rows, view in fixed:
             rows[i] = view
@@ -172,6 +178,8 @@ def _reader(data: Any, name: str) -> Callable[[], np.ndarray]:
         if not hasattr(data, name):
             known = [n for n in dir(data) if n.startswith(_CONSTRAINT)]
             raise InputError(f"MjData has no field {name!r}{_near(name, known)}")
+        if re.match(r"efc_(J|AR)", name):
+            raise InputError(f"{name!r} is a matrix of the constraints, whose size is not nefc")
         return lambda: np.array(getattr(data, name)[: data.nefc])
     attribute = name.partition(".")[2]
     known = [n for n in dir(data.contact) if not n.startswith("_")]
@@ -201,6 +209,8 @@ def _field(data: Any, name: str) -> Any:
         raise InputError("name a field of the contacts, such as contact.dist or contact.pos")
     if name not in known:
         raise InputError(f"MjData has no field {name!r}{_near(name, known)}")
+    if _ARENA.match(name):
+        raise InputError(f"{name!r} is made anew in every step, and its size with it")
     return getattr(data, name)
 
 

@@ -8,6 +8,7 @@ bundle, a repository in one file.
 """
 
 import contextlib
+import csv
 import json
 import os
 import re
@@ -72,15 +73,17 @@ def index() -> list[Release]:
     Raises:
       MachineError: the index cannot be reached, or does not tell upload times.
     """
+    import http.client
     import urllib.request  # late: every benchmark process imports this module
 
     try:
-        with urllib.request.urlopen(_index_url(), timeout=PATIENCE_S) as answer:
+        with urllib.request.urlopen(_request(_index_url()), timeout=PATIENCE_S) as answer:
             files = json.load(answer)["releases"]
         return _released(files)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException) as error:
+        told = re.sub(r"//[^/@\s]*@", "//", one_line(error))  # no credentials
         raise MachineError(
-            f"the package index does not tell the releases of mujoco: {one_line(error)}"
+            f"the package index does not tell the releases of mujoco: {told}"
         ) from error
 
 
@@ -96,6 +99,21 @@ def _released(files: dict[str, list[dict[str, Any]]]) -> list[Release]:
         if times and re.fullmatch(r"[\d.]+(\.post\d+)?", version) and key(version) >= FIRST:
             found.append(Release(version, min(times).astimezone(UTC).replace(microsecond=0)))
     return sorted(found, key=lambda r: (r.uploaded, key(r.version)))
+
+
+def _request(url: str) -> Any:
+    """Return the request of an address; credentials in it become a header."""
+    import base64
+    import urllib.parse
+    import urllib.request
+
+    parts = urllib.parse.urlsplit(url)
+    login, at, host = parts.netloc.rpartition("@")
+    request = urllib.request.Request(urllib.parse.urlunsplit(parts._replace(netloc=host)))
+    if at:
+        token = base64.b64encode(urllib.parse.unquote(login).encode()).decode()
+        request.add_header("Authorization", f"Basic {token}")
+    return request
 
 
 def _index_url() -> str:
@@ -149,7 +167,8 @@ def listing(bundle: Path) -> tuple[list[dict[str, Any]], str]:
         for release in known
     ]
     if here and not any(row["installed"] for row in rows):
-        unknown = {"uploaded": None, "tag": f"v{here}", "in_history": False, "in_index": None}
+        unknown: dict[str, Any] = {"uploaded": None, "tag": f"v{here}", "in_history": False}
+        unknown["in_index"] = None if indexed is None else False
         rows.append({"version": here, **unknown, "installed": True})
     return rows, problem
 
@@ -365,13 +384,15 @@ def _stray_module(folder: Path) -> str | None:
 
 def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
     for distribution in distributions:
-        for file in distribution.files or ():
-            if file.parts[0] != "mujoco" or file.size is None:
+        # not by `distribution.files`, which newer versions of importlib rid of missing ones
+        record = distribution.read_text("RECORD") or ""
+        for name, _, recorded in csv.reader(record.splitlines()):
+            if not name.startswith("mujoco/") or not recorded:
                 continue
             try:
-                size = Path(str(distribution.locate_file(file))).stat().st_size
+                size = Path(str(distribution.locate_file(name))).stat().st_size
             except OSError:
-                return f"{file} of MuJoCo {distribution.version} is missing"
-            if size != file.size:
-                return f"{file} of MuJoCo {distribution.version} has been changed"
+                return f"{name} of MuJoCo {distribution.version} is missing"
+            if size != int(recorded):
+                return f"{name} of MuJoCo {distribution.version} has been changed"
     return None

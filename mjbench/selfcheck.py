@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mjbench import installs, machine, verdict
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
 from mjbench.models import Source
 from mjbench.paired import Fleet, Side, Sizes
 from mjbench.runs import Record
@@ -46,8 +46,8 @@ def trial(fleet: Fleet, arm: Arm, plan: verdict.Plan) -> Record:
     outcome = verdict.decide(fleet, side, new, replace(plan, sizes=sizes))
     if outcome.status == "interrupted":
         raise KeyboardInterrupt
-    if outcome.judgement is None:
-        raise MachineError(outcome.detail)
+    if outcome.status != "ok" or outcome.judgement is None:
+        raise (InputError if outcome.status == "input" else MachineError)(outcome.detail)
     judged = outcome.judgement
     return {
         "type": "trial",
@@ -77,7 +77,8 @@ def summary(records: Sequence[Record]) -> list[dict[str, Any]]:
     """Return, for each model and slowdown, what the trials say.
 
     Keys: model, slowdown, trials, detected (share called slower), wrong (share called faster, or
-    anything but same or inconclusive where there is no slowdown), inconclusive, covered (share of
+    anything but same or inconclusive where there is no slowdown), missed (share called the same),
+    inconclusive, covered (share of
     intervals that hold the truth), error (mean of estimate less truth), seconds (mean), launches
     (mean), launch_sd (standard deviation of launches, of the logarithm).
     """
@@ -100,8 +101,9 @@ def _row(model: str, truth: float, group: Sequence[Record]) -> dict[str, Any]:
         "trials": len(group),
         "detected": share(lambda r: r["verdict"] == "slower"),
         "wrong": share(lambda r: r["verdict"] in (("faster",) if truth else ("faster", "slower"))),
+        "missed": share(lambda r: r["verdict"] == "same" and truth > 0),
         "inconclusive": share(lambda r: r["verdict"] == "inconclusive"),
-        "covered": share(lambda r: r["low"] is not None and r["low"] <= 1 + truth <= r["high"]),
+        "covered": share(lambda r: r["low"] is None or r["low"] <= 1 + truth <= r["high"]),
         "error": float(np.mean([r["estimate"] - 1 - truth for r in group])),
         "seconds": float(np.mean([r["seconds"] for r in group])),
         "launches": float(np.mean([len(v) for v in values])),

@@ -33,7 +33,7 @@ OPTION_FIELDS = (
 
 
 def parse(old: str, new: str) -> tuple[Side, Side]:
-    """Return the sides that two words name; what one leaves out is the other's.
+    """Return the sides that two words name; a model, path or release left out is the other's.
 
     Raises:
       InputError: a key or value that means nothing.

@@ -178,7 +178,7 @@ def judge(
         verdict == "same" or interval.half_width <= narrow
     )
     return Judgement(
-        verdict if enough else "inconclusive",
+        verdict if interval.count >= LEAST_LAUNCHES else "inconclusive",
         float(np.exp(interval.mean)),
         float(np.exp(interval.low)),
         float(np.exp(interval.high)),

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from mjbench import agreement, stats
-from mjbench.errors import InputError
-from mjbench.paired import Fleet, Launch, Pair, Same, Side, SideError, Sizes
+from mjbench.errors import InputError, MachineError
+from mjbench.paired import Fleet, Launch, Pair, Same, Side, Sizes
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Plan:
       min_effect: smallest change of time that matters, such as 0.01.
       confidence: that a verdict is right, such as 0.99.
       precision: half-width of the interval at which to stop in any case.
-      time_limit_s: seconds after which the verdict is `inconclusive`.
+      time_limit_s: seconds of launches after which to stop in any case.
       sizes: of a block's work.
     """
 
@@ -120,17 +120,18 @@ def decide(
     try:
         pair = Pair(fleet, old, new, plan.sizes)
         same = pair.same
+        ready = clock()
         while judged is None or not judged.enough:
             launches.append(pair.launch(len(launches)))
             values = [launch.value for launch in launches]
             judged = stats.judge(values, plan.min_effect, plan.confidence, plan.precision)
             on_launch(judged)
-            spent = clock() - begin
+            spent = clock() - ready
             if spent + spent / len(launches) > plan.time_limit_s:
                 break
     except InputError as error:
         status, detail = "input", str(error)
-    except SideError as error:
+    except MachineError as error:
         status, detail = "failed", str(error)
     except KeyboardInterrupt:
         status, detail = "interrupted", "interrupted"

@@ -293,7 +293,18 @@ def command(code: str, core: Path, install: Path | None) -> list[str]:
     if install is None:
         return [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(core)!r}); {code}"]
     places = [str(core), str(install)]
-    return [sys.executable, "-I", "-S", "-c", f"import sys; sys.path += {places!r}; {code}"]
+    return [sys.executable, "-P", "-s", "-S", "-c", f"import sys; sys.path += {places!r}; {code}"]
+
+
+def environment(install: Path | None) -> dict[str, str]:
+    """Return the environment variables of a worker: without those that change how Python runs.
+
+    PYTHONPATH is left to the environment of this process alone.
+    """
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    if install is None and "PYTHONPATH" in os.environ:
+        kept["PYTHONPATH"] = os.environ["PYTHONPATH"]
+    return kept
 
 
 def pair() -> tuple[Connection, socket.socket]:

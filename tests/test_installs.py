@@ -43,6 +43,7 @@ def pip(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         ("2.3.1.post1", True),
         ("installed", True),
         ("dist/mujoco-4.1.0-cp311-cp311-linux_x86_64.whl", True),
+        ("3.5", True),
         ("cartpole", False),
         ("robot.xml", False),
         ("3", False),
@@ -60,6 +61,15 @@ def test_a_release_is_installed_once(pip: list[str]) -> None:
             assert "3.5.0" in (folder / "mujoco/__init__.py").read_text()
     assert pip == ["3.5.0"]
     assert [n.partition("-")[0] for n in installs.installed()] == ["3.5.0"]
+
+
+def test_a_short_version_is_the_first_of_its_minor() -> None:
+    assert installs.wanted("3.5").version == "3.5.0"
+
+
+def test_the_environments_own_release_is_not_the_same_one_of_the_index() -> None:
+    here = installs.wanted("installed")
+    assert here.key != installs.wanted(here.version).key
 
 
 def test_the_environments_own_release_needs_no_install(pip: list[str]) -> None:
@@ -150,9 +160,11 @@ def test_local_wheels_are_told_apart_by_content(tmp_path: Path) -> None:
 def test_a_folder_of_wheels_is_one_release(tmp_path: Path) -> None:
     for name in ("mujoco", "mujoco_core", "mujoco_studio"):
         (tmp_path / f"{name}-4.1.0-py3-none-any.whl").write_bytes(b"x")
-    release = installs.wanted(str(tmp_path))
-    assert release.version == "4.1.0"
-    assert len(release.wheels) == 3
+    one = str(tmp_path / "mujoco-4.1.0-py3-none-any.whl")
+    for word in (str(tmp_path), one):
+        release = installs.wanted(word)
+        assert release.version == "4.1.0"
+        assert len(release.wheels) == 3
 
 
 def test_a_cache_that_cannot_be_written_is_told(

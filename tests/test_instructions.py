@@ -80,6 +80,7 @@ def test_stages_sum_up_to_the_engine() -> None:
     assert found["collision"] == 500
     assert found["solver"] == 300
     assert sum(found.values()) == 1000
+    assert found["other"] == 200  # mj_step itself, and mj_forward
 
 
 def test_recursion_is_not_counted_twice() -> None:
@@ -134,7 +135,7 @@ def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
 def test_two_counts_differ_by_at_most_a_tenth_of_a_percent(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Also with a larger environment and another working directory."""
+    """Also with a larger environment, in another folder."""
     sources = [models.resolve(name) for name in ("cartpole", "cube_table")]
     first = instructions.count(HERE, sources, keep=tmp_path)
     monkeypatch.setenv("PADDING", "x" * 5000)
@@ -144,7 +145,9 @@ def test_two_counts_differ_by_at_most_a_tenth_of_a_percent(
         assert one.status == two.status == "ok"
         assert one.instructions_per_step == pytest.approx(two.instructions_per_step, rel=1e-3)
         assert one.work == two.work
-        assert sum((one.stages or {}).values()) == pytest.approx(one.instructions_per_step)
+        stages = one.stages or {}
+        assert sum(stages.values()) == pytest.approx(one.instructions_per_step)
+        assert 0 <= stages["other"] < 0.3 * sum(stages.values())
 
 
 @needs_valgrind

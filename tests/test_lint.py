@@ -74,6 +74,7 @@ def test_what_is_found(tmp_path: Path, line: str, code: str) -> None:
         "log.append(data.qpos)  # noqa: MJB001",
         "log.append(data.qpos)  # noqa",
         "log.append(other.qpos)",
+        "x = np.add(data.qpos, data.qpos)",
     ],
 )
 def test_what_is_left_alone(tmp_path: Path, line: str) -> None:

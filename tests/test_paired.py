@@ -88,6 +88,50 @@ def test_both_sides_run_on_one_core(fleet: Fleet) -> None:
     assert os.sched_getaffinity(0) == allowed
 
 
+def test_the_processes_of_both_sides_sit_on_the_core_of_this_one(
+    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not hasattr(os, "sched_getaffinity"):
+        pytest.skip("no affinity on this system")
+    seen: list[set[int]] = []
+    quads = paired._quads
+
+    def spying(old: Any, new: Any, count: int) -> Any:
+        seen.extend(os.sched_getaffinity(pid) for pid in (0, old.pid, new.pid))
+        return quads(old, new, count)
+
+    monkeypatch.setattr(paired, "_quads", spying)
+    pair = Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE))
+    launch = pair.launch(0)
+    pair.close()
+    assert seen == [{launch.core}] * 3
+
+
+def test_the_sides_of_one_release_come_from_two_processes(fleet: Fleet) -> None:
+    pair = Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE))
+    holders = list(pair._holders.values())
+    pair.close()
+    assert len({holder.pid for holder in holders}) == 2
+    assert len(fleet._warm) >= 2
+
+
+def test_sides_that_keep_different_numbers_of_simulations_are_refused(
+    fleet: Fleet, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file = tmp_path / "other.xml"
+    file.write_text(
+        "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    made = Pair._made
+
+    def fewer(holder: Any, making: Any) -> Any:
+        return made(holder, {**making, "nbatch": 3 if "other" in holder.name else 4})
+
+    monkeypatch.setattr(Pair, "_made", staticmethod(fewer))
+    with pytest.raises(InputError, match="4 and 3 simulations"):
+        Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, models.resolve(str(file))))
+
+
 def test_sides_with_threads_are_not_pinned_and_their_cores_are_calibrated(fleet: Fleet) -> None:
     side = Side(HERE, CARTPOLE, "rollout", {"threads": 2})
     pair = Pair(fleet, side, side)
@@ -202,9 +246,9 @@ def test_an_option_that_does_not_exist_is_bad_input(
     assert said in str(caught.value).lower()
 
 
-def test_a_path_that_computes_something_else_is_refused(fleet: Fleet) -> None:
+def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     tests = Side(HERE, CUBES, "wrong_paths:ColdWarmStart")
-    os.environ["PYTHONPATH"] = f"{ROOT / 'tests'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
     with Fleet(limit_s=30.0, count=1) as made:
         pair = Pair(made, tests, tests)
         with pytest.raises(SideError, match="does not reach the final states"):
@@ -250,7 +294,6 @@ def test_versions_gives_a_table_a_sentence_and_json(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
-    assert row["verdict"] in ("same", "inconclusive", "slower", "faster")
     assert row["changed_work"] is False
     assert row["drift"] == 0.0
     assert row["work"]["old"]["contacts"] > 0

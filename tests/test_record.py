@@ -127,6 +127,8 @@ def test_controls_and_a_policy_are_applied_before_each_step() -> None:
         ("efc_forces", "near: efc_force"),
         ("sensor:angle", "pole_angle"),
         ("solver", "neither an array nor a number"),
+        ("efc_J", "whose size is not nefc"),
+        ("dof_island", "made anew in every step"),
     ],
 )
 def test_a_wrong_name_is_told_with_near_ones(field: str, said: str) -> None:
@@ -135,6 +137,16 @@ def test_a_wrong_name_is_told_with_near_ones(field: str, said: str) -> None:
         record(model, data, 5, [field])
     assert said in str(caught.value)
     assert data.time == 0.0
+
+
+def test_a_policy_may_write_the_controls_itself() -> None:
+    model, data = opened("cartpole")
+
+    def policy(model: Any, data: Any) -> None:
+        data.ctrl[:] = 0.5
+
+    record(model, data, 3, ["ctrl"], policy=policy)
+    assert (data.ctrl == 0.5).all()
 
 
 @pytest.mark.parametrize(

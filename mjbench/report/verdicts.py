@@ -71,11 +71,12 @@ def work_text(row: Record) -> str:
 
 def selfcheck_table(rows: Sequence[Record]) -> Table:
     """Return the table of `mjbench selfcheck`."""
-    headings = ["model", "injected", "trials", "called slower", "wrong", "inconclusive"]
+    headings = ["model", "injected", "trials", "called slower", "wrong", "missed", "inconclusive"]
     headings += ["truth in interval", "mean error", "seconds", "launches", "sd of launches"]
     table = tables.plain_table(headings, right=range(1, len(headings)))
     for row in rows:
-        shares = (row["detected"], row["wrong"], row["inconclusive"], row["covered"])
+        names = ("detected", "wrong", "missed", "inconclusive", "covered")
+        shares = [row[name] for name in names]
         table.add_row(
             row["model"],
             f"{100 * row['slowdown']:g} %",
