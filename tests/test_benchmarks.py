@@ -22,6 +22,7 @@ import pytest
 import benchmarks
 from benchmarks import stored
 from mjbench import models, releases
+from mjbench.errors import MachineError
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,10 @@ def _raw(code: str) -> Any:
 
 
 def test_counts_and_differences_are_numbers(exact: Case) -> None:
-    value = exact.bound()(*exact.params)
+    try:
+        value = exact.bound()(*exact.params)
+    except MachineError as error:  # such as no network to install the reference release from
+        pytest.skip(str(error))
     if exact.method.startswith("peakmem_"):
         assert value is None  # asv reads the memory of the process
     else:
