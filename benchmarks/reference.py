@@ -35,7 +35,7 @@ class Reference(Tracked):
         here = Side(installs.wanted(installs.HERE), source)
         with Fleet() as fleet:
             pair = Pair(fleet, reference, here)
-            values = [pair.launch(number).value for number in range(LAUNCHES)]
+            values = [pair.launch().value for _ in range(LAUNCHES)]
         return float(np.exp(stats.anytime_interval(values, 0.99).mean))
 
     track_ratio_to_reference.unit = "new/reference"

@@ -9,7 +9,6 @@ This module runs on NumPy alone; only a verdict (stats) needs SciPy.
 """
 
 import contextlib
-import itertools
 import os
 import random
 import signal
@@ -36,8 +35,6 @@ BLOCK_S, MOST_NSTEP = 0.002, 100
 LAUNCH_S, LEAST_QUADS, MOST_QUADS = 0.08, 4, 30
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
-# Warm processes of each release, used in turns.
-WARM = 4
 
 
 class SideError(MachineError):
@@ -99,14 +96,12 @@ class Launch:
     """What one launch measured.
 
     Attributes:
-      warm: number of the warm processes it was forked from.
       core: that both sides ran on; None where they may use all.
       cores: that as many threads as the sides have got just before; None for one thread.
       orders: of each quad, `ABBA` or `BAAB`; A is the old side.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
     """
 
-    warm: int
     core: int | None
     cores: float | None
     orders: Sequence[str]
@@ -243,13 +238,12 @@ _DOING = {
 
 
 class Fleet:
-    """Warm processes of all releases of a command, kept until it is left."""
+    """The parents of launches, one for each side and release, kept until it is left."""
 
-    def __init__(self, limit_s: float = 60.0, count: int = WARM):
-        self.limit_s, self.count = limit_s, count
+    def __init__(self, limit_s: float = 60.0):
+        self.limit_s = limit_s
         self._closing = contextlib.ExitStack()
-        self._warm: dict[tuple[str, int], Process] = {}
-        self._waiting: dict[tuple[str, int], Process] = {}
+        self._parents: dict[tuple[str, int], Process] = {}
         self._folders: dict[str, Path | None] = {}
 
     def __enter__(self) -> "Fleet":
@@ -265,21 +259,28 @@ class Fleet:
     def __exit__(self, *exception: object) -> None:
         self._closing.close()
 
-    def start(self, release: installs.Wanted, number: int = 0) -> None:
-        """Begin to start a warm process, without waiting for it."""
-        key = (release.key, number)
-        if key not in self._warm and key not in self._waiting:
-            self._waiting[key] = self._start(release)
+    def parents(self, releases: Sequence[installs.Wanted]) -> list["Process"]:
+        """Return the parent of the launches of each side.
 
-    def warm(self, release: installs.Wanted, number: int = 0) -> Process:
-        """Return a warm process of a release."""
-        key = (release.key, number)
-        self.start(release, number)
-        if key in self._waiting:
-            process = self._waiting.pop(key)
-            process.answer()
-            self._warm[key] = process
-        return self._warm[key]
+        Two sides of one release have two: they would have, were the releases different ones, and
+        comparing a release with itself must show what comparing two is like.
+        """
+        keys = [(release.key, side) for side, release in enumerate(releases)]
+        new = [i for i, key in enumerate(keys) if key not in self._parents]
+        random.shuffle(new)
+        for i in new:
+            self._parents[keys[i]] = self._start(releases[i])
+        for i in new:
+            try:
+                self._parents[keys[i]].answer()
+            except BaseException:
+                del self._parents[keys[i]]
+                raise
+        return [self._parents[key] for key in keys]
+
+    def scratch(self) -> Path:
+        """Return a folder that lasts as long as this fleet."""
+        return self._core / "work"
 
     def _start(self, release: installs.Wanted) -> Process:
         if release.key not in self._folders:
@@ -307,7 +308,7 @@ class Fleet:
         self._closing.callback(_kill, child, ours)
         name = f"MuJoCo {release.version}"
         process = Process(ours, name, self.limit_s, child.pid, child.wait)
-        process.ask("start", version=release.version)
+        process.ask("warm")
         return process
 
 
@@ -332,7 +333,8 @@ class Pair:
           SideError: a side crashed, hung or failed.
         """
         self.fleet, self.sides, self.sizes = fleet, (old, new), sizes
-        self._holders: dict[tuple[int, int], Process] = {}
+        self._files: dict[int, str] = {}
+        self._next: list[Process] = []
         try:
             self._begin()
         except BaseException:
@@ -340,56 +342,95 @@ class Pair:
             raise
 
     def _begin(self) -> None:
-        old, new = self.sides
         sizes = self.sizes
-        # all of them before anything is timed: one that starts meanwhile would be in the way
-        numbers = range(self.fleet.count)
-        for number, i in itertools.product(numbers, (0, 1)):
-            self.fleet.start(self.sides[i].release, self._number(i, number))
-        for number, i in itertools.product(numbers, (0, 1)):
-            self.fleet.warm(self.sides[i].release, self._number(i, number))
-        first, second = self._loaded(0, 0), self._loaded(1, 0)
-        nbatch, nstep = self._sizes(first.call("cost"), second.call("cost"))
-        making = {"nbatch": nbatch, "nstep": nstep, "hold": sizes.hold, "seed": sizes.seed}
-        self._given = self._made(first, making)
-        self._own: dict[str, Any] | None = None
-        first.call("take", **self._given)
+        self._ahead()
+        both = self._taken()
         try:
-            second.call("take", **self._given)
-        except InputError:
-            if old.model == new.model:
-                raise
-            self._own = self._made(second, making)  # another model: starts of its own
-            second.call("take", **self._own)
-        first.ask("observe")
-        second.ask("observe")
-        self._seen = (first.answer(), second.answer())
+            for i, (process, side) in enumerate(zip(both, self.sides, strict=True)):
+                process.call(
+                    "load",
+                    name=side.model.name,
+                    path=str(side.model.path),
+                    options=dict(side.model_options),
+                )
+                file = tempfile.mkstemp(suffix=".mjb", dir=self.fleet.scratch())[1]
+                process.call("save", path=file)
+                self._files[i] = file
+            nbatch, nstep = self._sizes(*(process.call("cost") for process in both))
+            making = {"nbatch": nbatch, "nstep": nstep, "hold": sizes.hold, "seed": sizes.seed}
+            given = self._made(both[0], making)
+            self._given = [given, given]
+            both[0].call("take", **given)
+            try:
+                both[1].call("take", **given)
+            except InputError:
+                if self.sides[0].model == self.sides[1].model:
+                    raise
+                self._given[1] = self._made(both[1], making)  # another model: starts of its own
+                both[1].call("take", **self._given[1])
+            for process in both:
+                process.ask("observe")
+            self._seen = tuple(process.answer() for process in both)
+        finally:
+            for process in both:
+                process.end()
         self.same = self._compared(nstep)
 
-    def launch(self, number: int) -> Launch:
+    def launch(self) -> Launch:
         """Measure once, in fresh processes."""
-        warm = number % self.fleet.count
         parallel = any(side.parallel for side in self.sides)
-        core = None if parallel else freest_core()
-        order = random.sample((0, 1), 2)
-        processes: dict[int, Process] = {}
+        cores = self._cores() if parallel else None
         with contextlib.ExitStack() as ending:
+            both = self._taken()
+            for process in both:
+                ending.callback(process.end)
+            order = random.sample((0, 1), 2)
             for i in order:
-                processes[i] = self._holder(i, warm).fork()
-                ending.callback(processes[i].end)
-            cores = self._cores(warm) if parallel else None
+                self._equip(both[i], i)
+            core = None if parallel else freest_core()
             with _pinned(core):
-                warm_ns = [self._prepare(processes[i], i, core) for i in order]
+                warm_ns = [self._prepare(both[i], i, core) for i in order]
                 quads = int(1e9 * LAUNCH_S / (2 * sum(warm_ns)))
                 quads = min(max(quads, LEAST_QUADS), MOST_QUADS)
-                orders, ns = _quads(processes[0], processes[1], quads)
-        return Launch(warm, core, cores, orders, ns)
+                orders, ns = _quads(both[0], both[1], quads)
+        return Launch(core, cores, orders, ns)
 
     def close(self) -> None:
-        """End the processes that hold the models."""
-        for holder in self._holders.values():
-            holder.end()
-        self._holders.clear()
+        """End the processes that were started ahead."""
+        for process in self._next:
+            process.end()
+        self._next = []
+
+    def _ahead(self) -> None:
+        """Start the processes of the next launch, without waiting for them."""
+        parents = self.fleet.parents([side.release for side in self.sides])
+        made: dict[int, Process] = {}
+        for i in random.sample((0, 1), 2):  # in whatever order, so that none is always the first
+            side = self.sides[i]
+            made[i] = parents[i].fork()
+            word = ("old", "new")[i]
+            made[i].name = f"{word} side (MuJoCo {side.release.version}, {side.model.name})"
+            made[i].ask("start", version=side.release.version)
+            self._next = list(made.values())
+        self._next = [made[0], made[1]]
+
+    def _taken(self) -> list[Process]:
+        """Return the processes started ahead, and start the next."""
+        both, self._next = self._next, []
+        try:
+            for process in both:
+                process.answer()
+            self._ahead()
+        except BaseException:
+            for process in both:
+                process.end()
+            raise
+        return both
+
+    def _equip(self, process: Process, i: int) -> None:
+        """Load the saved model and the workload."""
+        process.call("load", name=self.sides[i].model.name, path=self._files[i], options={})
+        process.call("take", **self._given[i])
 
     @staticmethod
     def _made(holder: Process, making: Mapping[str, Any]) -> dict[str, Any]:
@@ -416,34 +457,6 @@ class Pair:
                 final=seen["final"],
             )
         )
-
-    def _loaded(self, i: int, warm: int) -> Process:
-        side = self.sides[i]
-        holder = self.fleet.warm(side.release, self._number(i, warm)).fork()
-        self._holders[i, warm] = holder
-        holder.name = f"{('old', 'new')[i]} side (MuJoCo {side.release.version}, {side.model.name})"
-        holder.call(
-            "load",
-            name=side.model.name,
-            path=str(side.model.path),
-            options=dict(side.model_options),
-        )
-        return holder
-
-    @staticmethod
-    def _number(i: int, warm: int) -> int:
-        """Return the number of a side's warm process: never the other side's, nor of one release.
-
-        Two releases cannot share a process; two sides of one release must not, or comparing it
-        with itself would tell nothing of comparing two.
-        """
-        return 2 * warm + i
-
-    def _holder(self, i: int, warm: int) -> Process:
-        if (i, warm) not in self._holders:
-            holder = self._loaded(i, warm)
-            holder.call("take", **(self._given if i == 0 or self._own is None else self._own))
-        return self._holders[i, warm]
 
     def _sizes(self, *step_s: float) -> tuple[int, int]:
         """Return simulations and steps of each, so that a block takes about BLOCK_S."""
@@ -473,21 +486,22 @@ class Pair:
                 f"the sides have {len(old['final'])} and {len(new['final'])} simulations that do"
                 " not diverge: not the same work"
             )
+        shared = self._given[0] is self._given[1]
         same_sizes = all(old["after"][k].shape == new["after"][k].shape for k in old["after"])
-        drift = (
-            agreement.drift(new["after"], old["after"]) if same_sizes and not self._own else None
-        )
+        drift = agreement.drift(new["after"], old["after"]) if same_sizes and shared else None
         return Same(old["work"], new["work"], drift, len(old["final"]), nstep)
 
-    def _cores(self, warm: int) -> float:
+    def _cores(self) -> float:
         threads = min(
             machine.usable_cores(),
             max(s.options.get(name) or 1 for s in self.sides for name in _THREAD_OPTIONS),
         )
         if threads == 1:
             return 1.0
-        process = self._holder(0, warm).fork()  # neither side's: it allocates and starts threads
+        # neither side's process: calibrating allocates, and starts threads
+        process = self.fleet.parents([side.release for side in self.sides])[0].fork()
         try:
+            process.call("start", version=self.sides[0].release.version)
             return float(process.call("cores", threads=threads))
         finally:
             process.end()

@@ -56,7 +56,7 @@ def trial(fleet: Fleet, arm: Arm, plan: verdict.Plan) -> Record:
         "verdict": judged.verdict,
         **verdict.interval(judged),
         "seconds": outcome.seconds,
-        "launches": [[launch.warm, round(launch.value, 7)] for launch in outcome.launches],
+        "launches": [round(launch.value, 7) for launch in outcome.launches],
     }
 
 
@@ -93,7 +93,7 @@ def _row(model: str, truth: float, group: Sequence[Record]) -> dict[str, Any]:
     def share(test: Callable[[Record], bool]) -> float:
         return sum(map(test, group)) / len(group)
 
-    values = [[value for _, value in record["launches"]] for record in group]
+    values = [record["launches"] for record in group]
     deviations = [np.var(v, ddof=1) for v in values if len(v) > 1]
     return {
         "model": model,

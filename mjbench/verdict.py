@@ -122,7 +122,7 @@ def decide(
         same = pair.same
         ready = clock()
         while judged is None or not judged.enough:
-            launches.append(pair.launch(len(launches)))
+            launches.append(pair.launch())
             values = [launch.value for launch in launches]
             judged = stats.judge(values, plan.min_effect, plan.confidence, plan.precision)
             on_launch(judged)

@@ -1,20 +1,20 @@
 """One side of a paired comparison: a process that does what `paired` asks of it.
 
-It is started once for each release, warm: MuJoCo imported and checked. From then on it forks, so
-that another process like it costs a millisecond and not half a second:
+It is started once for each side, with NumPy and without MuJoCo. From then on it forks:
 
-    warm process ──fork──► holder of a model ──fork──► launch, launch, …
+    parent of launches ──fork──► launch (imports MuJoCo, loads the model, runs), launch, …
 
-Every launch allocates its MjModel, MjData and controls anew behind a random amount of other
-memory, and runs at a random depth of the stack: where data lie decides a percent of its speed,
-and one layout is not a sample. Requests and answers are pickled tuples over a socket; a block is
-a byte there and eight bytes back.
+Where code and data lie decides a percent of a process's speed, sometimes three, and one layout is
+not a sample. So each launch maps MuJoCo's libraries anew behind a random amount of other memory,
+allocates its model, data and controls likewise, and runs at a random depth of the stack. Requests
+and answers are pickled tuples over a socket; a block is a byte there and eight bytes back.
 
 This module runs inside the environment of any one release and needs only NumPy and MuJoCo.
 """
 
 import copy
 import gc
+import mmap
 import os
 import random
 import signal
@@ -37,6 +37,8 @@ NANOSECONDS = struct.Struct("<q")
 _SMALL, _SMALL_BYTES = 400, 4096
 _LARGE, _LARGE_BYTES = 8, 1 << 21
 _DEPTH = 24
+# Memory mapped before MuJoCo's libraries are: how many pieces, and the largest, in pages.
+_MAPS, _MAP_PAGES = 8, 512
 
 
 class Worker:
@@ -48,7 +50,7 @@ class Worker:
         self.workload: Any = None
         self.prepared: Any = None
         self.resources: Any = None
-        self.padding: list[bytearray] = []
+        self.padding: list[Any] = []
 
     def serve(self) -> None:
         """Answer requests until the parent hangs up."""
@@ -88,8 +90,20 @@ class Worker:
         self.connection = Connection(descriptor)
         random.seed(os.urandom(8))
 
+    def do_warm(self) -> None:
+        """Import what every launch needs besides MuJoCo."""
+        import csv  # noqa: F401
+        import importlib.metadata  # noqa: F401
+
+        import numpy  # noqa: F401
+
+        gc.collect()
+        gc.freeze()  # nor looked through again by the collector of each launch
+        gc.disable()
+
     def do_start(self, version: str) -> str:
-        """Import MuJoCo, and make sure that it is the release meant."""
+        """Import MuJoCo behind other memory; make sure that it is the release meant."""
+        self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
         import mujoco
 
         from mjbench import releases
@@ -97,13 +111,6 @@ class Worker:
         problem = releases.imported_problem(version)
         if problem:
             raise MachineError(problem)
-        import mjbench.paths
-        import mjbench.work
-
-        mjbench.paths.registry()
-        gc.collect()
-        gc.freeze()  # nor looked through again by the collector of each launch
-        gc.disable()
         return str(mujoco.__version__)
 
     def do_ended(self, pid: int) -> int:
@@ -118,6 +125,12 @@ class Worker:
         self.model = models.load(models.Source(name, Path(path)))
         for option, value in options.items():
             _set_option(self.model, option, value)
+
+    def do_save(self, path: str) -> None:
+        """Save the model as it is, to be loaded by launches without compiling it again."""
+        import mujoco
+
+        mujoco.mj_saveModel(self.model, path, None)
 
     def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> None:
         """Make the workload."""
@@ -184,7 +197,7 @@ class Worker:
 
         if cores and hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, cores)
-        self.padding = _scattered()
+        self.padding += _scattered()
         model = copy.copy(self.model)
         given = self.workload
         rows = [*range(given.nbatch), *random.choices(range(given.nbatch), k=extra)]
@@ -257,6 +270,11 @@ def _set_option(model: Any, option: str, value: str) -> None:
         raise InputError(f"option {option}: {value!r} will not do: {one_line(error)}") from error
 
 
+def _mapped() -> mmap.mmap:
+    """Map a random number of pages, which move what is mapped after them."""
+    return mmap.mmap(-1, mmap.PAGESIZE * random.randrange(1, _MAP_PAGES))
+
+
 def _scattered() -> list[bytearray]:
     """Return blocks of memory that move whatever is allocated after them to random places."""
     small = [bytearray(random.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
@@ -274,7 +292,7 @@ def _deeper(levels: int, function: Callable[[], None]) -> None:
 
 
 def main(descriptor: int) -> None:
-    """Be a warm process; the socket is inherited."""
+    """Be a parent of launches; the socket is inherited."""
     from mjbench.machine import die_with_parent
 
     die_with_parent()

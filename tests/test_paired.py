@@ -29,7 +29,7 @@ BRIEF = verdict.Plan(time_limit_s=0.1)
 
 @pytest.fixture(scope="module")
 def fleet() -> Iterator[Fleet]:
-    with Fleet(limit_s=30.0, count=1) as made:
+    with Fleet(limit_s=30.0) as made:
         yield made
 
 
@@ -53,7 +53,7 @@ def children() -> set[int]:
 
 def test_a_launch_takes_turns_in_balanced_quads(fleet: Fleet) -> None:
     pair = Pair(fleet, Side(HERE, CUBES), Side(HERE, CUBES))
-    launch = pair.launch(0)
+    launch = pair.launch()
     pair.close()
     assert set(launch.orders) <= {"ABBA", "BAAB"}
     assert launch.ns.shape == (len(launch.orders), 4)
@@ -63,18 +63,18 @@ def test_a_launch_takes_turns_in_balanced_quads(fleet: Fleet) -> None:
 
 def test_the_log_ratio_of_a_quad_is_new_over_old_whatever_the_order() -> None:
     ns = np.array([[100.0, 200.0, 200.0, 100.0], [200.0, 100.0, 100.0, 200.0]])
-    launch = Launch(0, None, None, ["ABBA", "BAAB"], ns)
+    launch = Launch(None, None, ["ABBA", "BAAB"], ns)
     assert np.exp(launch.log_ratios()) == pytest.approx([2.0, 2.0])
 
 
 def test_what_the_order_of_turns_costs_cancels_within_a_quad() -> None:
     second_is_slower = np.array([[100.0, 101.0, 100.0, 101.0]])
-    assert Launch(0, None, None, ["ABBA"], second_is_slower).value == pytest.approx(0.0)
+    assert Launch(None, None, ["ABBA"], second_is_slower).value == pytest.approx(0.0)
 
 
 def test_drift_of_the_machine_cancels_within_a_quad() -> None:
     drifting = np.exp(np.array([[0.0, 0.1, 0.2, 0.3]]))
-    assert Launch(0, None, None, ["BAAB"], drifting).value == pytest.approx(0.0)
+    assert Launch(None, None, ["BAAB"], drifting).value == pytest.approx(0.0)
 
 
 def test_both_sides_run_on_one_core(fleet: Fleet) -> None:
@@ -82,7 +82,7 @@ def test_both_sides_run_on_one_core(fleet: Fleet) -> None:
         pytest.skip("no affinity on this system")
     allowed = os.sched_getaffinity(0)
     pair = Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE))
-    launch = pair.launch(0)
+    launch = pair.launch()
     pair.close()
     assert launch.core in allowed
     assert os.sched_getaffinity(0) == allowed
@@ -102,17 +102,30 @@ def test_the_processes_of_both_sides_sit_on_the_core_of_this_one(
 
     monkeypatch.setattr(paired, "_quads", spying)
     pair = Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE))
-    launch = pair.launch(0)
+    launch = pair.launch()
     pair.close()
     assert seen == [{launch.core}] * 3
 
 
-def test_the_sides_of_one_release_come_from_two_processes(fleet: Fleet) -> None:
+def test_the_sides_of_one_release_have_parents_of_their_own(fleet: Fleet) -> None:
+    first, second = fleet.parents([HERE, HERE])
+    assert first.pid != second.pid
+
+
+def test_every_launch_is_a_new_process(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    pids: list[int] = []
+    quads = paired._quads
+
+    def spying(old: Any, new: Any, count: int) -> Any:
+        pids.extend((old.pid, new.pid))
+        return quads(old, new, count)
+
+    monkeypatch.setattr(paired, "_quads", spying)
     pair = Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE))
-    holders = list(pair._holders.values())
+    for _ in range(3):
+        pair.launch()
     pair.close()
-    assert len({holder.pid for holder in holders}) == 2
-    assert len(fleet._warm) >= 2
+    assert len(set(pids)) == 6
 
 
 def test_sides_that_keep_different_numbers_of_simulations_are_refused(
@@ -135,7 +148,7 @@ def test_sides_that_keep_different_numbers_of_simulations_are_refused(
 def test_sides_with_threads_are_not_pinned_and_their_cores_are_calibrated(fleet: Fleet) -> None:
     side = Side(HERE, CARTPOLE, "rollout", {"threads": 2})
     pair = Pair(fleet, side, side)
-    launch = pair.launch(0)
+    launch = pair.launch()
     pair.close()
     assert launch.core is None
     assert launch.cores is not None
@@ -216,7 +229,7 @@ def test_a_side_that_misbehaves_is_told_in_a_line_and_leaves_nothing(
 ) -> None:
     before = children()
     broken(method, code)
-    with Fleet(limit_s=1.0 if "sleep" in code else 30.0, count=1) as made:
+    with Fleet(limit_s=1.0 if "sleep" in code else 30.0) as made:
         outcome = verdict.decide(made, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE), BRIEF)
     assert outcome.status == "failed"
     assert said in outcome.detail
@@ -249,10 +262,10 @@ def test_an_option_that_does_not_exist_is_bad_input(
 def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     tests = Side(HERE, CUBES, "wrong_paths:ColdWarmStart")
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
-    with Fleet(limit_s=30.0, count=1) as made:
+    with Fleet(limit_s=30.0) as made:
         pair = Pair(made, tests, tests)
         with pytest.raises(SideError, match="does not reach the final states"):
-            pair.launch(0)
+            pair.launch()
 
 
 def test_time_runs_out_with_an_interval_and_no_verdict(fleet: Fleet) -> None:
