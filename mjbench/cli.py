@@ -284,14 +284,27 @@ def _choices(chosen: Sequence[str], path_names: list[str] | None) -> dict[str, l
 @_JSON
 def show(file: Path | None, results: Path, json_file: str | None) -> None:
     """Print a run FILE again (default: the newest in results/runs)."""
-    from mjbench import runs
+    from mjbench import runs, selfcheck
     from mjbench.report import results as derive
-    from mjbench.report import tables
+    from mjbench.report import tables, verdicts
 
     header, *records = runs.load(file or runs.latest(results))
     out = tables.console(stderr=json_file == "-")
     found: list[dict[str, Any]] = []
     with _json_target(json_file) as write_json:
+        kinds = {record["type"] for record in records}
+        if "trial" in kinds:
+            rows = selfcheck.summary(records)
+            out.print(verdicts.selfcheck_table(rows))
+            write_json({"schema": 1, "machine": header["machine"], "results": rows})
+            return
+        if "verdict" in kinds:
+            rows = [record for record in records if record["type"] == "verdict"]
+            verdicts.print_table(out, rows)
+            for row in rows:
+                row.pop("samples")
+            write_json({"schema": 1, "machine": header["machine"], "results": rows})
+            return
         for group in derive.by_model(records):
             if any(r["type"] == "model" for r in group):
                 found += tables.model_report(out, group)

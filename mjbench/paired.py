@@ -37,6 +37,10 @@ LAUNCH_S, LEAST_QUADS, MOST_QUADS = 0.08, 4, 30
 THREADED_BLOCK_S = 0.01
 
 
+# The cores that this process may use, before it pins itself to one.
+_ALLOWED = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+
+
 class SideError(MachineError):
     """A side crashed, hung or answered nonsense; tells which in one line."""
 
@@ -238,12 +242,12 @@ _DOING = {
 
 
 class Fleet:
-    """The parents of launches, one for each side and release, kept until it is left."""
+    """Starts processes in the environment of any release; ends all of them when it is left."""
 
     def __init__(self, limit_s: float = 60.0):
         self.limit_s = limit_s
         self._closing = contextlib.ExitStack()
-        self._parents: dict[tuple[str, int], Process] = {}
+        self._started: list[tuple[subprocess.Popen[bytes], Connection]] = []
         self._folders: dict[str, Path | None] = {}
 
     def __enter__(self) -> "Fleet":
@@ -253,36 +257,23 @@ class Fleet:
             (folder / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
             self._core = folder
             (folder / "work").mkdir()
+            closing.callback(self._end_all)
             self._closing = closing.pop_all()
         return self
 
+    def _end_all(self) -> None:
+        for child, connection in self._started:
+            _kill(child, connection)
+
     def __exit__(self, *exception: object) -> None:
         self._closing.close()
-
-    def parents(self, releases: Sequence[installs.Wanted]) -> list["Process"]:
-        """Return the parent of the launches of each side.
-
-        Two sides of one release have two: they would have, were the releases different ones, and
-        comparing a release with itself must show what comparing two is like.
-        """
-        keys = [(release.key, side) for side, release in enumerate(releases)]
-        new = [i for i, key in enumerate(keys) if key not in self._parents]
-        random.shuffle(new)
-        for i in new:
-            self._parents[keys[i]] = self._start(releases[i])
-        for i in new:
-            try:
-                self._parents[keys[i]].answer()
-            except BaseException:
-                del self._parents[keys[i]]
-                raise
-        return [self._parents[key] for key in keys]
 
     def scratch(self) -> Path:
         """Return a folder that lasts as long as this fleet."""
         return self._core / "work"
 
-    def _start(self, release: installs.Wanted) -> Process:
+    def start(self, release: installs.Wanted) -> Process:
+        """Begin to start a process that imports a release; its first answer says that it did."""
         if release.key not in self._folders:
             folder = self._closing.enter_context(installs.use(release))
             self._folders[release.key] = folder
@@ -305,10 +296,11 @@ class Fleet:
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
-        self._closing.callback(_kill, child, ours)
+        alive = [(c, o) for c, o in self._started if c.poll() is None]
+        self._started[:] = [*alive, (child, ours)]
         name = f"MuJoCo {release.version}"
         process = Process(ours, name, self.limit_s, child.pid, child.wait)
-        process.ask("warm")
+        process.ask("start", version=release.version)
         return process
 
 
@@ -387,8 +379,11 @@ class Pair:
             order = random.sample((0, 1), 2)
             for i in order:
                 self._equip(both[i], i)
+            if parallel:  # all cores are the sides': what starts meanwhile would be in the way
+                for process in self._next:
+                    process.connection.poll(process.limit_s)
             core = None if parallel else freest_core()
-            with _pinned(core):
+            with _pinned(core), self._elsewhere(core):
                 warm_ns = [self._prepare(both[i], i, core) for i in order]
                 quads = int(1e9 * LAUNCH_S / (2 * sum(warm_ns)))
                 quads = min(max(quads, LEAST_QUADS), MOST_QUADS)
@@ -403,14 +398,12 @@ class Pair:
 
     def _ahead(self) -> None:
         """Start the processes of the next launch, without waiting for them."""
-        parents = self.fleet.parents([side.release for side in self.sides])
         made: dict[int, Process] = {}
         for i in random.sample((0, 1), 2):  # in whatever order, so that none is always the first
             side = self.sides[i]
-            made[i] = parents[i].fork()
+            made[i] = self.fleet.start(side.release)
             word = ("old", "new")[i]
             made[i].name = f"{word} side (MuJoCo {side.release.version}, {side.model.name})"
-            made[i].ask("start", version=side.release.version)
             self._next = list(made.values())
         self._next = [made[0], made[1]]
 
@@ -426,6 +419,19 @@ class Pair:
                 process.end()
             raise
         return both
+
+    @contextlib.contextmanager
+    def _elsewhere(self, core: int | None) -> Iterator[None]:
+        """Keep the processes of the next launch off a core while the block runs."""
+        if core is None:
+            yield
+            return
+        others = _ALLOWED - {core}
+        _place(self._next, others or _ALLOWED)
+        try:
+            yield
+        finally:
+            _place(self._next, _ALLOWED)
 
     def _equip(self, process: Process, i: int) -> None:
         """Load the saved model and the workload."""
@@ -452,7 +458,7 @@ class Pair:
                 "prepare",
                 path=side.path,
                 options=dict(side.options),
-                cores=None if core is None else [core],
+                cores=sorted(_ALLOWED) if core is None else [core],
                 extra=round(side.slowdown * len(seen["final"])),
                 final=seen["final"],
             )
@@ -499,9 +505,9 @@ class Pair:
         if threads == 1:
             return 1.0
         # neither side's process: calibrating allocates, and starts threads
-        process = self.fleet.parents([side.release for side in self.sides])[0].fork()
+        process = self.fleet.start(self.sides[0].release)
         try:
-            process.call("start", version=self.sides[0].release.version)
+            process.answer()
             return float(process.call("cores", threads=threads))
         finally:
             process.end()
@@ -538,6 +544,12 @@ def freest_core(seconds: float = 0.002) -> int | None:
             shares[core] = (time.thread_time() - used) / (time.perf_counter() - begin)
     best = max(shares.values())
     return random.choice([core for core, share in shares.items() if share > best - 0.02])
+
+
+def _place(processes: Sequence[Process], cores: set[int]) -> None:
+    for process in processes:
+        with contextlib.suppress(OSError):  # it may have ended; `answer` tells
+            os.sched_setaffinity(process.pid, cores)
 
 
 @contextlib.contextmanager

@@ -1,12 +1,10 @@
 """One side of a paired comparison: a process that does what `paired` asks of it.
 
-It is started once for each side, with NumPy and without MuJoCo. From then on it forks:
-
-    parent of launches ──fork──► launch (imports MuJoCo, loads the model, runs), launch, …
-
-Where code and data lie decides a percent of a process's speed, sometimes three, and one layout is
-not a sample. So each launch maps MuJoCo's libraries anew behind a random amount of other memory,
-allocates its model, data and controls likewise, and runs at a random depth of the stack. Requests
+Where code and data lie decides a percent of a process's speed, sometimes three, for all its life,
+and one layout is not a sample. So each launch is a program started anew, which maps MuJoCo's
+libraries behind a random amount of other memory, allocates model, data and controls likewise, and
+runs at a random depth of the stack. (Forking launches from a started one is quicker, and was
+tried: all launches of a parent shared an offset of half a percent, once of three.) Requests
 and answers are pickled tuples over a socket; a block is a byte there and eight bytes back.
 
 This module runs inside the environment of any one release and needs only NumPy and MuJoCo.
@@ -90,17 +88,6 @@ class Worker:
         self.connection = Connection(descriptor)
         random.seed(os.urandom(8))
 
-    def do_warm(self) -> None:
-        """Import what every launch needs besides MuJoCo."""
-        import csv  # noqa: F401
-        import importlib.metadata  # noqa: F401
-
-        import numpy  # noqa: F401
-
-        gc.collect()
-        gc.freeze()  # nor looked through again by the collector of each launch
-        gc.disable()
-
     def do_start(self, version: str) -> str:
         """Import MuJoCo behind other memory; make sure that it is the release meant."""
         self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
@@ -178,7 +165,7 @@ class Worker:
         self,
         path: str,
         options: Mapping[str, Any],
-        cores: list[int] | None,
+        cores: list[int],
         extra: int,
         final: Any,
     ) -> int:
@@ -187,7 +174,7 @@ class Worker:
         Args:
           path: its name.
           options: its options.
-          cores: to run on; None for any.
+          cores: to run on.
           extra: simulations drawn again at random, as a slowdown of known size.
           final: (nbatch, nstate) the final states of the plain loop, which it must reach.
         """
@@ -214,6 +201,8 @@ class Worker:
         held = slice(None) if reached.held is None else reached.held
         if not np.array_equal(reached.values[held], np.asarray(final)[rows][held]):
             raise MachineError(f"path {path} does not reach the final states of the plain loop")
+        gc.collect()
+        gc.disable()
         return self._block()
 
     def do_time(self) -> None:
@@ -292,7 +281,7 @@ def _deeper(levels: int, function: Callable[[], None]) -> None:
 
 
 def main(descriptor: int) -> None:
-    """Be a parent of launches; the socket is inherited."""
+    """Answer requests on the inherited socket."""
     from mjbench.machine import die_with_parent
 
     die_with_parent()

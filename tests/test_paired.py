@@ -107,11 +107,6 @@ def test_the_processes_of_both_sides_sit_on_the_core_of_this_one(
     assert seen == [{launch.core}] * 3
 
 
-def test_the_sides_of_one_release_have_parents_of_their_own(fleet: Fleet) -> None:
-    first, second = fleet.parents([HERE, HERE])
-    assert first.pid != second.pid
-
-
 def test_every_launch_is_a_new_process(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
     pids: list[int] = []
     quads = paired._quads
@@ -317,6 +312,9 @@ def test_versions_gives_a_table_a_sentence_and_json(tmp_path: Path) -> None:
     (file,) = (tmp_path / "results/runs").glob("*.jsonl")
     _, record = map(json.loads, file.read_text().splitlines())
     assert len(record["samples"]) == row["launches"]
+    again = mjbench("show", cwd=tmp_path)
+    assert again.returncode == 0
+    assert "same work" in again.stdout
 
 
 def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
@@ -390,6 +388,9 @@ def test_selfcheck_tells_the_share_of_errors(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    again = mjbench("show", "--json", "again.json", cwd=tmp_path)
+    assert again.returncode == 0
+    assert json.loads((tmp_path / "again.json").read_text())["results"] == rows
     assert [(r["model"], r["slowdown"], r["trials"]) for r in rows] == [
         ("cartpole", 0.0, 1),
         ("cartpole", 0.05, 1),
