@@ -203,7 +203,7 @@ def test_another_release_than_the_one_meant_is_refused() -> None:
     [
         ("__version__", "2.0.0", "the package is 2.0.0"),
         ("mj_versionString", lambda: "2.0.0", "the C library is 2.0.0"),
-        ("__path__", [*mujoco.__path__, "/elsewhere/mujoco"], "mixed from /elsewhere/mujoco"),
+        ("__path__", [*mujoco.__path__, "/elsewhere/mujoco"], "is mixed from"),
     ],
 )
 def test_a_mixed_release_is_refused(
