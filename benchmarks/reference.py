@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks import stored
 from benchmarks.settings import Tracked
 from mjbench import installs, models, stats
-from mjbench.paired import Fleet, Pair, Side
+from mjbench.fleet import Fleet
+from mjbench.paired import Pair, Side
 
 REFERENCE = "4.0.0"
 # Launches vary by about a percent: the mean of these by less than half of one.

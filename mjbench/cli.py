@@ -550,8 +550,9 @@ def selfcheck(
     false alarms, power, error of the estimate, seconds for a verdict. MODEL is cartpole and
     humanoid unless named.
     """
-    from mjbench import machine, models, paired, verdict
+    from mjbench import machine, models, verdict
     from mjbench import selfcheck as room
+    from mjbench.fleet import Fleet
     from mjbench.report import tables, verdicts
     from mjbench.runs import RunFile
 
@@ -580,7 +581,7 @@ def selfcheck(
                 found.append(record)
                 advance(len(found), f"{record['model']} {100 * record['slowdown']:g} %", 0.0)
 
-            with room.neighbour(busy), paired.Fleet() as fleet:
+            with room.neighbour(busy), Fleet() as fleet:
                 try:
                     room.run(fleet, arms, trials, plan, on_trial)
                 except KeyboardInterrupt:
@@ -665,6 +666,7 @@ def explain(
     from mjbench import explain as derive
     from mjbench import installs, models, paired, verdict
     from mjbench import instructions as room
+    from mjbench.fleet import Fleet
     from mjbench.report import counts, tables
 
     named = [word for word in words if installs.is_release(word)]
@@ -693,7 +695,7 @@ def explain(
             room.count(release, sources, given=folder, keep=folder, seed=chosen["seed"])
             for release in releases
         ]
-        with paired.Fleet() as fleet:
+        with Fleet() as fleet:
             for old, new, source in zip(*found, sources, strict=True):
                 outcome = None
                 if clock and old.status == new.status == "ok":
@@ -730,6 +732,7 @@ def _decide(
     json_file: str | None,
 ) -> int:
     from mjbench import machine, paired, verdict
+    from mjbench.fleet import Fleet
     from mjbench.report import tables, verdicts
     from mjbench.runs import RunFile
 
@@ -741,13 +744,12 @@ def _decide(
     with _json_target(json_file) as write_json:
         run_file = RunFile(results, command, {"machine": about, "arguments": plan.as_dict()})
         out = tables.console(stderr=json_file == "-")
-        with _progress(out, len(pairs)) as advance, paired.Fleet() as fleet:
+        with _progress(out, len(pairs)) as advance, Fleet() as fleet:
             for number, (old, new) in enumerate(pairs):
                 name = f"{new.model.name} {new.release.version}"
                 shown = functools.partial(_show_launch, advance, number, name)
                 outcome = verdict.decide(fleet, old, new, plan, shown)
-                for record in outcome.as_records():
-                    run_file.append(record)
+                run_file.append(outcome.as_record())
                 found.append(outcome.as_result())
                 if outcome.status == "interrupted":
                     break

@@ -19,12 +19,12 @@ def main(request_file: str) -> None:
     """
     import mujoco
 
-    from mjbench import releases
+    from mjbench import guard
     from mjbench.errors import MjbenchError
 
     folder = Path(request_file).parent
     request = json.loads(Path(request_file).read_text(encoding="utf-8"))
-    problem = releases.imported_problem(request["version"])
+    problem = guard.imported_problem(request["version"])
     if problem:
         raise SystemExit(problem)
     answers = []

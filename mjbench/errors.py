@@ -23,3 +23,12 @@ def one_line(text: object, limit: int = 300) -> str:
     """Return `text` as a single line of at most `limit` characters."""
     line = " ".join(str(text).split())
     return line if len(line) <= limit else line[: limit - 1] + "…"
+
+
+def told(error: Exception) -> tuple[str, str]:
+    """Return how work that ended in `error` failed: its status, `input` or `failed`, and a line."""
+    if isinstance(error, MjbenchError):
+        return ("input" if error.exit_code == 2 else "failed"), str(error)
+    if isinstance(error, MemoryError):
+        return "failed", "out of memory"
+    return "failed", f"{type(error).__name__}: {one_line(error)}"

@@ -8,6 +8,7 @@ none; a lock for each keeps two makers apart, and whoever uses one holds that lo
 
 import contextlib
 import fcntl
+import functools
 import hashlib
 import os
 import re
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from mjbench import guard
 from mjbench.errors import InputError, MachineError, one_line
 
 # The release of the environment that mjbench runs in.
@@ -39,14 +41,14 @@ class Wanted:
     version: str
     wheels: tuple[Path, ...] = ()
 
-    @property
+    @functools.cached_property
     def key(self) -> str:
         """Return the name of its folder: release, content of local wheels, Python and NumPy."""
+        if self.word == HERE:
+            return f"{HERE}-{self.version}"
         content = hashlib.blake2b(digest_size=4)
         for wheel in self.wheels:
             content.update(wheel.read_bytes())
-        if self.word == HERE:
-            return f"{HERE}-{self.version}"
         local = f"+{content.hexdigest()}" if self.wheels else ""
         python = f"{sys.implementation.cache_tag}-{os.uname().machine}"
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
@@ -70,9 +72,7 @@ def wanted(word: str) -> Wanted:
       InputError: no such file, or not a release.
     """
     if word == HERE:
-        from mjbench import releases
-
-        version = releases.installed()
+        version = guard.installed()
         if version is None:
             raise InputError("no MuJoCo is installed here")
         return Wanted(HERE, version)

@@ -7,23 +7,18 @@ Counts repeat to about 1e-4. They say what code did, not how long it took: memor
 and system calls cost time that no instruction tells.
 """
 
-import contextlib
 import json
-import os
 import re
 import shutil
-import signal
 import subprocess
 import tempfile
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import mjbench
-from mjbench import installs, isolate, worker
-from mjbench.errors import MachineError, one_line
+from mjbench import callgrind, child, installs, worker
+from mjbench.errors import MachineError
 from mjbench.models import Source
 
 MARKER = "mj_version"
@@ -162,7 +157,7 @@ def _count(
     request.write_text(json.dumps({"version": release.version, "models": entries}))
     ended = _run(release, folder, request, limit_s)
     answers = [
-        json.loads(line) for line in isolate.text(folder / "answers.jsonl").splitlines() if line
+        json.loads(line) for line in child.text(folder / "answers.jsonl").splitlines() if line
     ]
     counts = [
         _counted(release, answer, folder / f"callgrind.out.{2 * i + 2}")
@@ -185,7 +180,7 @@ def _run(
     """Run the program under Callgrind; return how it failed, (status, detail), or None."""
     core = folder / "core"
     core.mkdir()
-    (core / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
+    worker.make_core(core)
     options = ["--tool=callgrind", f"--dump-before={MARKER}", "--quiet"]
     options += [f"--callgrind-out-file={folder / 'callgrind.out'}"]
     with installs.use(release) as install, (folder / "said.txt").open("wb") as said:
@@ -194,7 +189,7 @@ def _run(
         )
         environment = worker.environment(install)
         environment |= {"GLIBC_TUNABLES": TUNABLES, "PYTHONHASHSEED": "0", "TMPDIR": str(folder)}
-        child = subprocess.Popen(
+        process = subprocess.Popen(
             ["valgrind", *options, *program],
             stdin=subprocess.DEVNULL,
             stdout=said,
@@ -202,21 +197,21 @@ def _run(
             cwd=folder,
             env=environment,
             start_new_session=True,
-            preexec_fn=_die_with_parent,
+            preexec_fn=child.die_with_parent,
         )
         try:
-            code = _wait(child, folder / "answers.jsonl", limit_s)
+            code = _wait(process, folder / "answers.jsonl", limit_s)
         except subprocess.TimeoutExpired:
             return "timeout", f"no answer within {limit_s:g} s, killed"
         finally:
-            _kill_group(child)
+            child.end_group(process)
     if code == 0:
         return None
-    last = (isolate.text(folder / "said.txt").strip().splitlines() or [""])[-1]
-    return "crashed", one_line(f"{isolate.cause_of_death(code)}; it said: {last}", 200)
+    said = child.last_words(child.text(folder / "said.txt"))
+    return "crashed", child.cause_of_death(code) + said
 
 
-def _wait(child: "subprocess.Popen[bytes]", answers: Path, limit_s: float) -> int:
+def _wait(process: "subprocess.Popen[bytes]", answers: Path, limit_s: float) -> int:
     """Return the exit code of a process that answers for one model after the other.
 
     Raises:
@@ -225,30 +220,18 @@ def _wait(child: "subprocess.Popen[bytes]", answers: Path, limit_s: float) -> in
     answered = ""
     while True:
         try:
-            return child.wait(timeout=limit_s)
+            return process.wait(timeout=limit_s)
         except subprocess.TimeoutExpired:
-            told = isolate.text(answers)
+            told = child.text(answers)
             if told == answered:
                 raise
             answered = told
 
 
-def _die_with_parent() -> None:
-    from mjbench.machine import die_with_parent
-
-    die_with_parent()
-
-
-def _kill_group(child: "subprocess.Popen[bytes]") -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
-
-
 def _counted(release: installs.Wanted, answer: Mapping[str, Any], dump: Path) -> Count:
     if answer["status"] != "ok":
         return Count(answer["name"], release.version, answer["status"], answer["detail"])
-    profile = parse(dump.read_text(encoding="utf-8", errors="replace"))
+    profile = callgrind.parse(dump.read_text(encoding="utf-8", errors="replace"))
     steps = answer["steps"]
     engine = profile.inclusive(ENGINE)
     if engine == 0:
@@ -273,89 +256,7 @@ def as_result(count: Count) -> dict[str, Any]:
     return {**asdict(count), "functions": [asdict(function) for function in count.functions]}
 
 
-# -- Callgrind's format ---------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Profile:
-    """What Callgrind counted between two dumps.
-
-    Attributes:
-      self_cost: instructions of each function itself.
-      arcs: instructions of (caller, callee), all that the callee did included.
-    """
-
-    self_cost: Mapping[str, int]
-    arcs: Mapping[tuple[str, str], int]
-
-    @property
-    def total(self) -> int:
-        """Return all instructions."""
-        return sum(self.self_cost.values())
-
-    def inclusive(self, name: str) -> int:
-        """Return the instructions of a function with all that it called."""
-        return self.self_cost.get(name, 0) + sum(
-            cost for (caller, callee), cost in self.arcs.items() if caller == name != callee
-        )
-
-    def below(self, root: str) -> list[tuple[str, int, int]]:
-        """Return (name, self, inclusive) of what `root` reaches, the most self cost first."""
-        callees: dict[str, set[str]] = defaultdict(set)
-        for caller, callee in self.arcs:
-            callees[caller].add(callee)
-        reached, new = {root}, {root}
-        while new:
-            new = set().union(*(callees[name] for name in new)) - reached
-            reached |= new
-        rows = [(name, self.self_cost.get(name, 0), self.inclusive(name)) for name in reached]
-        return sorted(rows, key=lambda row: (-row[1], row[0]))
-
-
-def parse(text: str) -> Profile:
-    """Read a dump in Callgrind's format, version 1, with one event (instructions).
-
-    A line is a position and a cost; the line after `calls=` is the cost of what was called. Names
-    are written once, as `(id) name`, and by their id from then on (Valgrind manual, Callgrind
-    Format Specification).
-    """
-    names: dict[str, str] = {}
-
-    def name_of(word: str) -> str:
-        found = re.match(r"\((\d+)\)(?: (.*))?$", word)
-        if not found:
-            return word
-        if found[2] is not None:
-            names[found[1]] = found[2]
-        return names[found[1]]
-
-    self_cost: dict[str, int] = defaultdict(int)
-    arcs: dict[tuple[str, str], int] = defaultdict(int)
-    function = callee = ""
-    called = False
-    for line in text.splitlines():
-        if line.startswith("fn="):
-            function = _plain(name_of(line[3:]))
-        elif line.startswith("cfn="):
-            callee = _plain(name_of(line[4:]))
-        elif line.startswith("calls="):
-            called = True
-        elif line and (line[0].isdigit() or line[0] in "+-*"):
-            cost = int(line.split()[1])
-            if called:
-                arcs[function, callee] += cost
-                called = False
-            else:
-                self_cost[function] += cost
-    return Profile(dict(self_cost), dict(arcs))
-
-
-def _plain(name: str) -> str:
-    """Return a function's name without what the compiler and Callgrind append to it."""
-    return re.sub(r"('\d+|\.(constprop|isra|part|cold|lto_priv|llvm)\.?\d*)+$", "", name)
-
-
-def stages(profile: Profile) -> dict[str, int]:
+def stages(profile: callgrind.Profile) -> dict[str, int]:
     """Return instructions of the engine by stage of the pipeline; they sum up to all of it."""
     found = dict.fromkeys(STAGES, 0)
     for (caller, callee), cost in profile.arcs.items():

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import MjbenchError, one_line
+from mjbench import child
+from mjbench.errors import told
 
 Message = dict[str, Any]
 _FOLDER = "mjbench-child-"
@@ -90,7 +91,7 @@ def run(
     prefix = f"{_FOLDER}{os.getpid()}-"
     with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as folder:
         with (Path(folder) / _STDERR).open("wb") as errors:
-            child = subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-m", "mjbench.isolate", task],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -100,9 +101,12 @@ def run(
                 start_new_session=True,
             )
         try:
-            end = _converse(child, request, on_message, limit_s)
+            end = _converse(process, request, on_message, limit_s)
         finally:
-            _kill_group(child)
+            child.end_group(process)
+            for stream in filter(None, (process.stdin, process.stdout)):
+                with contextlib.suppress(OSError):  # a request that was never read
+                    stream.close()
         return end if end.status in ("ok", "input") else _located(end, Path(folder))
 
 
@@ -115,29 +119,29 @@ def _sweep() -> None:
 
 
 def _converse(
-    child: "subprocess.Popen[bytes]",
+    process: "subprocess.Popen[bytes]",
     request: Message,
     on_message: Callable[[Message], None],
     limit_s: float,
 ) -> Ended:
-    assert child.stdin is not None
+    assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError):
-        child.stdin.write(json.dumps(request).encode())
-        child.stdin.close()
-    for message in _messages(child, limit_s):
+        process.stdin.write(json.dumps(request).encode())
+        process.stdin.close()
+    for message in _messages(process, limit_s):
         if _END in message:
             return Ended(message[_END], message["detail"])
         on_message(message)
-    return Ended("crashed", cause_of_death(child.wait()))
+    return Ended("crashed", child.cause_of_death(process.wait()))
 
 
-def _messages(child: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Message]:
+def _messages(process: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Message]:
     """Yield the child's messages as they come; when none comes in time, an end of `timeout`.
 
     A message that only asks for more time until the next one is not passed on.
     """
-    assert child.stdout is not None
-    pending, descriptor, limit = b"", child.stdout.fileno(), limit_s
+    assert process.stdout is not None
+    pending, descriptor, limit = b"", process.stdout.fileno(), limit_s
     with selectors.DefaultSelector() as selector:
         selector.register(descriptor, selectors.EVENT_READ)
         deadline = time.monotonic() + limit
@@ -157,43 +161,13 @@ def _messages(child: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Mess
                     yield message
 
 
-def cause_of_death(code: int) -> str:
-    """Return in words how a process ended, from its exit code or minus its signal."""
-    if code >= 0:
-        return f"the process ended with exit code {code}"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = "unknown"
-    return f"killed by signal {-code} ({name})"
-
-
 def _located(end: Ended, folder: Path) -> Ended:
     """Return `end` with what the child was doing, and the last line it wrote to stderr."""
-    where = text(folder / _WHERE).strip()
-    said = text(folder / _STDERR).strip().splitlines()
+    where = child.text(folder / _WHERE).strip()
     detail = end.detail + (f" while {where}" if where else "")
-    if said and end.status == "crashed":
-        detail += f"; it said: {one_line(said[-1], 160)}"
+    if end.status == "crashed":
+        detail += child.last_words(child.text(folder / _STDERR))
     return Ended(end.status, detail, where)
-
-
-def text(path: Path) -> str:
-    """Return a file's content, or nothing where it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
-
-
-def _kill_group(child: "subprocess.Popen[bytes]") -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
-    for stream in (child.stdin, child.stdout):
-        if stream is not None:
-            with contextlib.suppress(OSError):
-                stream.close()
 
 
 def _environment(import_from: str | None) -> dict[str, str]:
@@ -204,9 +178,7 @@ def _environment(import_from: str | None) -> dict[str, str]:
 
 def _child_main(task: str) -> None:
     """Be the child: call the task, and say how it ended."""
-    from mjbench.machine import die_with_parent
-
-    die_with_parent()
+    child.die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     channel = Channel(os.dup(1))
     os.dup2(2, 1)  # whatever prints, prints to the log
@@ -215,12 +187,8 @@ def _child_main(task: str) -> None:
     try:
         getattr(importlib.import_module(module), function)(request, channel)
         end = ("ok", "")
-    except MjbenchError as error:
-        end = ("input" if error.exit_code == 2 else "failed", str(error))
-    except MemoryError:
-        end = ("failed", "out of memory")
     except Exception as error:
-        end = ("failed", f"{type(error).__name__}: {one_line(error)}")
+        end = told(error)
     channel.send(**{_END: end[0]}, detail=end[1])
     os._exit(0)  # nothing here needs a tidy shutdown, and some engines hang in theirs
 

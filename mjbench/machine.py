@@ -4,12 +4,10 @@ Usable cores come from the scheduler's affinity and the control group's quota, n
 number of cores the machine has. `Calibration` says how many of them a run really had.
 """
 
-import ctypes
 import importlib.metadata
 import math
 import os
 import platform
-import signal
 import sys
 import threading
 from pathlib import Path
@@ -27,7 +25,6 @@ _PACKAGES = (
 )
 # Environment variables that change how fast or what the engine computes.
 _FLAGS = ("OMP_NUM_THREADS", "XLA_FLAGS", "JAX_ENABLE_X64", "GLIBC_TUNABLES", "LD_PRELOAD")
-_PR_SET_PDEATHSIG = 1
 # XML of a body that costs about a microsecond a step and touches little memory.
 _SPINNER = (
     "<mujoco><option gravity='0 0 0'/><worldbody><body><joint type='hinge'/>"
@@ -115,12 +112,6 @@ def describe() -> dict[str, Any]:
         "versions": {name: version for name in _PACKAGES if (version := _version(name))},
         "flags": {name: os.environ[name] for name in _FLAGS if name in os.environ},
     }
-
-
-def die_with_parent() -> None:
-    """Have the kernel kill this process when the thread that started it ends (Linux)."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 class Calibration:

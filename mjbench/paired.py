@@ -1,48 +1,39 @@
 """Two sides, alternated block by block in fresh processes: the engine of every comparison.
 
-A launch is a process of each side with memory laid out anew. Both sit on one core, with this
-process, and take turns in quads, ABBA or BAAB at random, so that drift and the order of turns hit
-both alike. A launch gives one number, the middle of its quads' log ratios; launches are the
-samples of which stats makes a verdict, and as many are made as the verdict needs.
-
-This module runs on NumPy alone; only a verdict (stats) needs SciPy.
+A launch is a program of each side, started anew. Both sit on one core, with this process, and take
+turns in quads, ABBA or BAAB at random, so that drift and the order of turns hit both alike; a few
+times each lays its memory out anew. A launch gives one number, the middle of its quads' log
+ratios; launches are the samples of which stats makes a verdict, and as many are made as the
+verdict needs. While a launch is measured, the programs of the next start on the other cores.
 """
 
 import contextlib
 import os
 import random
-import signal
-import subprocess
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from multiprocessing.connection import Connection
-from multiprocessing.reduction import send_handle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import mjbench
-from mjbench import agreement, installs, isolate, machine, worker
-from mjbench.errors import InputError, MachineError
+from mjbench import agreement, installs, machine
+from mjbench.errors import InputError
+from mjbench.fleet import Fleet, Process, place
 from mjbench.models import Source
 
 # A block is about this long, in seconds: short blocks make close pairs. Steps of one simulation.
 BLOCK_S, MOST_NSTEP = 0.002, 100
-# The timed part of a launch, in seconds, and the fewest and most quads it is made of.
-LAUNCH_S, LEAST_QUADS, MOST_QUADS = 0.08, 4, 30
+# How often a launch lays out its memory anew, and for each time: the timed part in seconds, and the
+# fewest and most quads it is made of. Layouts of one program differ about as much as programs do,
+# and are had sooner; more quads tell little more (see docs/method.md).
+LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.05, 2, 10
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 
-
+_THREAD_OPTIONS = ("threads", "processes", "engine_threads")
 # The cores that this process may use, before it pins itself to one.
 _ALLOWED = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-
-
-class SideError(MachineError):
-    """A side crashed, hung or answered nonsense; tells which in one line."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +57,9 @@ class Side:
     slowdown: float = 0.0
 
     @property
-    def parallel(self) -> bool:
-        """Return whether it uses more than one core."""
-        return max(self.options.get(name, 1) or 1 for name in _THREAD_OPTIONS) > 1
+    def threads(self) -> int:
+        """Return how many threads, or processes, it steps with."""
+        return max(self.options.get(name) or 1 for name in _THREAD_OPTIONS)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
@@ -80,9 +71,6 @@ class Side:
             "model_options": dict(self.model_options),
             "slowdown": self.slowdown,
         }
-
-
-_THREAD_OPTIONS = ("threads", "processes", "engine_threads")
 
 
 @dataclass(frozen=True)
@@ -102,7 +90,7 @@ class Launch:
     Attributes:
       core: that both sides ran on; None where they may use all.
       cores: that as many threads as the sides have got just before; None for one thread.
-      orders: of each quad, `ABBA` or `BAAB`; A is the old side.
+      orders: of each quad, `ABBA` or `BAAB`; A is the old side. Layout by layout.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
     """
 
@@ -136,6 +124,8 @@ class Same:
       new: the same.
       drift: largest difference of qpos, qvel, act one step after the same states, in SI units;
         None where the sides have different models.
+      diverged: simulations that diverged on the old side, and on the new one; none of those is
+        timed.
       nbatch: simulations of a block.
       nstep: steps of each.
     """
@@ -143,175 +133,9 @@ class Same:
     old: Mapping[str, float]
     new: Mapping[str, float]
     drift: float | None
+    diverged: tuple[int, int]
     nbatch: int
     nstep: int
-
-
-# -- processes ----------------------------------------------------------------------------------
-
-
-class Process:
-    """A worker, seen from here."""
-
-    def __init__(self, connection: Connection, name: str, limit_s: float, pid: int, ended: Any):
-        self.connection, self.name, self.limit_s, self.pid = connection, name, limit_s, pid
-        self._ended = ended  # waits for the end of the process; returns its exit code
-        self._code: int | None = None
-        self.doing = "starting"
-
-    def call(self, do: str, **arguments: Any) -> Any:
-        """Ask for something and wait for the answer.
-
-        Raises:
-          InputError: what was asked for cannot be.
-          SideError: it failed, crashed or did not answer in time.
-        """
-        self.ask(do, **arguments)
-        return self.answer()
-
-    def ask(self, do: str, **arguments: Any) -> None:
-        """Ask for something; `answer` waits for it."""
-        self.doing = _DOING.get(do, do)
-        with contextlib.suppress(OSError):  # a dead worker is told by `answer`
-            self.connection.send((do, arguments))
-
-    def answer(self) -> Any:
-        """Wait for the answer to what was asked."""
-        status, value = self._receive(self.connection.recv)
-        if status == "ok":
-            return value
-        kind = InputError if status == "input" else SideError
-        raise kind(f"{self.name}: {value}")
-
-    def block(self) -> int:
-        """Have one block run; return its nanoseconds."""
-        with contextlib.suppress(OSError):
-            self.connection.send_bytes(worker.BLOCK)
-        content = self._receive(self.connection.recv_bytes)
-        ns = int(worker.NANOSECONDS.unpack(content)[0]) if len(content) == 8 else 0
-        if ns <= 0:
-            raise SideError(f"{self.name}: says that a block took {ns} ns")
-        return ns
-
-    def fork(self) -> "Process":
-        """Return a new process with all that this one knows."""
-        ours, theirs = worker.pair()
-        with theirs:
-            self.doing = "forking"
-            with contextlib.suppress(OSError):  # a dead worker is told by `answer`
-                self.connection.send(("fork", {}))
-                send_handle(self.connection, theirs.fileno(), self.pid)
-            pid = self.answer()
-        return Process(ours, self.name, self.limit_s, pid, lambda: self.call("ended", pid=pid))
-
-    def end(self) -> None:
-        """Have the process end, whatever it is doing, and its parent take note."""
-        self.connection.close()
-        if self._code is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.pid, signal.SIGKILL)
-        with contextlib.suppress(SideError, InputError, OSError):
-            self._exit_code()
-
-    def _exit_code(self) -> int:
-        if self._code is None:
-            self._code = int(self._ended())
-        return self._code
-
-    def _receive(self, receive: Callable[[], Any]) -> Any:
-        if not self.connection.poll(self.limit_s):
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.pid, signal.SIGKILL)
-            raise SideError(f"{self.name}: no answer within {self.limit_s:g} s while {self.doing}")
-        try:
-            return receive()
-        except (EOFError, OSError):
-            how = isolate.cause_of_death(self._exit_code())
-            raise SideError(f"{self.name}: {how} while {self.doing}") from None
-
-
-_DOING = {
-    "start": "importing MuJoCo",
-    "load": "loading the model",
-    "make": "making the workload",
-    "take": "taking the workload",
-    "observe": "stepping the model",
-    "prepare": "preparing a run",
-    "time": "running a block",
-}
-
-
-class Fleet:
-    """Starts processes in the environment of any release; ends all of them when it is left."""
-
-    def __init__(self, limit_s: float = 60.0):
-        self.limit_s = limit_s
-        self._closing = contextlib.ExitStack()
-        self._started: list[tuple[subprocess.Popen[bytes], Connection]] = []
-        self._folders: dict[str, Path | None] = {}
-
-    def __enter__(self) -> "Fleet":
-        with contextlib.ExitStack() as closing:
-            folder = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="mjbench-")))
-            # alone in its folder: whatever else is beside mjbench must not be found by a release
-            (folder / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
-            self._core = folder
-            (folder / "work").mkdir()
-            closing.callback(self._end_all)
-            self._closing = closing.pop_all()
-        return self
-
-    def _end_all(self) -> None:
-        for child, connection in self._started:
-            _kill(child, connection)
-
-    def __exit__(self, *exception: object) -> None:
-        self._closing.close()
-
-    def scratch(self) -> Path:
-        """Return a folder that lasts as long as this fleet."""
-        return self._core / "work"
-
-    def start(self, release: installs.Wanted) -> Process:
-        """Begin to start a process that imports a release; its first answer says that it did."""
-        if release.key not in self._folders:
-            folder = self._closing.enter_context(installs.use(release))
-            self._folders[release.key] = folder
-        ours, theirs = worker.pair()
-        with theirs:
-            theirs.set_inheritable(True)
-            said = (self._core / "work" / "said.txt").open("ab")
-            self._closing.callback(said.close)
-            child = subprocess.Popen(
-                worker.command(
-                    f"from mjbench.worker import main; main({theirs.fileno()})",
-                    self._core,
-                    self._folders[release.key],
-                ),
-                stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
-                cwd=self._core / "work",
-                env=worker.environment(self._folders[release.key]),
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,
-            )
-        alive = [(c, o) for c, o in self._started if c.poll() is None]
-        self._started[:] = [*alive, (child, ours)]
-        name = f"MuJoCo {release.version}"
-        process = Process(ours, name, self.limit_s, child.pid, child.wait)
-        process.ask("start", version=release.version)
-        return process
-
-
-def _kill(child: "subprocess.Popen[bytes]", connection: Connection) -> None:
-    connection.close()
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    child.wait()
-
-
-# -- measuring ----------------------------------------------------------------------------------
 
 
 class Pair:
@@ -325,152 +149,144 @@ class Pair:
           SideError: a side crashed, hung or failed.
         """
         self.fleet, self.sides, self.sizes = fleet, (old, new), sizes
-        self._files: dict[int, str] = {}
+        self.threads = max(old.threads, new.threads)
         self._next: list[Process] = []
+        self._calibrator: Process | None = None
+        both = [self._started(0), self._started(1)]
         try:
-            self._begin()
-        except BaseException:
-            self.close()
-            raise
-
-    def _begin(self) -> None:
-        sizes = self.sizes
-        self._ahead()
-        both = self._taken()
-        try:
-            for i, (process, side) in enumerate(zip(both, self.sides, strict=True)):
-                process.call(
-                    "load",
-                    name=side.model.name,
-                    path=str(side.model.path),
-                    options=dict(side.model_options),
-                )
-                file = tempfile.mkstemp(suffix=".mjb", dir=self.fleet.scratch())[1]
-                process.call("save", path=file)
-                self._files[i] = file
-            nbatch, nstep = self._sizes(*(process.call("cost") for process in both))
-            making = {"nbatch": nbatch, "nstep": nstep, "hold": sizes.hold, "seed": sizes.seed}
-            given = self._made(both[0], making)
-            self._given = [given, given]
-            both[0].call("take", **given)
-            try:
-                both[1].call("take", **given)
-            except InputError:
-                if self.sides[0].model == self.sides[1].model:
-                    raise
-                self._given[1] = self._made(both[1], making)  # another model: starts of its own
-                both[1].call("take", **self._given[1])
-            for process in both:
-                process.ask("observe")
-            self._seen = tuple(process.answer() for process in both)
+            self._begin(both)
         finally:
-            for process in both:
-                process.end()
-        self.same = self._compared(nstep)
+            fleet.end(both)
 
     def launch(self) -> Launch:
         """Measure once, in fresh processes."""
-        parallel = any(side.parallel for side in self.sides)
-        cores = self._cores() if parallel else None
-        with contextlib.ExitStack() as ending:
-            both = self._taken()
-            for process in both:
-                ending.callback(process.end)
-            order = random.sample((0, 1), 2)
-            for i in order:
-                self._equip(both[i], i)
-            if parallel:  # all cores are the sides': what starts meanwhile would be in the way
-                for process in self._next:
-                    process.connection.poll(process.limit_s)
-            core = None if parallel else freest_core()
-            with _pinned(core), self._elsewhere(core):
-                warm_ns = [self._prepare(both[i], i, core) for i in order]
-                quads = int(1e9 * LAUNCH_S / (2 * sum(warm_ns)))
-                quads = min(max(quads, LEAST_QUADS), MOST_QUADS)
-                orders, ns = _quads(both[0], both[1], quads)
-        return Launch(core, cores, orders, ns)
-
-    def close(self) -> None:
-        """End the processes that were started ahead."""
-        for process in self._next:
-            process.end()
-        self._next = []
-
-    def _ahead(self) -> None:
-        """Start the processes of the next launch, without waiting for them."""
-        made: dict[int, Process] = {}
-        for i in random.sample((0, 1), 2):  # in whatever order, so that none is always the first
-            side = self.sides[i]
-            made[i] = self.fleet.start(side.release)
-            word = ("old", "new")[i]
-            made[i].name = f"{word} side (MuJoCo {side.release.version}, {side.model.name})"
-            self._next = list(made.values())
-        self._next = [made[0], made[1]]
-
-    def _taken(self) -> list[Process]:
-        """Return the processes started ahead, and start the next."""
+        if not self._next:
+            self._ahead()
         both, self._next = self._next, []
         try:
             for process in both:
-                process.answer()
-            self._ahead()
-        except BaseException:
-            for process in both:
-                process.end()
-            raise
-        return both
-
-    @contextlib.contextmanager
-    def _elsewhere(self, core: int | None) -> Iterator[None]:
-        """Keep the processes of the next launch off a core while the block runs."""
-        if core is None:
-            yield
-            return
-        others = _ALLOWED - {core}
-        _place(self._next, others or _ALLOWED)
-        try:
-            yield
+                process.answers()
+            # all cores belong to sides with threads: what starts meanwhile would be in their way
+            cores = self._cores() if self.threads > 1 else None
+            core = None if self.threads > 1 else freest_core()
+            with _pinned(core):
+                if core is not None:
+                    self._ahead(_ALLOWED - {core} or _ALLOWED)
+                layouts = [self._layout(both, core) for _ in range(LAYOUTS)]
+            place(self._next, _ALLOWED)
         finally:
-            _place(self._next, _ALLOWED)
+            self.fleet.end(both)
+        orders = [order for found, _ in layouts for order in found]
+        return Launch(core, cores, orders, np.concatenate([ns for _, ns in layouts]))
 
-    def _equip(self, process: Process, i: int) -> None:
-        """Load the saved model and the workload."""
-        process.call("load", name=self.sides[i].model.name, path=self._files[i], options={})
-        process.call("take", **self._given[i])
+    def close(self) -> None:
+        """End the processes that were started ahead."""
+        self.fleet.end(self._next)
+        self._next = []
+        if self._calibrator is not None:
+            self.fleet.end([self._calibrator])
+            self._calibrator = None
 
-    @staticmethod
-    def _made(holder: Process, making: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a workload by field, made by a process of its own.
+    def _started(self, i: int) -> Process:
+        side = self.sides[i]
+        name = f"{('old', 'new')[i]} side (MuJoCo {side.release.version}, {side.model.name})"
+        return self.fleet.start(side.release, name)
 
-        Were it made by one of the two sides, their memory would differ.
-        """
-        maker = holder.fork()
-        try:
-            maker.call("make", **making)
-            return dict(maker.call("give"))
-        finally:
-            maker.end()
+    def _ahead(self, cores: set[int] = _ALLOWED) -> None:
+        """Start the processes of a launch, without waiting for them."""
+        made: dict[int, Process] = {}
+        for i in random.sample((0, 1), 2):  # in whatever order, so that none is always the first
+            made[i] = self._started(i)
+            place([made[i]], cores)
+            made[i].ask("equip", model=self._models[i], work=self._works[i])
+        self._next = [made[0], made[1]]
 
-    def _prepare(self, process: Process, i: int, core: int | None) -> int:
-        side, seen = self.sides[i], self._seen[i]
-        return int(
+    def _begin(self, both: Sequence[Process]) -> None:
+        """Make the workload; see what each side does with it."""
+        for process in both:
+            process.answers()
+        self._models = [str(self.fleet.file(".mjb")) for _ in both]
+        for process, side, file in zip(both, self.sides, self._models, strict=True):
             process.call(
+                "load",
+                name=side.model.name,
+                path=str(side.model.path),
+                options=dict(side.model_options),
+            )
+            process.call("save", path=file)
+        nbatch, nstep = self._sizes(*(process.call("cost") for process in both))
+        making = {"nbatch": nbatch, "nstep": nstep}
+        making |= {"hold": self.sizes.hold, "seed": self.sizes.seed}
+        works = self._shared(both, making)
+        shared = works[0] is works[1]
+        for process, work in zip(both, works, strict=True):
+            process.ask("observe", work=str(self.fleet.keep(work)))
+        seen = [process.answer() for process in both]
+        kept = self._kept([s["healthy"] for s in seen], [s["diagnosis"] for s in seen], shared)
+        self._works = [
+            str(self.fleet.keep(_rows(work, s["final"], rows)))
+            for work, s, rows in zip(works, seen, kept, strict=True)
+        ]
+        self._nbatch = len(kept[0])
+        after = [{field: values[kept[0]] for field, values in s["after"].items()} for s in seen]
+        alike = all(after[0][k].shape == after[1][k].shape for k in after[0])
+        self.same = Same(
+            seen[0]["work"],
+            seen[1]["work"],
+            agreement.drift(after[1], after[0]) if shared and alike else None,
+            (int((~seen[0]["healthy"]).sum()), int((~seen[1]["healthy"]).sum())),
+            self._nbatch,
+            nstep,
+        )
+
+    def _shared(self, both: Sequence[Process], making: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Return the workload of each side: one for both, unless their models differ in size."""
+        made = both[0].call("make", **making)
+        try:
+            both[1].call("take", work=str(self.fleet.keep(made)))
+        except InputError:
+            if self.sides[0].model == self.sides[1].model:
+                raise
+            return [made, both[1].call("make", **making)]
+        return [made, made]
+
+    def _kept(
+        self, healthy: Sequence[np.ndarray], diagnoses: Sequence[str], shared: bool
+    ) -> list[np.ndarray]:
+        """Return which simulations each side does: as many, and none that diverges."""
+        for side, fine, diagnosis in zip(self.sides, healthy, diagnoses, strict=True):
+            if not fine.any():
+                raise InputError(
+                    f"{side.model.name} with MuJoCo {side.release.version}: every simulation"
+                    f" diverges ({diagnosis}); there is nothing to compare"
+                )
+        if shared:
+            rows = np.flatnonzero(healthy[0] & healthy[1])
+            if len(rows) == 0:
+                raise InputError("no simulation stays whole on both sides: nothing to compare")
+            return [rows, rows]
+        first, second = (np.flatnonzero(fine) for fine in healthy)
+        count = min(len(first), len(second))
+        return [first[:count], second[:count]]
+
+    def _layout(self, both: Sequence[Process], core: int | None) -> tuple[list[str], np.ndarray]:
+        """Time some quads with memory laid out anew; return their orders and (quads, 4) ns."""
+        warm_ns = 0
+        for i in random.sample((0, 1), 2):
+            side = self.sides[i]
+            warm_ns += both[i].call(
                 "prepare",
                 path=side.path,
                 options=dict(side.options),
                 cores=sorted(_ALLOWED) if core is None else [core],
-                extra=round(side.slowdown * len(seen["final"])),
-                final=seen["final"],
+                extra=round(side.slowdown * self._nbatch),
             )
-        )
+        quads = int(1e9 * LAYOUT_S / (2 * warm_ns))
+        return _quads(both[0], both[1], min(max(quads, LEAST_QUADS), MOST_QUADS))
 
     def _sizes(self, *step_s: float) -> tuple[int, int]:
         """Return simulations and steps of each, so that a block takes about BLOCK_S."""
-        hold = self.sizes.hold
-        threads = max(
-            (side.options.get(name) or 1 for side in self.sides for name in _THREAD_OPTIONS),
-            default=1,
-        )
+        hold, threads = self.sizes.hold, self.threads
         block_s = BLOCK_S if threads == 1 else threads * THREADED_BLOCK_S
         steps = max(1, int(block_s / max(step_s)))
         if self.sizes.nbatch:
@@ -479,38 +295,25 @@ class Pair:
         nstep = self.sizes.nstep or hold * max(1, min(steps, MOST_NSTEP) // hold)
         return max(1 if threads == 1 else 4 * threads, steps // nstep), nstep
 
-    def _compared(self, nstep: int) -> Same:
-        old, new = self._seen
-        for side, seen in zip(self.sides, self._seen, strict=True):
-            if seen["diverged"]:
-                raise InputError(
-                    f"{side.model.name} with MuJoCo {side.release.version}: {seen['diverged']} of"
-                    f" {len(seen['final'])} simulations diverge ({seen['diagnosis']})"
-                )
-        if len(old["final"]) != len(new["final"]):
-            raise InputError(
-                f"the sides have {len(old['final'])} and {len(new['final'])} simulations that do"
-                " not diverge: not the same work"
-            )
-        shared = self._given[0] is self._given[1]
-        same_sizes = all(old["after"][k].shape == new["after"][k].shape for k in old["after"])
-        drift = agreement.drift(new["after"], old["after"]) if same_sizes and shared else None
-        return Same(old["work"], new["work"], drift, len(old["final"]), nstep)
-
     def _cores(self) -> float:
-        threads = min(
-            machine.usable_cores(),
-            max(s.options.get(name) or 1 for s in self.sides for name in _THREAD_OPTIONS),
-        )
+        """Return how many cores as many threads as the sides have get now."""
+        threads = min(machine.usable_cores(), self.threads)
         if threads == 1:
             return 1.0
-        # neither side's process: calibrating allocates, and starts threads
-        process = self.fleet.start(self.sides[0].release)
-        try:
-            process.answer()
-            return float(process.call("cores", threads=threads))
-        finally:
-            process.end()
+        if self._calibrator is None:  # a process of its own: calibrating allocates
+            self._calibrator = self.fleet.start(self.sides[0].release)
+            self._calibrator.answers()
+        return float(self._calibrator.call("cores", threads=threads))
+
+
+def _rows(work: Mapping[str, Any], final: np.ndarray, rows: np.ndarray) -> dict[str, Any]:
+    """Return some simulations of a workload, with the final states they must reach."""
+    return {
+        **work,
+        "fields": {name: values[rows] for name, values in work["fields"].items()},
+        "control": work["control"][rows],
+        "final": final[rows],
+    }
 
 
 def _quads(old: Process, new: Process, count: int) -> tuple[list[str], np.ndarray]:
@@ -521,9 +324,7 @@ def _quads(old: Process, new: Process, count: int) -> tuple[list[str], np.ndarra
     orders = [random.choice(("ABBA", "BAAB")) for _ in range(count)]
     ns = np.array([[sides[letter].block() for letter in order] for order in orders])
     for side in sides.values():
-        with contextlib.suppress(OSError):
-            side.connection.send_bytes(worker.END)
-        side.answer()
+        side.blocks_end()
     return orders, ns
 
 
@@ -544,12 +345,6 @@ def freest_core(seconds: float = 0.002) -> int | None:
             shares[core] = (time.thread_time() - used) / (time.perf_counter() - begin)
     best = max(shares.values())
     return random.choice([core for core, share in shares.items() if share > best - 0.02])
-
-
-def _place(processes: Sequence[Process], cores: set[int]) -> None:
-    for process in processes:
-        with contextlib.suppress(OSError):  # it may have ended; `answer` tells
-            os.sched_setaffinity(process.pid, cores)
 
 
 @contextlib.contextmanager

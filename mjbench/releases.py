@@ -1,4 +1,4 @@
-"""The releases of MuJoCo: which exist, the history that asv walks, and the one imported here.
+"""The releases of MuJoCo: which exist, and the history of them that asv walks.
 
 asv walks commits, so the history is a git repository with one commit for every release, in the
 order they were uploaded: a tree that holds nothing but `requirements.txt`, and a tag such as
@@ -8,7 +8,6 @@ bundle, a repository in one file.
 """
 
 import contextlib
-import csv
 import json
 import os
 import re
@@ -18,10 +17,10 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from mjbench import guard
 from mjbench.errors import InputError, MachineError, one_line
 
 # The history begins one release before the first supported one, 2.3.7: a search such as
@@ -30,8 +29,6 @@ FIRST = (2, 3, 6)
 BRANCH = "releases"
 # What a commit says of its maker; fixed, because it is part of the hash.
 AUTHOR = "MuJoCo releases <releases@mjbench.invalid>"
-# The distributions that together make the `mujoco` package (one until 3.17, three from 4.0.0).
-DISTRIBUTIONS = ("mujoco", "mujoco-core", "mujoco-studio")
 # Seconds that an index may take to answer.
 PATIENCE_S = 30.0
 
@@ -154,7 +151,7 @@ def listing(bundle: Path) -> tuple[list[dict[str, Any]], str]:
     known = sorted(
         {**history, **(indexed or {})}.values(), key=lambda r: (r.uploaded, key(r.version))
     )
-    here = installed()
+    here = guard.installed()
     rows: list[dict[str, Any]] = [
         {
             "version": release.version,
@@ -324,75 +321,3 @@ def _git(repository: Path | None, *words: str, stdin: str | None = None) -> str:
     if done.returncode:
         raise MachineError(f"git {words[0]} failed: {one_line(done.stderr)}")
     return done.stdout
-
-
-# -- the one imported here ----------------------------------------------------------------------
-
-
-def installed() -> str | None:
-    """Return the version of MuJoCo installed in this environment, or None; imports nothing."""
-    try:
-        return metadata.version("mujoco")
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def imported_problem(meant: str | None = None) -> str | None:
-    """Return why the MuJoCo of this process is not the release meant, whole; None if it is.
-
-    A release installed over another, or found beside another on the path, imports without a
-    word and mixes the two. Checked are: what the package, the C library and the installer's
-    records call it; that nothing else was found on the path; that every module loaded comes
-    from its folder; that every file of the release is there, at its size.
-
-    Args:
-      meant: the version; by default the one the installer recorded.
-    """
-    import mujoco
-
-    recorded = installed()
-    if recorded is None:
-        return "MuJoCo can be imported, but no installer recorded it"
-    meant = meant or recorded
-    named = {"package": mujoco.__version__, "C library": mujoco.mj_versionString()}
-    distributions = list(_distributions())
-    named |= {f"distribution {d.metadata['Name']}": d.version for d in distributions}
-    wrong = [f"the {what} is {version}" for what, version in named.items() if version != meant]
-    if wrong:
-        return f"MuJoCo {meant} is meant, but {', '.join(wrong)}"
-    folder = Path(mujoco.__file__).resolve().parent
-    homes = {Path(p).resolve() for p in mujoco.__path__}
-    homes |= {Path(str(d.locate_file("mujoco"))).resolve() for d in distributions}
-    if homes != {folder}:
-        return f"MuJoCo {meant} is mixed from {', '.join(sorted(map(str, homes)))}"
-    return _stray_module(folder) or _broken_file(distributions)
-
-
-def _distributions() -> Iterator[metadata.Distribution]:
-    for name in DISTRIBUTIONS:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            yield metadata.distribution(name)
-
-
-def _stray_module(folder: Path) -> str | None:
-    for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None)
-        if name.split(".")[0] == "mujoco" and file and folder not in Path(file).resolve().parents:
-            return f"module {name} was loaded from {file}, not from {folder}"
-    return None
-
-
-def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
-    for distribution in distributions:
-        # not by `distribution.files`, which newer versions of importlib rid of missing ones
-        record = distribution.read_text("RECORD") or ""
-        for name, _, recorded in csv.reader(record.splitlines()):
-            if not name.startswith("mujoco/") or not recorded:
-                continue
-            try:
-                size = Path(str(distribution.locate_file(name))).stat().st_size
-            except OSError:
-                return f"{name} of MuJoCo {distribution.version} is missing"
-            if size != int(recorded):
-                return f"{name} of MuJoCo {distribution.version} has been changed"
-    return None

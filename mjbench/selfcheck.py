@@ -6,7 +6,6 @@ simulations once more. Whatever a verdict says beyond that is an error of the in
 
 import contextlib
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -15,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from mjbench import installs, machine, verdict
+from mjbench import child, installs, verdict
 from mjbench.errors import InputError, MachineError
+from mjbench.fleet import Fleet
 from mjbench.models import Source
-from mjbench.paired import Fleet, Side, Sizes
+from mjbench.paired import Side, Sizes
 from mjbench.runs import Record
 
 # Simulations of a block, so that 0.5 % of them is a whole number.
@@ -78,9 +78,9 @@ def summary(records: Sequence[Record]) -> list[dict[str, Any]]:
 
     Keys: model, slowdown, trials, detected (share called slower), wrong (share called faster, or
     anything but same or inconclusive where there is no slowdown), missed (share called the same),
-    inconclusive, covered (share of
-    intervals that hold the truth), error (mean of estimate less truth), seconds (mean), launches
-    (mean), launch_sd (standard deviation of launches, of the logarithm).
+    inconclusive, covered (share of intervals that hold the truth), error (mean of estimate less
+    truth), seconds (mean), launches (mean), launch_sd (standard deviation of launches, of the
+    logarithm).
     """
     groups: dict[tuple[str, float], list[Record]] = {}
     for record in records:
@@ -119,9 +119,9 @@ def neighbour(busy: bool) -> Iterator[None]:
         return
     core = max(os.sched_getaffinity(0))
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
-    child = subprocess.Popen([sys.executable, "-c", code], preexec_fn=machine.die_with_parent)
+    spinner = subprocess.Popen([sys.executable, "-c", code], preexec_fn=child.die_with_parent)
     try:
         yield
     finally:
-        child.send_signal(signal.SIGKILL)
-        child.wait()
+        spinner.kill()
+        spinner.wait()

@@ -8,7 +8,8 @@ from typing import Any
 
 from mjbench import agreement, stats
 from mjbench.errors import InputError, MachineError
-from mjbench.paired import Fleet, Launch, Pair, Same, Side, Sizes
+from mjbench.fleet import Fleet
+from mjbench.paired import Launch, Pair, Same, Side, Sizes
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class Outcome:
             "changed_work": self.changed_work if self.same else None,
             "work": self.same and {"old": dict(self.same.old), "new": dict(self.same.new)},
             "drift": self.same and self.same.drift,
+            "diverged": self.same and dict(zip(("old", "new"), self.same.diverged, strict=True)),
             "nbatch": self.same and self.same.nbatch,
             "nstep": self.same and self.same.nstep,
             "launches": len(self.launches),
@@ -86,15 +88,17 @@ class Outcome:
             "seconds": self.seconds,
         }
 
-    def as_records(self) -> list[dict[str, Any]]:
-        """Return the records of the run file: the result, with every launch's raw times."""
+    def as_record(self) -> dict[str, Any]:
+        """Return the record of the run file: the result, with every launch's raw times."""
         launches = [launch.as_dict() for launch in self.launches]
-        return [{"type": "verdict", **self.as_result(), "samples": launches}]
+        return {"type": "verdict", **self.as_result(), "samples": launches}
 
 
 def changed(same: Same) -> bool:
     """Return whether two sides do other work: counters, or one step's result beyond rounding."""
     counters = agreement.counter_changes(same.old, same.new)
+    if same.diverged[0] != same.diverged[1]:
+        return True
     return bool(counters) or (same.drift is not None and same.drift > agreement.ROUNDING)
 
 

@@ -2,10 +2,10 @@
 
 Where code and data lie decides a percent of a process's speed, sometimes three, for all its life,
 and one layout is not a sample. So each launch is a program started anew, which maps MuJoCo's
-libraries behind a random amount of other memory, allocates model, data and controls likewise, and
-runs at a random depth of the stack. (Forking launches from a started one is quicker, and was
-tried: all launches of a parent shared an offset of half a percent, once of three.) Requests
-and answers are pickled tuples over a socket; a block is a byte there and eight bytes back.
+libraries behind a random amount of other memory. Several times over it allocates model, data and
+controls likewise, and runs at a random depth of the stack. (Forking launches from a started one is
+quicker, and was tried: all launches of a parent shared an offset of half a percent, once of three.)
+Requests and answers are pickled tuples over a socket; a block is a byte there and eight bytes back.
 
 This module runs inside the environment of any one release and needs only NumPy and MuJoCo.
 """
@@ -14,6 +14,7 @@ import copy
 import gc
 import mmap
 import os
+import pickle
 import random
 import signal
 import socket
@@ -22,11 +23,12 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
-from multiprocessing.reduction import recv_handle
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, MachineError, MjbenchError, one_line
+import mjbench
+from mjbench import child
+from mjbench.errors import InputError, MachineError, one_line, told
 
 BLOCK, END = b"b", b"e"
 NANOSECONDS = struct.Struct("<q")
@@ -46,6 +48,7 @@ class Worker:
         self.connection = connection
         self.model: Any = None
         self.workload: Any = None
+        self.final: Any = None
         self.prepared: Any = None
         self.resources: Any = None
         self.padding: list[Any] = []
@@ -57,53 +60,26 @@ class Worker:
                 do, arguments = self.connection.recv()
             except (EOFError, OSError):
                 os._exit(0)
-            if do == "fork":
-                self._fork()
-                continue
             try:
                 answer = ("ok", getattr(self, f"do_{do}")(**arguments))
-            except MjbenchError as error:
-                answer = ("input" if error.exit_code == 2 else "failed", str(error))
-            except MemoryError:
-                answer = ("failed", "out of memory")
             except Exception as error:
-                answer = ("failed", f"{type(error).__name__}: {one_line(error)}")
+                answer = told(error)
             try:
                 self.connection.send(answer)
             except OSError:  # the parent hung up in the middle
                 os._exit(0)
 
-    def _fork(self) -> None:
-        """Fork; the child answers on the socket that comes with the request."""
-        descriptor = recv_handle(self.connection)
-        pid = os.fork()
-        if pid:
-            os.close(descriptor)
-            self.connection.send(("ok", pid))
-            return
-        from mjbench.machine import die_with_parent
-
-        die_with_parent()
-        self.connection.close()
-        self.connection = Connection(descriptor)
-        random.seed(os.urandom(8))
-
-    def do_start(self, version: str) -> str:
-        """Import MuJoCo behind other memory; make sure that it is the release meant."""
+    def do_start(self, version: str, files: bool) -> str:
+        """Import MuJoCo behind other memory; make sure that it is the release meant, whole."""
         self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
         import mujoco
 
-        from mjbench import releases
+        from mjbench import guard
 
-        problem = releases.imported_problem(version)
+        problem = guard.imported_problem(version, files)
         if problem:
             raise MachineError(problem)
         return str(mujoco.__version__)
-
-    def do_ended(self, pid: int) -> int:
-        """Return how a child ended: its exit code, or minus the signal."""
-        _, status = os.waitpid(pid, 0)
-        return os.waitstatus_to_exitcode(status)
 
     def do_load(self, name: str, path: str, options: Mapping[str, str]) -> None:
         """Load a model and set options of its `opt`."""
@@ -119,40 +95,46 @@ class Worker:
 
         mujoco.mj_saveModel(self.model, path, None)
 
-    def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> None:
-        """Make the workload."""
-        from mjbench import work
+    def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> dict[str, Any]:
+        """Make a workload; return it, taken apart by MjData field."""
+        from mjbench import work, workload
 
-        self.workload, _, _ = work.borne(self.model, nbatch, nstep, hold, seed)
+        made, _, _ = work.borne(self.model, nbatch, nstep, hold, seed)
+        fields = workload.fields(self.model, made.initial_state)
+        return {"fields": fields, "control": made.control, "hold": hold}
 
-    def do_give(self) -> dict[str, Any]:
-        """Return the workload, taken apart by MjData field."""
+    def do_take(self, work: str) -> None:
+        """Take a workload from a file."""
         from mjbench import workload
 
-        fields = workload.fields(self.model, self.workload.initial_state)
-        return {"fields": fields, "control": self.workload.control, "hold": self.workload.hold}
-
-    def do_take(self, fields: Mapping[str, Any], control: Any, hold: int) -> None:
-        """Take the workload that another side made."""
-        from mjbench import workload
-
+        given = pickle.loads(Path(work).read_bytes())
+        control = given["control"]
         if control.shape[2] != self.model.nu:
             raise InputError(f"the model has {self.model.nu} controls, not {control.shape[2]}")
-        start = workload.states(self.model, fields)
-        self.workload = workload.Workload(self.model, start, control, hold, seed=0)
+        start = workload.states(self.model, given["fields"])
+        self.workload = workload.Workload(self.model, start, control, given["hold"], seed=0)
+        self.final = given.get("final")
 
-    def do_observe(self) -> dict[str, Any]:
-        """Do the work once, plainly: what it was, and where one step leads from each start."""
-        from mjbench import work
+    def do_equip(self, model: str, work: str) -> None:
+        """Take a saved model and a workload, and import what a run needs."""
+        from mjbench import models, paths
 
-        seen = work.observe(self.workload)
+        self.model = models.load(models.Source("", Path(model)))
+        self.do_take(work)
+        paths.registry()
+
+    def do_observe(self, work: str) -> dict[str, Any]:
+        """Do a workload once, plainly: what it was, and where one step leads from each start."""
+        from mjbench import work as room
+
+        self.do_take(work)
+        seen = room.observe(self.workload)
         return {
             "work": seen.work.as_dict(),
-            "diverged": int((~seen.healthy).sum()),
+            "healthy": seen.healthy,
             "diagnosis": seen.diagnosis(),
             "final": seen.final_state,
-            "after": work.one_step(self.model, self.workload.initial_state),
-            "start_contacts": seen.start_contacts,
+            "after": room.one_step(self.model, self.workload.initial_state),
         }
 
     def do_cost(self) -> float:
@@ -167,7 +149,6 @@ class Worker:
         options: Mapping[str, Any],
         cores: list[int],
         extra: int,
-        final: Any,
     ) -> int:
         """Prepare a path's run in fresh memory, and check it; return nanoseconds of a warm block.
 
@@ -176,7 +157,6 @@ class Worker:
           options: its options.
           cores: to run on.
           extra: simulations drawn again at random, as a slowdown of known size.
-          final: (nbatch, nstate) the final states of the plain loop, which it must reach.
         """
         import numpy as np
 
@@ -199,9 +179,10 @@ class Worker:
         self.prepared = way.prepare(made, options, self.resources)
         reached = self.prepared.verify()
         held = slice(None) if reached.held is None else reached.held
-        if not np.array_equal(reached.values[held], np.asarray(final)[rows][held]):
+        if not np.array_equal(reached.values[held], self.final[rows][held]):
             raise MachineError(f"path {path} does not reach the final states of the plain loop")
         gc.collect()
+        gc.freeze()  # the next layout's garbage is all there is left to look at
         gc.disable()
         return self._block()
 
@@ -282,11 +263,14 @@ def _deeper(levels: int, function: Callable[[], None]) -> None:
 
 def main(descriptor: int) -> None:
     """Answer requests on the inherited socket."""
-    from mjbench.machine import die_with_parent
-
-    die_with_parent()
+    child.die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Worker(Connection(descriptor)).serve()
+
+
+def make_core(folder: Path) -> None:
+    """Link mjbench alone into a folder: what lies beside it must not be found by a release."""
+    (folder / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
 
 
 def command(code: str, core: Path, install: Path | None) -> list[str]:
@@ -294,7 +278,7 @@ def command(code: str, core: Path, install: Path | None) -> list[str]:
 
     Args:
       code: what to run.
-      core: a folder that holds mjbench and nothing else.
+      core: a folder that `make_core` filled.
       install: the folder of a release; None for the environment of this process.
     """
     if install is None:
@@ -309,6 +293,7 @@ def environment(install: Path | None) -> dict[str, str]:
     PYTHONPATH is left to the environment of this process alone.
     """
     kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    kept["MUJOCO_GL"] = "disable"  # nothing is drawn: a third of the import is the window library
     if install is None and "PYTHONPATH" in os.environ:
         kept["PYTHONPATH"] = os.environ["PYTHONPATH"]
     return kept

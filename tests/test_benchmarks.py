@@ -21,7 +21,7 @@ import pytest
 
 import benchmarks
 from benchmarks import stored
-from mjbench import models, releases
+from mjbench import guard, models
 from mjbench.errors import MachineError
 
 
@@ -138,7 +138,7 @@ def test_stored_states_are_of_the_model_as_it_is(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n in models.shipped() if n not in stored.HEAVY])
 def test_the_release_that_stored_the_states_does_not_drift(name: str) -> None:
-    if str(stored._read("release")) != releases.installed():
+    if str(stored._read("release")) != guard.installed():
         pytest.skip("the states were stored by another release")
     assert stored.drift(name) <= 1e-12
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from mjbench import explain, installs, instructions, models
+from mjbench import callgrind, explain, installs, instructions, models
 from mjbench.instructions import Count, Function
 
 ROOT = Path(__file__).parent.parent
@@ -52,7 +52,7 @@ fn=(5)
 
 
 def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
-    profile = instructions.parse(DUMP)
+    profile = callgrind.parse(DUMP)
     assert profile.self_cost == {
         "main": 5,
         "mj_step": 150,
@@ -66,7 +66,7 @@ def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
 
 
 def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
-    rows = instructions.parse(DUMP).below("mj_step")
+    rows = callgrind.parse(DUMP).below("mj_step")
     assert [name for name, _, _ in rows] == [
         "mj_collision",
         "mj_solNewton",
@@ -76,7 +76,7 @@ def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
 
 
 def test_stages_sum_up_to_the_engine() -> None:
-    found = instructions.stages(instructions.parse(DUMP))
+    found = instructions.stages(callgrind.parse(DUMP))
     assert found["collision"] == 500
     assert found["solver"] == 300
     assert sum(found.values()) == 1000
@@ -85,7 +85,7 @@ def test_stages_sum_up_to_the_engine() -> None:
 
 def test_recursion_is_not_counted_twice() -> None:
     text = DUMP + "fn=(6) mju_sort'2\n60 7\ncfn=(7) mju_sort\ncalls=1 60\n61 3\n"
-    profile = instructions.parse(text)
+    profile = callgrind.parse(text)
     assert profile.self_cost["mju_sort"] == 7
     assert profile.inclusive("mju_sort") == 7
 

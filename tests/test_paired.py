@@ -17,7 +17,8 @@ import pytest
 
 from mjbench import installs, models, paired, verdict
 from mjbench.errors import InputError
-from mjbench.paired import Fleet, Launch, Pair, Side, SideError, Sizes
+from mjbench.fleet import Fleet, SideError
+from mjbench.paired import Launch, Pair, Side, Sizes
 
 ROOT = Path(__file__).parent.parent
 HERE = installs.wanted(installs.HERE)
@@ -104,7 +105,7 @@ def test_the_processes_of_both_sides_sit_on_the_core_of_this_one(
     pair = Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE))
     launch = pair.launch()
     pair.close()
-    assert seen == [{launch.core}] * 3
+    assert seen == [{launch.core}] * 3 * paired.LAYOUTS
 
 
 def test_every_launch_is_a_new_process(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,24 +121,59 @@ def test_every_launch_is_a_new_process(fleet: Fleet, monkeypatch: pytest.MonkeyP
     for _ in range(3):
         pair.launch()
     pair.close()
+    assert len(pids) == 6 * paired.LAYOUTS
     assert len(set(pids)) == 6
 
 
-def test_sides_that_keep_different_numbers_of_simulations_are_refused(
-    fleet: Fleet, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_models_of_different_size_do_as_many_simulations_each(fleet: Fleet, tmp_path: Path) -> None:
     file = tmp_path / "other.xml"
     file.write_text(
         "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
     )
-    made = Pair._made
+    old, new = Side(HERE, CARTPOLE), Side(HERE, models.resolve(str(file)))
+    pair = Pair(fleet, old, new, Sizes(nbatch=3))
+    launch = pair.launch()
+    pair.close()
+    assert pair.same.nbatch == 3
+    assert pair.same.drift is None
+    assert (launch.ns > 0).all()
 
-    def fewer(holder: Any, making: Any) -> Any:
-        return made(holder, {**making, "nbatch": 3 if "other" in holder.name else 4})
 
-    monkeypatch.setattr(Pair, "_made", staticmethod(fewer))
-    with pytest.raises(InputError, match="4 and 3 simulations"):
-        Pair(fleet, Side(HERE, CARTPOLE), Side(HERE, models.resolve(str(file))))
+@pytest.fixture
+def stiff(tmp_path: Path) -> models.Source:
+    """Return a spring that a timestep of 2.5 ms blows up, by about four in each step."""
+    file = tmp_path / "stiff.xml"
+    file.write_text(
+        "<mujoco><option timestep='1e-4' integrator='Euler'/><worldbody><body>"
+        "<joint type='slide' stiffness='1e5'/><geom size='.1' mass='.1'/></body>"
+        "</worldbody></mujoco>"
+    )
+    return models.resolve(str(file))
+
+
+def test_simulations_that_diverge_on_one_side_only_are_changed_work(
+    fleet: Fleet, stiff: models.Source
+) -> None:
+    new = Side(HERE, stiff, model_options={"timestep": "0.0025"})
+    pair = Pair(fleet, Side(HERE, stiff), new, Sizes(nbatch=8, nstep=13))
+    launch = pair.launch()
+    pair.close()
+    assert pair.same.diverged[0] == 0
+    assert 0 < pair.same.diverged[1] < 8
+    assert pair.same.nbatch == 8 - pair.same.diverged[1]
+    assert verdict.changed(pair.same)
+    assert (launch.ns > 0).all()
+
+
+def test_a_side_on_which_every_simulation_diverges_is_told(
+    fleet: Fleet, stiff: models.Source
+) -> None:
+    new = Side(HERE, stiff, model_options={"timestep": "0.0025"})
+    outcome = verdict.decide(
+        fleet, Side(HERE, stiff), new, replace(BRIEF, sizes=Sizes(nbatch=4, nstep=50))
+    )
+    assert outcome.status == "input"
+    assert "every simulation diverges (BADQACC in 4)" in outcome.detail
 
 
 def test_sides_with_threads_are_not_pinned_and_their_cores_are_calibrated(fleet: Fleet) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import pytest
 
-from mjbench import releases
+from mjbench import guard, releases
 from mjbench.errors import InputError
 from mjbench.releases import Release
 
@@ -190,12 +190,12 @@ def test_without_git_the_history_is_told_unreadable_in_a_line() -> None:
 
 
 def test_the_release_installed_here_is_whole() -> None:
-    assert releases.imported_problem() is None
-    assert releases.imported_problem(metadata.version("mujoco")) is None
+    assert guard.imported_problem() is None
+    assert guard.imported_problem(metadata.version("mujoco")) is None
 
 
 def test_another_release_than_the_one_meant_is_refused() -> None:
-    assert "MuJoCo 2.3.7 is meant" in (releases.imported_problem("2.3.7") or "")
+    assert "MuJoCo 2.3.7 is meant" in (guard.imported_problem("2.3.7") or "")
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_mixed_release_is_refused(
     monkeypatch: pytest.MonkeyPatch, attribute: str, value: Any, said: str
 ) -> None:
     monkeypatch.setattr(mujoco, attribute, value)
-    assert said in (releases.imported_problem() or "")
+    assert said in (guard.imported_problem() or "")
 
 
 def test_a_distribution_left_by_another_release_is_refused(monkeypatch: Any) -> None:
@@ -218,15 +218,15 @@ def test_a_distribution_left_by_another_release_is_refused(monkeypatch: Any) -> 
         metadata = {"Name": "mujoco-core"}  # noqa: RUF012
         version = "4.1.0"
 
-    monkeypatch.setattr(releases, "_distributions", lambda: [Left()])
-    assert "distribution mujoco-core is 4.1.0" in (releases.imported_problem() or "")
+    monkeypatch.setattr(guard, "_distributions", lambda: [Left()])
+    assert "distribution mujoco-core is 4.1.0" in (guard.imported_problem() or "")
 
 
 def test_a_module_from_elsewhere_is_refused(monkeypatch: Any, tmp_path: Path) -> None:
     stray = type(sys)("mujoco.stray")
     stray.__file__ = str(tmp_path / "stray.py")
     monkeypatch.setitem(sys.modules, "mujoco.stray", stray)
-    assert "module mujoco.stray was loaded from" in (releases.imported_problem() or "")
+    assert "module mujoco.stray was loaded from" in (guard.imported_problem() or "")
 
 
 @pytest.mark.parametrize(
@@ -241,6 +241,6 @@ def test_a_broken_file_is_refused(tmp_path: Path, change: Any, said: str) -> Non
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mujoco\nVersion: 9.9.9\n")
     (info / "RECORD").write_text("mujoco/part.py,sha256=x,9\nmujoco-9.9.9.dist-info/RECORD,,\n")
     (made,) = metadata.distributions(name="mujoco", path=[str(tmp_path)])
-    assert releases._broken_file([made]) is None
+    assert guard._broken_file([made]) is None
     change(tmp_path / "mujoco" / "part.py")
-    assert said in (releases._broken_file([made]) or "")
+    assert said in (guard._broken_file([made]) or "")

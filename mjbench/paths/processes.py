@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import machine
+from mjbench import child
 from mjbench.compat import state_spec
 from mjbench.paths.base import (
     Option,
@@ -108,7 +108,7 @@ def _serve(
     hold: int,
 ) -> None:
     """Be a worker: step the share `part` whenever a byte arrives, until the pipe closes."""
-    machine.die_with_parent()
+    child.die_with_parent()
     data, spec, fresh = mujoco.MjData(model), state_spec("INTEGRATION"), needs_reset(model)
     starts, controls, ends = (_array(a)[part] for a in (initial_state, control, final))
     with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):

@@ -66,6 +66,9 @@ def work_text(row: Record) -> str:
     words = agreement.counter_changes(work["old"], work["new"])
     if row["drift"] is not None and row["drift"] > agreement.ROUNDING:
         words.append(f"one step differs by {row['drift']:.1g}")
+    diverged = row["diverged"]
+    if diverged["old"] != diverged["new"]:
+        words.append(f"{diverged['new']} simulations diverge instead of {diverged['old']}")
     return ", ".join(words)
 
 

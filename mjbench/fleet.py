@@ -1,0 +1,193 @@
+"""Processes in the environment of any release, each doing what it is asked (see worker)."""
+
+import contextlib
+import os
+import pickle
+import subprocess
+import tempfile
+from collections import deque
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from mjbench import child, installs, worker
+from mjbench.errors import InputError, MachineError
+
+_DOING = {
+    "start": "importing MuJoCo",
+    "load": "loading the model",
+    "make": "making the workload",
+    "equip": "taking the workload",
+    "take": "taking the workload",
+    "observe": "stepping the model",
+    "prepare": "preparing a run",
+    "time": "running a block",
+}
+
+
+class SideError(MachineError):
+    """A side crashed, hung or answered nonsense; tells which in one line."""
+
+
+class Process:
+    """A worker, seen from here: it is asked for things, and answers in that order."""
+
+    def __init__(
+        self,
+        connection: Connection,
+        name: str,
+        limit_s: float,
+        process: "subprocess.Popen[bytes]",
+        said: Path,
+    ):
+        self.connection, self.name, self.limit_s, self.pid = connection, name, limit_s, process.pid
+        self._process, self._said = process, said
+        self._asked: deque[str] = deque()
+
+    def call(self, do: str, **arguments: Any) -> Any:
+        """Ask for something and wait for the answer.
+
+        Raises:
+          InputError: what was asked for cannot be.
+          SideError: it failed, crashed or did not answer in time.
+        """
+        self.ask(do, **arguments)
+        return self.answer()
+
+    def ask(self, do: str, **arguments: Any) -> None:
+        """Ask for something small; `answer` waits for it. A second request waits for the first."""
+        self._asked.append(do)
+        with contextlib.suppress(OSError):  # a dead worker is told by `answer`
+            self.connection.send((do, arguments))
+
+    def answer(self) -> Any:
+        """Wait for the answer to the oldest request that has none."""
+        status, value = self._receive(self.connection.recv)
+        self._asked.popleft()
+        if status == "ok":
+            return value
+        kind = InputError if status == "input" else SideError
+        raise kind(f"{self.name}: {value}")
+
+    def answers(self) -> None:
+        """Wait for the answers to all requests."""
+        while self._asked:
+            self.answer()
+
+    def block(self) -> int:
+        """Have one block run; return its nanoseconds."""
+        with contextlib.suppress(OSError):
+            self.connection.send_bytes(worker.BLOCK)
+        content = self._receive(self.connection.recv_bytes)
+        ns = int(worker.NANOSECONDS.unpack(content)[0]) if len(content) == 8 else 0
+        if ns <= 0:
+            raise SideError(f"{self.name}: says that a block took {ns} ns")
+        return ns
+
+    def blocks_end(self) -> None:
+        """Say that there are no more blocks."""
+        with contextlib.suppress(OSError):
+            self.connection.send_bytes(worker.END)
+        self.answer()
+
+    def end(self) -> None:
+        """End the process, whatever it is doing."""
+        self.connection.close()
+        child.end_group(self._process)
+        self._said.unlink(missing_ok=True)
+
+    def _receive(self, receive: Callable[[], Any]) -> Any:
+        doing = _DOING.get(self._asked[0], self._asked[0])
+        if not self.connection.poll(self.limit_s):
+            child.end_group(self._process)
+            raise SideError(f"{self.name}: no answer within {self.limit_s:g} s while {doing}")
+        try:
+            return receive()
+        except (EOFError, OSError):
+            how = child.cause_of_death(self._process.wait())
+            said = child.last_words(child.text(self._said))
+            raise SideError(f"{self.name}: {how} while {doing}{said}") from None
+
+
+class Fleet:
+    """Starts processes in the environment of any release; ends all of them when it is left."""
+
+    def __init__(self, limit_s: float = 60.0):
+        self.limit_s = limit_s
+        self._closing = contextlib.ExitStack()
+        self._alive: list[Process] = []
+        self._folders: dict[str, Path | None] = {}
+        self._files = 0
+
+    def __enter__(self) -> "Fleet":
+        with contextlib.ExitStack() as closing:
+            self._core = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="mjbench-")))
+            worker.make_core(self._core)
+            (self._core / "work").mkdir()
+            closing.callback(lambda: self.end(list(self._alive)))
+            self._closing = closing.pop_all()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._closing.close()
+
+    def file(self, suffix: str) -> Path:
+        """Return a new path in a folder that lasts as long as this fleet."""
+        self._files += 1
+        return self._core / "work" / f"{self._files}{suffix}"
+
+    def keep(self, value: Any) -> Path:
+        """Return a file that holds a value, for a worker to take."""
+        file = self.file(".pickle")
+        try:
+            file.write_bytes(pickle.dumps(value))
+        except OSError as error:
+            raise MachineError(f"cannot write {file}: {error.strerror}") from error
+        return file
+
+    def start(self, release: installs.Wanted, name: str = "") -> Process:
+        """Begin to start a process that imports a release; its first answer says that it did."""
+        first = release.key not in self._folders
+        if first:
+            folder = self._closing.enter_context(installs.use(release))
+            self._folders[release.key] = folder
+        folder, said = self._folders[release.key], self.file(".said")
+        ours, theirs = worker.pair()
+        with theirs, said.open("wb") as out:
+            theirs.set_inheritable(True)
+            child_process = subprocess.Popen(
+                worker.command(
+                    f"from mjbench.worker import main; main({theirs.fileno()})",
+                    self._core,
+                    folder,
+                ),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=out,
+                cwd=said.parent,
+                env=worker.environment(folder),
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+        name = name or f"MuJoCo {release.version}"
+        process = Process(ours, name, self.limit_s, child_process, said)
+        self._alive.append(process)
+        # the files of a release do not change while its install is in use: looked at once
+        process.ask("start", version=release.version, files=first)
+        return process
+
+    def end(self, processes: Sequence[Process]) -> None:
+        """End processes of this fleet."""
+        for process in processes:
+            process.end()
+            self._alive.remove(process)
+
+
+def place(processes: Sequence[Process], cores: set[int]) -> None:
+    """Have processes run on these cores only."""
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    for process in processes:
+        with contextlib.suppress(OSError):  # it may have ended; `answer` tells
+            os.sched_setaffinity(process.pid, cores)
