@@ -4,10 +4,9 @@ One process under Callgrind counts all models of a release, each over its stored
 controls (see mjbench.instructions).
 """
 
+import pickle
 import tempfile
 from pathlib import Path
-
-import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
@@ -16,8 +15,6 @@ from mjbench import instructions as room
 
 # Simulations of each model; Callgrind runs some fifty times slower than the processor.
 NBATCH = 2
-# Begins what is told of a model that could not be counted although the release can load it.
-FAILED = "failed: "
 
 
 class Instructions(Tracked):
@@ -27,48 +24,53 @@ class Instructions(Tracked):
     param_names = ("model",)
     timeout = 600
 
-    def setup_cache(self) -> dict[str, float | str]:
-        """Count; return instructions per step by model, or why there is no count."""
+    def setup_cache(self) -> dict[str, tuple[str, float | str]]:
+        """Count; return, by model, (`ok`, instructions per step), or how and why not.
+
+        It is (`unable`, …) where this release or machine cannot, (`failed`, …) where it should.
+        """
         problem = room.unavailable()
         if problem:
-            return dict.fromkeys(models.shipped(), problem)
-        found: dict[str, float | str] = {}
-        with tempfile.TemporaryDirectory() as folder:
-            names = []
+            return dict.fromkeys(models.shipped(), ("unable", problem))
+        found: dict[str, tuple[str, float | str]] = {}
+        with tempfile.TemporaryDirectory() as folder, room.Counter() as counter:
+            sources = []
             for name in models.shipped():
+                source = models.resolve(name)
                 try:
-                    _write(name, Path(folder) / f"{len(names)}.npz")
-                    names.append(name)
+                    counter.give(source, _write(name, Path(folder)))
+                    sources.append(source)
                 except NotImplementedError as reason:
-                    found[name] = str(reason)
-            sources = [models.resolve(name) for name in names]
-            here = installs.wanted(installs.HERE)
-            for count in room.count(here, sources, given=Path(folder)):
+                    found[name] = ("unable", str(reason))
+            for count in counter.count(installs.wanted(installs.HERE), sources):
                 if count.instructions_per_step is None:
-                    found[count.model] = f"{FAILED}{count.detail}"
+                    found[count.model] = ("failed", count.detail)
                 else:
-                    found[count.model] = count.instructions_per_step
+                    found[count.model] = ("ok", count.instructions_per_step)
         return found
 
     setup_cache.timeout = 600  # type: ignore[attr-defined]
 
-    def setup(self, counts: dict[str, float | str], model: str) -> None:
+    def setup(self, counts: dict[str, tuple[str, float | str]], model: str) -> None:
         """See whether the model was counted."""
-        found = counts[model]
-        if isinstance(found, str):
-            raise (RuntimeError if found.startswith(FAILED) else NotImplementedError)(found)
+        status, found = counts[model]
+        if status != "ok":
+            raise (RuntimeError if status == "failed" else NotImplementedError)(found)
 
-    def track_instructions_per_step(self, counts: dict[str, float | str], model: str) -> float:
+    def track_instructions_per_step(
+        self, counts: dict[str, tuple[str, float | str]], model: str
+    ) -> float:
         """Tell."""
-        return float(counts[model])
+        return float(counts[model][1])
 
     track_instructions_per_step.unit = "instructions/step"
     track_instructions_per_step.pretty_name = "instructions per step"
 
 
-def _write(name: str, file: Path) -> None:
-    """Write the stored workload of a model as mjbench.counted reads it."""
+def _write(name: str, folder: Path) -> Path:
+    """Write the stored workload of a model to a file; return it."""
     nstep = stored.HEAVY_NSTEP if name in stored.HEAVY else stored.NSTEP
     made = stored.stored_workload(name, NBATCH, nstep)
-    fields = workload.fields(made.model, made.initial_state)
-    np.savez(file, control=made.control, hold=made.hold, **fields)
+    file = folder / f"{name}.pickle"
+    file.write_bytes(pickle.dumps(workload.portable(made)))
+    return file

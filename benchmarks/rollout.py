@@ -25,8 +25,7 @@ class RolloutThreads(_Many):
 
     def setup(self, model: str, threads: int) -> None:
         """Prepare the rollout."""
-        options = {"pool": "kept"} if threads > 1 else {}
-        self.prepare("rollout", model, threads=threads, **options)
+        self.prepare("rollout", model, threads=threads, pool="kept")
 
     def time_3200_steps(self, model: str, threads: int) -> None:
         """Roll out."""

@@ -83,6 +83,7 @@ def prepared(path: str, workload_of: tuple[Any, ...], **options: Any) -> paths.P
       RuntimeError: the path's final states are not those of the reference run.
     """
     way = paths.find(path)
+    options = way.complete(options)
     reason = way.unavailable()
     if reason:
         raise NotImplementedError(reason)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench import isolate, machine, measure, models, paths
+from mjbench.errors import InputError
 from mjbench.runs import Record
 
 Progress = Callable[[str, float], None]
@@ -80,6 +81,30 @@ def variants(
         values["processes"] = workers
         found += [(name, options) for options in path.variants(values)]
     return tuple(found)
+
+
+def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
+    """Return option values by option name from words such as `pool=new,kept`.
+
+    Args:
+      words: of the command line.
+      names: of paths that may be the user's own.
+
+    Raises:
+      InputError: no such option, or a value that it cannot have.
+    """
+    known = {
+        option.name: option
+        for name in [*paths.registry(), *names]
+        for option in paths.find(name).options
+    }
+    found = {}
+    for word in words:
+        name, equals, values = word.partition("=")
+        if not equals or name not in known:
+            raise InputError(f"--option {word}: give NAME=VALUE, NAME one of {', '.join(known)}")
+        found[name] = [known[name].value(value) for value in values.split(",")]
+    return found
 
 
 @dataclass

@@ -6,69 +6,64 @@ which Callgrind writes out what it counted so far.
 """
 
 import json
+import pickle
 import sys
 from pathlib import Path
 from typing import Any
 
 
 def main(request_file: str) -> None:
-    """Step the models of a request; write what the work was beside it, as JSON.
+    """Step the models of a request; write what the work was beside it, a line of JSON for each.
 
-    The request names `version` and `models`: name, path, and either nbatch, nstep and seed, or
-    `given`, the file of a workload taken apart by field.
+    The request names `version` and `models`: name, path, and `work`, the file of a workload; where
+    there is no such file it is made, of nbatch, nstep, hold and seed.
     """
     import mujoco
 
     from mjbench import guard
     from mjbench.errors import MjbenchError
 
-    folder = Path(request_file).parent
     request = json.loads(Path(request_file).read_text(encoding="utf-8"))
     problem = guard.imported_problem(request["version"])
     if problem:
         raise SystemExit(problem)
-    answers = []
-    with (folder / "answers.jsonl").open("w", encoding="utf-8") as out:
+    with Path(request_file).with_name("answers.jsonl").open("w", encoding="utf-8") as out:
         for entry in request["models"]:
-            (folder / "where.txt").write_text(entry["name"], encoding="utf-8")
             try:
-                answer = {"name": entry["name"], "status": "ok", **_count(entry, folder)}
+                answer = {"name": entry["name"], "status": "ok", **_count(entry)}
             except MjbenchError as error:
                 answer = {"name": entry["name"], "status": "input", "detail": str(error)}
                 mujoco.mj_version()
                 mujoco.mj_version()
-            answers.append(answer)
             out.write(json.dumps(answer) + "\n")
             out.flush()
 
 
-def _count(entry: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _count(entry: dict[str, Any]) -> dict[str, Any]:
     """Do the work of one model between two markers; return what it was."""
     import mujoco
-    import numpy as np
 
     from mjbench import models, paths, work, workload
 
     model = models.load(models.Source(entry["name"], Path(entry["path"])))
-    if entry.get("given"):
-        with np.load(folder / entry["given"]) as stored:
-            given = {key: stored[key] for key in stored.files}
-        control, hold = given.pop("control"), int(given.pop("hold"))
-        made = workload.Workload(model, workload.states(model, given), control, hold, 0)
-    else:
-        made = workload.make(model, entry["nbatch"], entry["nstep"], 1, entry["seed"])
-        fields = workload.fields(model, made.initial_state)
-        np.savez(folder / f"{entry['number']}.npz", control=made.control, hold=made.hold, **fields)  # type: ignore[arg-type]
+    file = Path(entry["work"])
+    if not file.is_file():
+        made, _, _ = work.borne(model, *(entry[key] for key in ("nbatch", "nstep", "hold", "seed")))
+        whole = file.with_suffix(".part")
+        whole.write_bytes(pickle.dumps(workload.portable(made)))
+        whole.rename(file)
+    made = workload.restore(model, pickle.loads(file.read_bytes()))
     seen = work.observe(made)
     run = paths.find("python_loop").prepare(made, {}, paths.Resources(made)).run
     run()
     mujoco.mj_version()
     run()
     mujoco.mj_version()
+    diverged = int((~seen.healthy).sum())
     return {
         "steps": made.steps,
         "work": seen.work.as_dict(),
-        "diverged": int((~seen.healthy).sum()),
+        "detail": f"{diverged} of {made.nbatch} simulations diverge" if diverged else "",
     }
 
 

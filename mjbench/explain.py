@@ -1,6 +1,5 @@
 """Why is a release slower: instructions by function and stage, old against new."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +7,8 @@ from mjbench import agreement
 from mjbench.instructions import Count
 from mjbench.verdict import Outcome
 
+# Two counts of the same work differ by less (tests/test_instructions.py).
+REPEATS = 0.001
 # Where the clock and the instructions disagree by more than this, something else is at work.
 DISAGREEMENT = 0.03
 
@@ -106,6 +107,43 @@ def _stages(old: Count, new: Count) -> dict[str, dict[str, float]]:
     }
 
 
-def rows(count: Count, most: int) -> Sequence[tuple[str, float, float]]:
-    """Return (function, self, inclusive) per step of the most expensive functions."""
-    return [(f.name, f.self, f.inclusive) for f in count.functions[:most]]
+def verdict(old: Count, new: Count, min_effect: float) -> dict[str, Any]:
+    """Return what `mjbench versions --metric instructions --json` gives of one model.
+
+    It has the keys of a verdict on time. The interval is what two counts may differ by.
+    """
+    failed = next((count for count in (old, new) if count.status != "ok"), None)
+    ratio = None
+    if not failed and old.instructions_per_step and new.instructions_per_step:
+        ratio = new.instructions_per_step / old.instructions_per_step
+    work = None if failed else {"old": dict(old.work or {}), "new": dict(new.work or {})}
+    side = {"path": "python_loop", "options": {}, "model_options": {}, "slowdown": 0.0}
+    notes = [f"MuJoCo {c.release}: {c.detail}" for c in (old, new) if c.detail]
+    return {
+        "model": new.model,
+        "path": "python_loop",
+        "metric": "instructions",
+        "old": old.release,
+        "new": new.release,
+        "sides": [{"release": c.release, "model": c.model, **side} for c in (old, new)],
+        "status": failed.status if failed else "ok",
+        "detail": "; ".join(notes),
+        "verdict": ratio and _verdict(ratio, min_effect),
+        "ratio": ratio
+        and {"estimate": ratio, "low": ratio / (1 + REPEATS), "high": ratio * (1 + REPEATS)},
+        "changed_work": work and bool(agreement.counter_changes(work["old"], work["new"])),
+        "work": work,
+        "drift": None,
+        "diverged": None,
+        "nbatch": None,
+        "nstep": None,
+        "launches": 0,
+        "pairs": 0,
+        "seconds": new.seconds + old.seconds,
+    }
+
+
+def _verdict(ratio: float, min_effect: float) -> str:
+    if ratio >= 1 + min_effect:
+        return "slower"
+    return "faster" if ratio <= 1 / (1 + min_effect) else "same"

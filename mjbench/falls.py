@@ -111,9 +111,9 @@ def ask(
     nstep = round(WITHIN_S / model.opt.timestep)
     ways = []
     for name, count, run in _ways(model, initial, nstep, threads):
-        run(initial)  # threads are started, memory is touched
+        run()  # threads are started, memory is touched
         begin = clock()
-        fallen = run(initial)
+        fallen = run()
         seconds = clock() - begin
         counts = tuple(int(n) for n in fallen.reshape(len(angles), samples).sum(axis=1))
         ways.append(Way(name, counts, seconds, count))
@@ -124,25 +124,27 @@ def ask(
 
 def _ways(
     model: Any, initial: np.ndarray, nstep: int, threads: Sequence[int]
-) -> list[tuple[str, int, Callable[[np.ndarray], np.ndarray]]]:
+) -> list[tuple[str, int, Callable[[], np.ndarray]]]:
+    """Return (name, threads, a function that tells which simulations fell) of each way."""
     hinge = int(model.joint("hinge").qposadr[0])
-    found = [("python_loop", 1, _loop(model, nstep, hinge))]
+    found = [("python_loop", 1, _loop(model, initial, nstep, hinge))]
     if compat.rollout_unavailable() is None:
         counts = threads if compat.rollout_threads() else [1]
-        found += [(f"rollout, {n} threads", n, _rollout(model, nstep, hinge, n)) for n in counts]
+        found += [
+            (f"rollout, {n} threads", n, _rollout(model, initial, nstep, hinge, n)) for n in counts
+        ]
     if compat.batch_unavailable() is None:
         found += [
-            (f"Batch, {n} threads", n, _batch(model, len(initial), nstep, hinge, n))
-            for n in threads
+            (f"Batch, {n} threads", n, _batch(model, initial, nstep, hinge, n)) for n in threads
         ]
     return found
 
 
-def _loop(model: Any, nstep: int, hinge: int) -> Callable[[np.ndarray], np.ndarray]:
+def _loop(model: Any, initial: np.ndarray, nstep: int, hinge: int) -> Callable[[], np.ndarray]:
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
     qpos, mj_step = data.qpos, mujoco.mj_step
 
-    def run(initial: np.ndarray) -> np.ndarray:
+    def run() -> np.ndarray:
         fallen = np.zeros(len(initial), dtype=bool)
         for i, row in enumerate(initial):
             mujoco.mj_resetData(model, data)
@@ -156,37 +158,31 @@ def _loop(model: Any, nstep: int, hinge: int) -> Callable[[np.ndarray], np.ndarr
 
 
 def _rollout(
-    model: Any, nstep: int, hinge: int, threads: int
-) -> Callable[[np.ndarray], np.ndarray]:
+    model: Any, initial: np.ndarray, nstep: int, hinge: int, threads: int
+) -> Callable[[], np.ndarray]:
     from mujoco import rollout
 
     whole = compat.state_columns(model, compat.state_spec("INTEGRATION"))
     physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
     kept = np.concatenate([np.arange(whole[f].start, whole[f].stop) for f in physics])
-    column = physics["qpos"].start + hinge
+    start, column = np.ascontiguousarray(initial[:, kept]), physics["qpos"].start + hinge
     datas = [mujoco.MjData(model) for _ in range(threads)]
-    options: dict[str, Any] = {}
     if compat.rollout_threads():
         call = rollout.Rollout(nthread=threads if threads > 1 else 0).rollout
     else:
         call, datas = rollout.rollout, datas[0]
-
-    def run(initial: np.ndarray) -> np.ndarray:
-        states = np.asarray(call(model, datas, initial[:, kept], nstep=nstep, **options)[0])
-        return _passed(states[:, :, column])
-
-    return run
+    return lambda: _passed(call(model, datas, start, nstep=nstep)[0][:, :, column])
 
 
 def _batch(
-    model: Any, nbatch: int, nstep: int, hinge: int, threads: int
-) -> Callable[[np.ndarray], np.ndarray]:
+    model: Any, initial: np.ndarray, nstep: int, hinge: int, threads: int
+) -> Callable[[], np.ndarray]:
     from mujoco import batch
 
-    made = batch.Batch(model, nbatch, threads)
-    out = {"qpos": np.empty((nbatch, nstep, model.nq))}
+    made = batch.Batch(model, len(initial), threads)
+    out = {"qpos": np.empty((len(initial), nstep, model.nq))}
 
-    def run(initial: np.ndarray) -> np.ndarray:
+    def run() -> np.ndarray:
         made.state[:] = initial
         made.rollout(nstep, None, record=("qpos",), out=out)
         return _passed(out["qpos"][:, :, hinge])

@@ -7,24 +7,28 @@ Counts repeat to about 1e-4. They say what code did, not how long it took: memor
 and system calls cost time that no instruction tells.
 """
 
+import contextlib
 import json
 import re
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mjbench import callgrind, child, installs, worker
 from mjbench.errors import MachineError
 from mjbench.models import Source
+from mjbench.paired import Sizes
 
 MARKER = "mj_version"
 ENGINE = "mj_step"
 # Simulations and steps of each model. Callgrind runs about fifty times slower than the processor.
 NBATCH, NSTEP = 2, 50
+HASH_SEED = "0"
 # Without these, glibc copies and clears large blocks by one instruction that Callgrind counts once
 # for every byte: false steps of 50 %.
 _LARGE = 1_000_000_000
@@ -71,13 +75,14 @@ class Count:
       model: its name.
       release: of MuJoCo.
       status: `ok`, `input`, `crashed` or `timeout`.
-      detail: one line; empty when ok.
+      detail: one line; says so when simulations diverged.
       instructions_per_step: of the engine, all below `mj_step`.
       outside_per_step: of the bindings, Python, and all else that is not the engine.
       functions: of the engine, the most expensive first.
       stages: instructions per step by stage of the pipeline.
       steps: that were counted.
       work: contacts, constraints, solver iterations per step.
+      seconds: that counting it and the models beside it took, over their number.
     """
 
     model: str
@@ -90,6 +95,7 @@ class Count:
     stages: Mapping[str, float] | None = None
     steps: int = 0
     work: Mapping[str, float] | None = None
+    seconds: float = 0.0
 
 
 def unavailable() -> str | None:
@@ -99,60 +105,74 @@ def unavailable() -> str | None:
     return "counting instructions needs valgrind: install it, such as by `apt install valgrind`"
 
 
-# -- counting -----------------------------------------------------------------------------------
+class Counter:
+    """Counts models, each doing the same work in every release.
 
-
-def count(
-    release: installs.Wanted,
-    sources: Sequence[Source],
-    limit_s: float = 600.0,
-    given: Path | None = None,
-    keep: Path | None = None,
-    seed: int = 0,
-) -> list[Count]:
-    """Count the instructions of models in one release.
-
-    Args:
-      release: of MuJoCo.
-      sources: the models.
-      limit_s: the process is killed when it counted no model for this long.
-      given: folder of workloads that an earlier call kept, to do the same work again.
-      keep: folder to keep this call's workloads in.
-      seed: of the workloads, where they are not given.
-
-    Raises:
-      MachineError: no valgrind, or it fails.
+    That work is what `give` named, or what the first release to count the model drew. Used as a
+    context; it keeps the work in a folder of its own.
     """
-    problem = unavailable()
-    if problem:
-        raise MachineError(problem)
-    found: list[Count] = []
-    while len(found) < len(sources):
-        # a model that ends the process costs its own row: the others are counted by another one
-        with tempfile.TemporaryDirectory(prefix="mjbench-") as scratch:
-            found += _count(release, sources, len(found), Path(scratch), limit_s, given, keep, seed)
-    return found
+
+    def __init__(self, sizes: Sizes | None = None):
+        self.sizes = sizes or Sizes()
+        self._works: dict[Source, Path] = {}
+        self._closing = contextlib.ExitStack()
+
+    def __enter__(self) -> "Counter":
+        problem = unavailable()
+        if problem:
+            raise MachineError(problem)
+        folder = self._closing.enter_context(tempfile.TemporaryDirectory(prefix="mjbench-"))
+        self._folder = Path(folder)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._closing.close()
+
+    def give(self, source: Source, work: Path) -> None:
+        """Name the work of a model: the pickle of what `workload.portable` returns."""
+        self._works[source] = work
+
+    def count(
+        self, release: installs.Wanted, sources: Sequence[Source], limit_s: float = 600.0
+    ) -> list[Count]:
+        """Count the instructions of models in one release.
+
+        Args:
+          release: of MuJoCo.
+          sources: the models.
+          limit_s: the process is killed when it counted no model for this long.
+
+        Raises:
+          MachineError: valgrind fails.
+        """
+        entries = [self._entry(source) for source in sources]
+        found: list[Count] = []
+        begin = time.monotonic()
+        while len(found) < len(entries):
+            # a model that ends the process costs its own row: another counts the others
+            with tempfile.TemporaryDirectory(prefix="mjbench-") as folder:
+                found += _count(release, entries[len(found) :], Path(folder), limit_s)
+        seconds = (time.monotonic() - begin) / max(1, len(found))
+        return [replace(count, seconds=seconds) for count in found]
+
+    def _entry(self, source: Source) -> dict[str, Any]:
+        work = self._works.setdefault(source, self._folder / f"{len(self._works)}.pickle")
+        hold = self.sizes.hold
+        return {
+            "name": source.name,
+            "path": str(source.path),
+            "work": str(work),
+            "nbatch": self.sizes.nbatch or NBATCH,
+            "nstep": self.sizes.nstep or hold * max(1, NSTEP // hold),
+            "hold": hold,
+            "seed": self.sizes.seed,
+        }
 
 
 def _count(
-    release: installs.Wanted,
-    sources: Sequence[Source],
-    first: int,
-    folder: Path,
-    limit_s: float,
-    given: Path | None,
-    keep: Path | None,
-    seed: int,
+    release: installs.Wanted, entries: Sequence[dict[str, Any]], folder: Path, limit_s: float
 ) -> list[Count]:
-    entries: list[dict[str, Any]] = []
-    for number, source in enumerate(sources[first:], first):
-        entry = {"name": source.name, "path": str(source.path), "number": number, "seed": seed}
-        entry |= {"nbatch": NBATCH, "nstep": NSTEP}
-        stored = given / f"{number}.npz" if given else None
-        if stored and stored.is_file():
-            shutil.copy(stored, folder)
-            entry["given"] = stored.name
-        entries.append(entry)
+    """Count models until one ends the process; its row, the last, says how."""
     request = folder / "request.json"
     request.write_text(json.dumps({"version": release.version, "models": entries}))
     ended = _run(release, folder, request, limit_s)
@@ -163,14 +183,10 @@ def _count(
         _counted(release, answer, folder / f"callgrind.out.{2 * i + 2}")
         for i, answer in enumerate(answers)
     ]
-    if keep:
-        for file in folder.glob("*.npz"):
-            shutil.copy(file, keep)
     if len(counts) < len(entries):
-        name = sources[first + len(counts)].name
         if ended is None:
             raise MachineError("valgrind ended before its work was done")
-        counts.append(Count(name, release.version, *ended))
+        counts.append(Count(entries[len(counts)]["name"], release.version, *ended))
     return counts
 
 
@@ -188,7 +204,8 @@ def _run(
             f"from mjbench.counted import main; main({str(request)!r})", core, install
         )
         environment = worker.environment(install)
-        environment |= {"GLIBC_TUNABLES": TUNABLES, "PYTHONHASHSEED": "0", "TMPDIR": str(folder)}
+        environment |= {"GLIBC_TUNABLES": TUNABLES, "PYTHONHASHSEED": HASH_SEED}
+        environment["TMPDIR"] = str(folder)  # Callgrind's own files end with it
         process = subprocess.Popen(
             ["valgrind", *options, *program],
             stdin=subprocess.DEVNULL,
@@ -207,8 +224,8 @@ def _run(
             child.end_group(process)
     if code == 0:
         return None
-    said = child.last_words(child.text(folder / "said.txt"))
-    return "crashed", child.cause_of_death(code) + said
+    last = child.last_words(child.text(folder / "said.txt"))
+    return "crashed", child.cause_of_death(code) + last
 
 
 def _wait(process: "subprocess.Popen[bytes]", answers: Path, limit_s: float) -> int:
@@ -239,6 +256,7 @@ def _counted(release: installs.Wanted, answer: Mapping[str, Any], dump: Path) ->
     return Count(
         answer["name"],
         release.version,
+        detail=answer["detail"],
         instructions_per_step=engine / steps,
         outside_per_step=(profile.total - engine) / steps,
         functions=[

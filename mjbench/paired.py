@@ -27,7 +27,7 @@ BLOCK_S, MOST_NSTEP = 0.002, 100
 # How often a launch lays out its memory anew, and for each time: the timed part in seconds, and the
 # fewest and most quads it is made of. Layouts of one program differ about as much as programs do,
 # and are had sooner; more quads tell little more (see docs/method.md).
-LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.05, 2, 10
+LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.064, 2, 12
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 
@@ -139,7 +139,12 @@ class Same:
 
 
 class Pair:
-    """Two sides, ready to be launched as often as it takes."""
+    """Two sides, ready to be launched as often as it takes.
+
+    Attributes:
+      same: whether they do the same work.
+      works: files of the fleet with each side's workload (see workload.portable) and final states.
+    """
 
     def __init__(self, fleet: Fleet, old: Side, new: Side, sizes: Sizes = Sizes()):
         """Load the models, and make sure that both sides can do the same work.
@@ -198,7 +203,7 @@ class Pair:
         for i in random.sample((0, 1), 2):  # in whatever order, so that none is always the first
             made[i] = self._started(i)
             place([made[i]], cores)
-            made[i].ask("equip", model=self._models[i], work=self._works[i])
+            made[i].ask("equip", model=self._models[i], work=str(self.works[i]))
         self._next = [made[0], made[1]]
 
     def _begin(self, both: Sequence[Process]) -> None:
@@ -223,8 +228,8 @@ class Pair:
             process.ask("observe", work=str(self.fleet.keep(work)))
         seen = [process.answer() for process in both]
         kept = self._kept([s["healthy"] for s in seen], [s["diagnosis"] for s in seen], shared)
-        self._works = [
-            str(self.fleet.keep(_rows(work, s["final"], rows)))
+        self.works = [
+            self.fleet.keep(_rows(work, s["final"], rows))
             for work, s, rows in zip(works, seen, kept, strict=True)
         ]
         self._nbatch = len(kept[0])

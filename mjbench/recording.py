@@ -102,6 +102,8 @@ def record(
     twice = sorted({name for name in fields if list(fields).count(name) > 1})
     if twice:
         raise InputError(f"field {twice[0]!r} is asked for twice")
+    counts = {_count_of(name) for name in fields if _changes_size(name)}
+    fields = list(dict.fromkeys([*fields, *sorted(counts)]))  # a count asked for comes once
     fixed: list[tuple[np.ndarray, np.ndarray]] = []
     numbers: list[tuple[np.ndarray, str]] = []
     ragged: list[tuple[list[np.ndarray], Callable[[], np.ndarray]]] = []
@@ -111,9 +113,7 @@ def record(
             taken: list[np.ndarray] = []
             ragged.append((taken, _reader(data, name)))
             rows[name] = taken
-            name = _count_of(name)
-            if name in rows:
-                continue
+            continue
         view = _view(model, data, name)
         if isinstance(view, np.ndarray):
             rows[name] = np.empty((nstep, *view.shape), view.dtype)

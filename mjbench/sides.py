@@ -1,7 +1,6 @@
 """Read the two sides of `mjbench ab` from words such as `path=rollout,threads=2`."""
 
 import re
-from collections.abc import Mapping
 from typing import Any
 
 from mjbench import installs, models, paths
@@ -59,6 +58,13 @@ def _words(text: str) -> dict[str, str]:
     return found
 
 
+def _value(text: str, option: paths.Option, word: str) -> Any:
+    try:
+        return option.value(word)
+    except InputError as error:
+        raise InputError(f"{text!r}: {error}") from None
+
+
 def _side(text: str, words: dict[str, str]) -> Side:
     path = paths.find(words["path"])
     known = {option.name: option for option in path.options}
@@ -68,7 +74,7 @@ def _side(text: str, words: dict[str, str]) -> Side:
         if key in _DEFAULTS:
             continue
         if key in known:
-            options[key] = _parsed(text, key, value, known[key])
+            options[key] = _value(text, known[key], value)
         elif key in OPTION_FIELDS:
             fields[key] = value
         else:
@@ -80,25 +86,6 @@ def _side(text: str, words: dict[str, str]) -> Side:
         installs.wanted(words["release"]),
         models.resolve(words["model"]),
         path.name,
-        complete(path, options),
+        path.complete(options),
         fields,
     )
-
-
-def complete(path: paths.Path, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a path's options with what was not given: one thread, else the first it tries."""
-    one = {"threads": 1, "processes": 1}
-    usual = {o.name: one.get(o.name, o.values[0] if o.values else None) for o in path.options}
-    return path.simplified({**usual, **given})
-
-
-def _parsed(text: str, key: str, value: str, option: Any) -> Any:
-    try:
-        parsed = option.parse(value)
-    except ValueError as error:
-        raise InputError(f"{text!r}: {key}: {error}") from error
-    if option.allowed and parsed not in option.allowed:
-        raise InputError(f"{text!r}: {key} is one of {', '.join(option.allowed)}")
-    if option.parse is int and parsed < 1:
-        raise InputError(f"{text!r}: {key} must be at least 1")
-    return parsed

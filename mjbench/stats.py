@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 CONFIDENCE = 0.95
-# Variance of the prior on mean over deviation: the interval is narrowest where the effect is about
-# as large as the deviation between launches, which is what takes long to tell.
-PRIOR = 1.0
+# Variance of the prior on mean over deviation: the interval is narrowest where the effect is
+# somewhat larger than the deviation between launches, so that ten or twenty of them tell.
+PRIOR = 2.0
+# A verdict of faster or slower stands when its interval's half-width is this share of the change.
+SHARE = 2 / 3
 # Share of the launches left out at each end.
 TRIM = 0.2
 # Fewer launches give no verdict, however clear: they would rest on a deviation of a few numbers.
@@ -153,9 +155,8 @@ def judge(
 
     `same`: the whole interval lies within the smallest effect that matters. `slower`, `faster`:
     the interval excludes no change, and the estimate is nearer to that effect than to none. It is
-    enough when there is a verdict whose interval also says about how large the change is (its
-    half-width is within `precision`, or a third of the change), and in any case when the
-    half-width is within `precision`.
+    enough when it is `same`, when the half-width is within a SHARE of the change (stopping as soon
+    as it excludes none would overstate the change), and in any case when it is within `precision`.
 
     Args:
       log_ratios: one a launch.
@@ -173,7 +174,7 @@ def judge(
         verdict = "faster"
     else:
         verdict = "inconclusive"
-    narrow = max(float(np.log1p(precision)), abs(interval.mean) / 3)
+    narrow = max(float(np.log1p(precision)), abs(interval.mean) * SHARE)
     enough = interval.count >= LEAST_LAUNCHES and (
         verdict == "same" or interval.half_width <= narrow
     )

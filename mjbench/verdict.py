@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from mjbench import agreement, stats
@@ -45,6 +46,7 @@ class Outcome:
       status: `ok`, `input`, `failed` or `interrupted`.
       detail: one line, empty when ok.
       same: whether it was the same work; None where that was not reached.
+      work: file of the old side's workload, which lasts as long as the fleet.
       launches: what each launch measured.
       judgement: None without launches.
       seconds: from start to verdict, workers' start included.
@@ -58,6 +60,7 @@ class Outcome:
     launches: Sequence[Launch] = ()
     judgement: stats.Judgement | None = None
     seconds: float = 0.0
+    work: Path | None = None
 
     @property
     def changed_work(self) -> bool:
@@ -142,7 +145,8 @@ def decide(
     finally:
         if pair is not None:
             pair.close()
-    return Outcome(old, new, status, detail, same, launches, judged, clock() - begin)
+    work = pair.works[0] if pair is not None else None
+    return Outcome(old, new, status, detail, same, launches, judged, clock() - begin, work)
 
 
 def interval(judged: stats.Judgement) -> dict[str, float | None]:

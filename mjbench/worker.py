@@ -100,19 +100,14 @@ class Worker:
         from mjbench import work, workload
 
         made, _, _ = work.borne(self.model, nbatch, nstep, hold, seed)
-        fields = workload.fields(self.model, made.initial_state)
-        return {"fields": fields, "control": made.control, "hold": hold}
+        return workload.portable(made)
 
     def do_take(self, work: str) -> None:
         """Take a workload from a file."""
         from mjbench import workload
 
         given = pickle.loads(Path(work).read_bytes())
-        control = given["control"]
-        if control.shape[2] != self.model.nu:
-            raise InputError(f"the model has {self.model.nu} controls, not {control.shape[2]}")
-        start = workload.states(self.model, given["fields"])
-        self.workload = workload.Workload(self.model, start, control, given["hold"], seed=0)
+        self.workload = workload.restore(self.model, given)
         self.final = given.get("final")
 
     def do_equip(self, model: str, work: str) -> None:

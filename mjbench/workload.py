@@ -162,6 +162,27 @@ def states(model: Any, given: Mapping[str, np.ndarray]) -> np.ndarray:
     return rows
 
 
+def portable(made: Workload) -> dict[str, Any]:
+    """Return a workload as what outlives a release; `restore` takes it in any other."""
+    return {
+        "fields": fields(made.model, made.initial_state),
+        "control": made.control,
+        "hold": made.hold,
+    }
+
+
+def restore(model: Any, given: Mapping[str, Any]) -> Workload:
+    """Return the workload that `portable` took apart.
+
+    Raises:
+      InputError: it is of a model of another size.
+    """
+    control = given["control"]
+    if control.shape[2] != model.nu:
+        raise InputError(f"the model has {model.nu} controls, not {control.shape[2]}")
+    return Workload(model, states(model, given["fields"]), control, given["hold"], seed=0)
+
+
 def start_data(model: Any) -> Any:
     """Return a new MjData at keyframe 0, or at the model's defaults if it has none."""
     data = mujoco.MjData(model)

@@ -9,24 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import PYTHONPATH, mjbench
 
-TESTS = Path(__file__).parent
 # Small enough to be quick; what is tested is what is said, not how fast it is.
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
-
-
-def mjbench(*words: str, cwd: Path, **more: Any) -> "subprocess.CompletedProcess[str]":
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", *words],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": f"{TESTS.parent}{os.pathsep}{TESTS}"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        **more,
-    )
-    assert "Traceback" not in done.stdout + done.stderr
-    return done
 
 
 def compare(cwd: Path, *words: str) -> tuple["subprocess.CompletedProcess[str]", Any]:
@@ -273,7 +259,7 @@ def test_ctrl_c_is_one_line_and_keeps_what_was_measured(
     process = subprocess.Popen(
         [sys.executable, "-m", "mjbench", "compare", contact_file, *words],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": f"{TESTS.parent}{os.pathsep}{TESTS}",
+        env={**os.environ, "PYTHONPATH": PYTHONPATH,
              "MJBENCH_TEST_PIPE": str(tmp_path / "pipe")},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -298,7 +284,7 @@ def test_a_closed_output_is_no_traceback(tmp_path: Path, contact_file: str) -> N
     process = subprocess.Popen(
         [sys.executable, "-m", "mjbench", *words],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": f"{TESTS.parent}{os.pathsep}{TESTS}"},
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout is not None
@@ -336,7 +322,7 @@ def test_help_and_version_need_no_engine(tmp_path: Path) -> None:
     for word in ("--help", "--version"):
         done = subprocess.run(
             [sys.executable, "-c", program, word],
-            env={**os.environ, "PYTHONPATH": str(TESTS.parent)},
+            env={**os.environ, "PYTHONPATH": PYTHONPATH},
             capture_output=True, text=True, timeout=60,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
@@ -347,7 +333,7 @@ def test_without_its_optional_packages_the_command_says_what_to_install(tmp_path
     program = "import sys; sys.modules['click'] = None\nfrom mjbench.__main__ import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": str(TESTS.parent)},
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
         capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert done.returncode != 0

@@ -1,17 +1,13 @@
 """The falling pole: the same counts by every path, and Wilson's interval."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import mjbench
 
 from mjbench import falls
 from mjbench.errors import InputError, MachineError
-
-ROOT = Path(__file__).parent.parent
 
 
 def test_every_path_counts_the_same_falls() -> None:
@@ -58,24 +54,9 @@ def test_no_angle_is_bad_input() -> None:
 
 
 def test_the_command_prints_bars_and_writes_json(tmp_path: Path) -> None:
-    words = [
-        "falls",
-        "--angles",
-        "0.1,0.4",
-        "--samples",
-        "10",
-        "--threads",
-        "1",
-        "--json",
-        "o.json",
-    ]
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", *words],
+    done = mjbench(
+        *("falls", "--angles", "0.1,0.4", "--samples", "10", "--threads", "1", "--json", "o.json"),
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "o.json").read_text())

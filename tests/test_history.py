@@ -173,8 +173,8 @@ def test_the_committed_results_span_the_releases() -> None:
 
 def test_the_committed_results_hold_no_paths_and_addresses() -> None:
     for file in (ROOT / "results/asv").rglob("*.json"):
-        text = file.read_text()
-        assert not re.search(r"https?://|/home/|/tmp/|/root/|/work/", text), file
+        # an absolute path, or an address; a benchmark's code and texts have slashes within
+        assert not re.search(r'://|(?<=["=\s])/\w+/\w', file.read_text()), file
 
 
 def test_every_cause_is_an_item_of_its_release_in_the_changelog() -> None:

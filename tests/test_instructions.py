@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import ROOT, mjbench
 
 from mjbench import callgrind, explain, installs, instructions, models
 from mjbench.instructions import Count, Function
 
-ROOT = Path(__file__).parent.parent
 HERE = installs.wanted(installs.HERE)
 needs_valgrind = pytest.mark.skipif(
     instructions.unavailable() is not None, reason=str(instructions.unavailable())
@@ -118,14 +118,7 @@ def test_what_changed_is_sorted_by_contribution_with_new_and_gone() -> None:
 def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
     python = tmp_path / "python"
     python.symlink_to(sys.executable)
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", "instructions", "cartpole"],
-        cwd=tmp_path,
-        env={**os.environ, "PATH": str(tmp_path), "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = mjbench("instructions", "cartpole", cwd=tmp_path, env={"PATH": str(tmp_path)})
     assert done.returncode == 3
     assert "valgrind: install it" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -135,12 +128,14 @@ def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
 def test_two_counts_differ_by_at_most_a_tenth_of_a_percent(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Also with a larger environment, in another folder."""
+    """Also with another hash seed, with a larger environment, in another folder."""
     sources = [models.resolve(name) for name in ("cartpole", "cube_table")]
-    first = instructions.count(HERE, sources, keep=tmp_path)
-    monkeypatch.setenv("PADDING", "x" * 5000)
-    monkeypatch.chdir(tmp_path)
-    second = instructions.count(HERE, sources, given=tmp_path)
+    with instructions.Counter() as counter:
+        first = counter.count(HERE, sources)
+        monkeypatch.setattr(instructions, "HASH_SEED", "7")
+        monkeypatch.setenv("PADDING", "x" * 5000)
+        monkeypatch.chdir(tmp_path)
+        second = counter.count(HERE, sources)
     for one, two in zip(first, second, strict=True):
         assert one.status == two.status == "ok"
         assert one.instructions_per_step == pytest.approx(two.instructions_per_step, rel=1e-3)
@@ -155,7 +150,8 @@ def test_a_broken_model_costs_its_own_row(tmp_path: Path) -> None:
     broken = tmp_path / "broken.xml"
     broken.write_text("<mujoco><worldbody/></mujoco>")
     sources = [models.resolve(str(broken)), models.resolve("cartpole")]
-    first, second = instructions.count(HERE, sources)
+    with instructions.Counter() as counter:
+        first, second = counter.count(HERE, sources)
     assert first.status == "input"
     assert "no degree of freedom" in first.detail
     assert second.status == "ok"
@@ -163,14 +159,7 @@ def test_a_broken_model_costs_its_own_row(tmp_path: Path) -> None:
 
 @needs_valgrind
 def test_the_command_writes_json(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", "instructions", "cartpole", "--json", "out.json"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = mjbench("instructions", "cartpole", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert row["instructions_per_step"] > 1000
@@ -178,10 +167,51 @@ def test_the_command_writes_json(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "out.json"]
 
 
+@pytest.mark.parametrize(
+    ("now", "expected"),
+    [(1004.0, "same"), (1005.0, "slower"), (1100.0, "slower"), (900.0, "faster")],
+)
+def test_a_verdict_on_instructions_is_exact(now: float, expected: str) -> None:
+    row = explain.verdict(counted("1.0", a=1000.0), counted("2.0", a=now), 0.005)
+    assert row["verdict"] == expected
+    assert row["ratio"]["low"] < now / 1000 < row["ratio"]["high"]
+    assert row["changed_work"] is False
+
+
+def test_a_model_that_could_not_be_counted_has_no_verdict() -> None:
+    broken = instructions.Count("m", "2.0", "crashed", "killed by signal 11")
+    row = explain.verdict(counted("1.0", a=1000.0), broken, 0.005)
+    assert (row["status"], row["verdict"], row["ratio"]) == ("crashed", None, None)
+    assert row["detail"] == "MuJoCo 2.0: killed by signal 11"
+
+
+@needs_valgrind
+def test_instructions_can_gate_an_upgrade(tmp_path: Path) -> None:
+    done = mjbench(
+        *("versions", "installed", "installed", "cartpole", "--metric", "instructions"),
+        *("--fail-on", "slower,changed-work", "--min-effect", "0.5%", "--json", "out.json"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert (row["metric"], row["verdict"], row["changed_work"]) == ("instructions", "same", False)
+    assert row["ratio"]["estimate"] == pytest.approx(1.0, abs=1e-3)
+    assert "same work" in done.stdout
+    again = mjbench("show", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+
+
+def test_instructions_are_of_the_plain_loop() -> None:
+    done = mjbench("versions", "2.3.7", "4.0.0", "--metric", "instructions", "--paths", "rollout")
+    assert done.returncode == 2
+    assert "python_loop alone" in done.stderr
+
+
 @needs_valgrind
 def test_counts_agree_with_bracketing_by_two_step_counts() -> None:
     """A second method: what 40 steps cost more than 20, in one call of the engine each."""
-    (count,) = instructions.count(HERE, [models.resolve("cartpole")])
+    with instructions.Counter() as counter:
+        (count,) = counter.count(HERE, [models.resolve("cartpole")])
     totals = {n: _total(n) for n in (20, 40)}
     per_step = (totals[40] - totals[20]) / 20
     assert count.instructions_per_step == pytest.approx(per_step, rel=0.02)

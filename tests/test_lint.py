@@ -7,6 +7,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from commands import ROOT, mjbench
 
 from mjbench import lint
 from mjbench.errors import InputError
@@ -148,22 +149,9 @@ def test_what_is_not_python_is_told(tmp_path: Path, text: str) -> None:
         findings(tmp_path, text)
 
 
-def mjbench(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", "lint", *words],
-        cwd=cwd,
-        env={"PYTHONPATH": str(Path(__file__).parent.parent)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "Traceback" not in done.stdout + done.stderr
-    return done
-
-
 def test_the_command_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text(LOOP.format(line="log.append(data.qpos)"))
-    done = mjbench("bad.py", "--json", "out.json", cwd=tmp_path)
+    done = mjbench("lint", "bad.py", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout.startswith("bad.py:9:16 MJB001 a view is kept")
     (found,) = json.loads((tmp_path / "out.json").read_text())["findings"]
@@ -172,13 +160,13 @@ def test_the_command_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
 
 def test_a_clean_file_a_folder_and_what_is_missing(tmp_path: Path) -> None:
     (tmp_path / "good.py").write_text(LOOP.format(line="log.append(data.qpos.copy())"))
-    assert mjbench(".", cwd=tmp_path).returncode == 0
-    done = mjbench("missing.py", cwd=tmp_path)
+    assert mjbench("lint", ".", cwd=tmp_path).returncode == 0
+    done = mjbench("lint", "missing.py", cwd=tmp_path)
     assert done.returncode == 2
     assert "no such file" in done.stderr
 
 
 def test_linting_imports_no_engine() -> None:
     code = "import sys, mjbench.lint; sys.exit('mujoco' in sys.modules or 'numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent.parent)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT)
     assert done.returncode == 0

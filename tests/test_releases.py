@@ -11,28 +11,14 @@ from typing import Any
 
 import mujoco
 import pytest
+from commands import mjbench
 
 from mjbench import guard, releases
 from mjbench.errors import InputError
 from mjbench.releases import Release
 
-ROOT = Path(__file__).parent.parent
 START = datetime(2024, 1, 1, tzinfo=UTC)
 THREE = [Release(v, START + timedelta(days=n)) for n, v in enumerate(("3.0.0", "3.0.1", "2.3.8"))]
-
-
-def mjbench(*words: str, **environment: str) -> "subprocess.CompletedProcess[str]":
-    done = subprocess.run(
-        [sys.executable, "-m", "mjbench", *words],
-        cwd=ROOT,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    assert "Traceback" not in done.stdout + done.stderr
-    return done
 
 
 # An index that refuses the connection at once, wherever the tests run.
@@ -115,7 +101,7 @@ def test_a_broken_bundle_is_told_in_a_line(tmp_path: Path, content: bytes) -> No
     bundle = tmp_path / "history.bundle"
     bundle.write_bytes(content)
     for command in ("list", "verify"):
-        done = mjbench("releases", command, "--history", str(bundle), **OFFLINE)
+        done = mjbench("releases", command, "--history", str(bundle), env=OFFLINE)
         assert done.returncode in (2, 3)
         assert done.stderr.startswith("mjbench: ")
         assert len(done.stderr.splitlines()) == 1
@@ -153,7 +139,7 @@ def test_releases_are_those_final_and_not_yanked_in_upload_order() -> None:
 
 def test_without_network_the_list_shows_what_is_here_and_says_so(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
-    done = mjbench("releases", "list", "--json", str(out), **OFFLINE)
+    done = mjbench("releases", "list", "--json", str(out), env=OFFLINE)
     assert done.returncode == 0
     assert len(done.stderr.splitlines()) == 1
     assert "package index" in done.stderr
@@ -167,21 +153,21 @@ def test_without_network_nothing_is_updated(tmp_path: Path) -> None:
     bundle = tmp_path / "history.bundle"
     releases.write(bundle, THREE)
     before = bundle.read_bytes()
-    done = mjbench("releases", "update", "--history", str(bundle), **OFFLINE)
+    done = mjbench("releases", "update", "--history", str(bundle), env=OFFLINE)
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) == 1
     assert bundle.read_bytes() == before
 
 
 def test_without_network_the_hashes_are_verified() -> None:
-    done = mjbench("releases", "verify", **OFFLINE)
+    done = mjbench("releases", "verify", env=OFFLINE)
     assert done.returncode == 0
     assert "every hash" in done.stdout
     assert "Upload times were not checked" in done.stderr
 
 
 def test_without_git_the_history_is_told_unreadable_in_a_line() -> None:
-    done = mjbench("releases", "verify", **OFFLINE, PATH=os.devnull)
+    done = mjbench("releases", "verify", env=OFFLINE | {"PATH": os.devnull})
     assert done.returncode == 3
     assert "git is not installed" in done.stderr
 

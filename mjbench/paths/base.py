@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from mjbench import compat
+from mjbench.errors import InputError
 from mjbench.workload import Workload
 
 Options = Mapping[str, Any]
@@ -39,6 +40,22 @@ class Option:
     values: tuple[Any, ...]
     parse: Callable[[str], Any]
     allowed: tuple[str, ...] = ()
+
+    def value(self, word: str) -> Any:
+        """Return the value that a word of the command line stands for.
+
+        Raises:
+          InputError: it stands for none.
+        """
+        try:
+            value = self.parse(word)
+        except ValueError as error:
+            raise InputError(f"{self.name}: {error}") from error
+        if self.allowed and value not in self.allowed:
+            raise InputError(f"{self.name} is one of {', '.join(self.allowed)}, not {word}")
+        if self.parse is int and value < 1:
+            raise InputError(f"{self.name} must be at least 1, not {word}")
+        return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +188,12 @@ class Path(ABC):
             for combination in itertools.product(*values)
         ]
         return [s for i, s in enumerate(sets) if s not in sets[:i]]
+
+    def complete(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a whole option set: what was not given is one thread, or what is tried first."""
+        one = {"threads": 1, "processes": 1}
+        usual = {o.name: one.get(o.name, o.values[0] if o.values else None) for o in self.options}
+        return self.simplified({**usual, **given})
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
         """Return `options` without those that mean nothing beside the others."""

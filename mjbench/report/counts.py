@@ -30,9 +30,9 @@ def print_counts(out: Console, counts: Sequence[Count], top: int) -> None:
         out.print(f"\n{escape(count.model)}, MuJoCo {count.release}")
         out.print(_shares(count.stages or {}, count.instructions_per_step), soft_wrap=True)
         functions = tables.plain_table(["function", "self/step", "share", "inclusive"], (1, 2, 3))
-        for name, own, inclusive in explain.rows(count, top):
-            share = f"{100 * own / count.instructions_per_step:.1f} %"
-            functions.add_row(escape(name), f"{own:,.0f}", share, f"{inclusive:,.0f}")
+        for one in count.functions[:top]:
+            share = f"{100 * one.self / count.instructions_per_step:.1f} %"
+            functions.add_row(escape(one.name), f"{one.self:,.0f}", share, f"{one.inclusive:,.0f}")
         out.print(functions)
 
 

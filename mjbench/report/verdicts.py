@@ -67,7 +67,7 @@ def work_text(row: Record) -> str:
     if row["drift"] is not None and row["drift"] > agreement.ROUNDING:
         words.append(f"one step differs by {row['drift']:.1g}")
     diverged = row["diverged"]
-    if diverged["old"] != diverged["new"]:
+    if diverged and diverged["old"] != diverged["new"]:
         words.append(f"{diverged['new']} simulations diverge instead of {diverged['old']}")
     return ", ".join(words)
 
