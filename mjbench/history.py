@@ -33,6 +33,10 @@ DRIFT = "step.Drift.track_drift"
 TIMES = ("step.Step.time_1000_steps", "step.HeavyStep.time_100_steps")
 # Time of a step over the reference release's, paired.
 RATIO = "reference.Reference.track_ratio_to_reference"
+# Instructions of a step, counted: exact.
+COUNT = "instructions.Instructions.track_instructions_per_step"
+# The smallest change of a count that is marked.
+COUNT_THRESHOLD = 0.01
 
 
 @dataclass(frozen=True)
@@ -271,6 +275,12 @@ def unpaired(history: History, model: str, old: str, new: str) -> tuple[float, .
         if before and after:
             return tuple(b / a for a, b in zip(before.rounds, after.rounds, strict=False))
     return ()
+
+
+def count_ratio(history: History, model: str, old: str, new: str) -> float | None:
+    """Return new over old instructions of a step of a model; None where one was not counted."""
+    before, after = (_value(history, COUNT, model, version) for version in (old, new))
+    return after / before if before and after else None
 
 
 def _in_order(history: History, found: Sequence[Step]) -> list[Step]:

@@ -134,6 +134,20 @@ def test_the_page_names_steps_causes_and_gaps() -> None:
     assert "| 1.3 | 1.5▲ |" in page
 
 
+def test_instructions_stand_beside_a_step_and_in_a_table_of_their_own() -> None:
+    series = timed(1.0e-3, 1.0e-3, 1.5e-3)
+    ratios = counted(room.RATIO, 1.0, 1.0, 1.4)
+    counts = counted(room.COUNT, 10_000.0, 10_050.0, 11_100.0)
+    found = history(series, ratios, counts)
+    assert room.count_ratio(found, "pole", "1.1", "1.2") == pytest.approx(1.10448, abs=1e-5)
+    assert room.count_ratio(found, "pole", "1.2", "1.3") is None
+    page = report.page(found, [])
+    assert "| 1.2 | `pole` | +40.0 % | +50.0 %, +50.0 % | +10.4 % | the same |" in page
+    assert "| 1.1 | 10.05 |" in page
+    assert "| 1.2 | 11.1▲ |" in page
+    assert "Not counted." in report.page(history(series, ratios), [])
+
+
 def test_no_results_are_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no results of asv"):
         room.load(tmp_path, releases.bundle_path())
@@ -189,4 +203,4 @@ def test_every_cause_is_an_item_of_its_release_in_the_changelog() -> None:
 
 def test_the_series_that_the_page_is_made_of_are_there() -> None:
     known = json.loads((ROOT / "results/asv/benchmarks.json").read_text())
-    assert {*room.TIMES, *room.WORK.values(), room.DRIFT, room.RATIO} <= set(known)
+    assert {*room.TIMES, *room.WORK.values(), room.DRIFT, room.RATIO, room.COUNT} <= set(known)

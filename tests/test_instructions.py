@@ -2,15 +2,15 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from commands import ROOT, mjbench
 
-from mjbench import callgrind, explain, installs, instructions, models
+from mjbench import callgrind, child, explain, installs, instructions, models
 from mjbench.instructions import Count, Function
 
 HERE = installs.wanted(installs.HERE)
@@ -217,14 +217,40 @@ def test_counts_agree_with_bracketing_by_two_step_counts() -> None:
     assert count.instructions_per_step == pytest.approx(per_step, rel=0.02)
 
 
-def _total(nstep: int) -> int:
+@needs_valgrind
+def test_counts_agree_with_those_of_the_processor(tmp_path: Path) -> None:
+    """An instrument of its own, where the machine has one: `perf stat`, bracketed likewise."""
+    if shutil.which("perf") is None:
+        pytest.skip("perf is not installed")
+    totals = {n: _retired(n, tmp_path / "perf.csv") for n in (2000, 4000)}
+    with instructions.Counter() as counter:
+        (count,) = counter.count(HERE, [models.resolve("cartpole")])
+    per_step = (totals[4000] - totals[2000]) / 2000
+    assert count.instructions_per_step == pytest.approx(per_step, rel=0.05)
+
+
+def _program(nstep: int) -> tuple[str, dict[str, str]]:
     code = (
         "import mujoco; from mjbench import models, workload;"
         "m = models.load(models.resolve('cartpole')); d = workload.start_data(m);"
         f"mujoco.mj_step(m, d, {nstep})"
     )
-    environment: dict[str, Any] = {**os.environ, "GLIBC_TUNABLES": instructions.TUNABLES}
-    environment |= {"PYTHONHASHSEED": "0", "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "GLIBC_TUNABLES": instructions.TUNABLES}
+    return code, environment | {"PYTHONHASHSEED": "0", "PYTHONPATH": str(ROOT)}
+
+
+def _retired(nstep: int, out: Path) -> int:
+    code, environment = _program(nstep)
+    perf = ["perf", "stat", "-x,", "-e", "instructions:u", "-o", str(out)]
+    subprocess.run([*perf, sys.executable, "-c", code], env=environment, check=False)
+    found = [line.split(",")[0] for line in child.text(out).splitlines() if "instructions" in line]
+    if not found or not found[0].isdigit():
+        pytest.skip(f"this machine counts no instructions: {(found or ['nothing'])[0]}")
+    return int(found[0])
+
+
+def _total(nstep: int) -> int:
+    code, environment = _program(nstep)
     done = subprocess.run(
         [
             *("valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null"),

@@ -58,6 +58,12 @@ def page(history: History, known: Sequence[Cause], threshold: float = room.THRES
         " are off by up to a quarter where the machine was slow. ▲ and ▼ mark the paired steps told"
         " below.\n",
         *_by_release(history, engine),
+        "\n## Instructions of a step\n",
+        "Thousands of instructions of one `mj_step` over the stored work, counted by Callgrind:"
+        " two counts differ by at most 0.1 %. ▲ and ▼ mark changes above"
+        f" {room.COUNT_THRESHOLD:.0%} from the release before. Counts tell what the code does, not"
+        " how long it takes.\n",
+        *_counts(history),
         "\n## Steps of `mj_step`\n",
         *_engine_table(history, engine, known, threshold),
         "\n## Steps around it\n",
@@ -105,6 +111,32 @@ def _by_release(history: History, steps: Sequence[Step]) -> Iterator[str]:
         yield f"| {version} | " + " | ".join(cells) + " |"
 
 
+def _counts(history: History) -> Iterator[str]:
+    columns = sorted(
+        (s for s in history.series if s.benchmark == room.COUNT), key=lambda s: s.label
+    )
+    if not columns:
+        yield "Not counted."
+        return
+    yield "| release | " + " | ".join(f"`{s.label}`" for s in columns) + " |"
+    yield "|---|" + "---:|" * len(columns)
+    before: dict[str, float] = {}
+    for version in history.versions:
+        cells = []
+        for series in columns:
+            point = series.points.get(version)
+            if point is None or not point.measured:
+                cells.append("–")
+                continue
+            value = float(point.value or 0.0)
+            ratio = value / before.get(series.label, value)
+            mark = "▲" if ratio > 1 + room.COUNT_THRESHOLD else ""
+            mark = "▼" if ratio < 1 - room.COUNT_THRESHOLD else mark
+            cells.append(f"{value / 1000:.4g}{mark}")
+            before[series.label] = value
+        yield f"| {version} | " + " | ".join(cells) + " |"
+
+
 def _micro(series: Series, version: str) -> str:
     point = series.points.get(version)
     if point is None or not point.measured:
@@ -119,15 +151,17 @@ def _engine_table(
     if not steps:
         yield f"None above {threshold:.0%}."
         return
-    heads = ("release", "model", "time of a step, paired", "unpaired, by round", "work", CAUSE)
-    yield f"| {' | '.join(heads)} |"
-    yield "|---|---|---:|---:|---|---|"
+    heads = ("release", "model", "time of a step, paired", "unpaired, by round", "instructions")
+    yield f"| {' | '.join(heads)} | work | {CAUSE} |"
+    yield "|---|---|---:|---:|---:|---|---|"
     for step in steps:
         model = step.series.params["model"]
         work = room.work_changes(history, model, step.old, step.new)
+        counted = room.count_ratio(history, model, step.old, step.new)
         yield (
             f"| {step.new} | `{model}` | {_change(step.ratio)} |"
             f" {', '.join(_change(r) for r in step.rounds)} |"
+            f" {'' if counted is None else _change(counted)} |"
             f" {'; '.join(work) or 'the same'} | {_cause(step, known)} |"
         )
 
