@@ -22,8 +22,9 @@ from mjbench.models import Source
 BLOCK_S, QUADS, LAUNCHES = 0.001, 12, 6
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
-# Not habits, but the two parts of the bare loop: a call that steps nothing, and one call for all.
-BINDING, ENGINE = "call of zero steps", "engine"
+_NSTEP = "steps of a run"
+# The parts of the bare loop: a call that steps nothing, which is no habit, and one call for all.
+BINDING, ENGINE = "call of zero steps", "one call for all steps"
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class Table:
       bare_ns: one step of the bare loop.
       engine_ns: one step in a call for many steps.
       binding_ns: a call that steps nothing, made beside a step.
+      nstep: steps of a run of the loop, which is an episode; the median over launches.
       costs: by source, the dearest first.
     """
 
@@ -67,6 +69,7 @@ class Table:
     bare_ns: float
     engine_ns: float
     binding_ns: float
+    nstep: int
     costs: Sequence[Cost]
 
 
@@ -89,38 +92,28 @@ def measure(source: Source, limit_s: float = 60.0, launches: int = LAUNCHES) -> 
         for name, value in found.items():
             values.setdefault(name, []).append(value)
     bare = statistics.median(values.pop(overhead.BARE.name))
-    engine = statistics.median(values.pop(ENGINE))
+    nstep = int(statistics.median(values.pop(_NSTEP)))
     known = {one.name: one for one in overhead.SOURCES}
     means = {name: statistics.mean(taken) for name, taken in values.items()}
     costs = [_cost(known[name], taken, bare, means) for name, taken in values.items()]
-    binding = means.pop(BINDING)
     costs = sorted((c for c in costs if c.source != BINDING), key=lambda c: -c.ns)
-    return Table(source.name, bare, engine, binding, costs)
+    return Table(source.name, bare, bare + means[ENGINE], means[BINDING], nstep, costs)
 
 
 def launch(request: Mapping[str, Any], channel: Channel) -> None:
     """Time every source against the bare loop; runs in the child."""
     import gc
 
-    import mujoco
-
-    from mjbench import models, overhead, work, workload
+    from mjbench import models, overhead, work
 
     model = models.load(Source(request["name"], Path(request["path"])))
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
     bare = overhead.loop(overhead.BARE, model, nstep).run
-    data = workload.start_data(model)
-
-    def engine() -> None:
-        workload.reset_to_start(model, data)
-        mujoco.mj_step(model, data, nstep)
-
     runs = {
-        one.name: overhead.loop(one, model, nstep).run
+        one.name: overhead.loop(one, model, nstep, request["path"]).run
         for one in overhead.SOURCES
-        if one is not overhead.BARE and overhead.available(one, model)
+        if one is not overhead.BARE and overhead.available(one, model, request["path"])
     }
-    runs[ENGINE] = engine
     names = random.sample(sorted(runs), len(runs))
     bares = []
     gc.disable()
@@ -139,11 +132,8 @@ def launch(request: Mapping[str, Any], channel: Channel) -> None:
                 seconds[letter] += time.perf_counter() - begin
             bares.append(5e8 * seconds["A"] / nstep)
             differences.append(5e8 * (seconds["B"] - seconds["A"]) / nstep)
-        value = statistics.median(differences)
-        if name == ENGINE:
-            value += statistics.median(bares[-QUADS:])
-        channel.send(**{name: value})
-    channel.send(**{overhead.BARE.name: statistics.median(bares)})
+        channel.send(**{name: statistics.median(differences)})
+    channel.send(**{overhead.BARE.name: statistics.median(bares), _NSTEP: nstep})
 
 
 def _cost(source: Any, taken: Sequence[float], bare: float, means: Mapping[str, float]) -> Cost:

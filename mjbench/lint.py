@@ -6,6 +6,7 @@ What an MjData is, is taken from how it is used and called: the second argument 
 """
 
 import ast
+import dataclasses
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -54,9 +55,12 @@ RULES = (VIEW, NAMED, ALLOCATION, CONTACT, FRESH, DOUBLE)
 _STEPS = {"mj_step", "mj_step1", "mj_step2"}
 _ACCESSORS = {"actuator", "body", "camera", "geom", "joint", "light", "sensor", "site", "tendon"}
 _VIEWS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
+# Functions of NumPy that make an array, with the source of the overhead table that is like them.
+_MAKES = ("zeros", "ones", "empty", "full", "zeros_like", "ones_like", "empty_like", "array", "eye")
 _ALLOCATES = {
-    *("zeros", "ones", "empty", "full", "zeros_like", "ones_like", "empty_like", "array"),
-    *("concatenate", "hstack", "vstack", "stack", "append", "tile", "eye"),
+    **dict.fromkeys(_MAKES, "allocate zeros"),
+    **dict.fromkeys(("concatenate", "append", "tile"), "concatenate"),
+    **dict.fromkeys(("hstack", "vstack", "stack"), "hstack"),
 }
 _NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); what is not among them is not taken for a view.
@@ -136,12 +140,16 @@ def files(names: Sequence[str]) -> list[str]:
 
 @cache
 def costs() -> dict[str, float]:
-    """Return about how many ns each source adds to a step, from the stored overhead table."""
+    """Return about how many ns each source adds to a step, by the stored overhead table.
+
+    The table is what `mjbench overhead cartpole --json mjbench/overhead.json` wrote on the machine
+    that it names; on another one it is the order of magnitude that holds.
+    """
     stored = Path(__file__).with_name("overhead.json")
     if not stored.is_file():
         return {}
-    table = json.loads(stored.read_text(encoding="utf-8"))
-    return {row["source"]: row["ns_per_step"] for row in table["sources"]}
+    (table,) = json.loads(stored.read_text(encoding="utf-8"))["results"]
+    return {row["source"]: row["ns"] for row in table["costs"]}
 
 
 def _excused(line: str, code: str) -> bool:
@@ -180,16 +188,17 @@ class _Script:
             if isinstance(node, ast.Call):
                 if direct and (self._is_named(node) or _name(node.func) == "mj_name2id"):
                     yield node, NAMED
-                elif direct and self._allocates(node):
-                    yield node, ALLOCATION
+                elif direct and self._allocates(node) and not self._sometimes(node, loop):
+                    source = _ALLOCATES[_name(node.func)]
+                    yield node, dataclasses.replace(ALLOCATION, source=source)
             if self._beyond_ncon(node):
                 yield node, CONTACT  # type: ignore[misc]
         if isinstance(loop, ast.For) and any(
             isinstance(node, ast.For | ast.While) and self.steps(node) for node in inner
         ):
             for node in inner:
-                if isinstance(node, ast.Call) and _name(node.func) == "MjData":
-                    yield node, FRESH
+                if self._is_fresh(node, inner):
+                    yield node, FRESH  # type: ignore[misc]
             if self._over_simulations(loop, inner):
                 yield loop, DOUBLE
 
@@ -250,7 +259,9 @@ class _Script:
                 yield from ((a, VIEW) for arg in node.args for a in self._views_in(arg))
         elif isinstance(node, ast.Assign):
             for target in node.targets:
-                if isinstance(target, ast.Subscript) and self._holds_objects(target.value):
+                lasting = isinstance(target, ast.Attribute) and not self.is_data(target.value)
+                held = isinstance(target, ast.Subscript) and self._holds_objects(target.value)
+                if lasting or held:
                     yield from ((v, VIEW) for v in self._views_in(node.value))
 
     def _views_in(self, node: ast.AST) -> Iterator[ast.expr]:
@@ -295,6 +306,21 @@ class _Script:
             and node.func.attr in _ALLOCATES
             and not any(keyword.arg == "out" for keyword in node.keywords)
         )
+
+    def _sometimes(self, node: ast.AST, loop: ast.AST) -> bool:
+        """Return whether a node of a loop runs only in some turns: it stands under an `if`."""
+        while node is not loop:
+            node = self.parents[node]
+            if isinstance(node, ast.If):
+                return True
+        return False
+
+    def _is_fresh(self, node: ast.AST, inner: Sequence[ast.AST]) -> bool:
+        """Return whether a node makes an MjData of a model that is not made in the loop too."""
+        if not (isinstance(node, ast.Call) and _name(node.func) == "MjData" and node.args):
+            return False
+        made = {_dotted(t) for n in inner if isinstance(n, ast.Assign) for t in n.targets}
+        return _dotted(node.args[0]) not in made
 
     def _beyond_ncon(self, node: ast.AST) -> bool:
         """Return whether contacts are used without a look at `ncon`."""

@@ -27,7 +27,9 @@ class Source:
       cheaper: name of the source that does the same for less; empty where there is none.
       value: expression of what it computed, evaluated after the last step; by default `inside`.
       needs: expression that says whether this release and model have what it needs.
-      around: statements right before and after the loop, each time it runs.
+      around: statements right before and after the loop, each time it runs. An episode is one run
+        of the loop; every run begins at the start state, whatever the source does.
+      steps: what steps, where it is not a loop.
     """
 
     name: str
@@ -37,11 +39,18 @@ class Source:
     value: str = ""
     needs: str = "True"
     around: tuple[str, str] = ("pass", "pass")
+    steps: str = ""
 
 
 BARE = Source("bare loop", "pass", value="None")
 _ROW = "row = np.empty(model.nq + model.nv)"
 _BOTH = "qpos, qvel = data.qpos, data.qvel"
+# The model's joints as elements of the spec it is compiled from, to which values can be bound.
+_BIND = (
+    "robot = mujoco.MjSpec.from_file(file)\nmodel = robot.compile()\ndata = mujoco.MjData(model)\n"
+    "joints = robot.joints"
+)
+_BINDS = "hasattr(mujoco.MjData, 'bind') and file.endswith('.xml')"
 SOURCES = (
     BARE,
     Source(
@@ -67,12 +76,7 @@ SOURCES = (
     Source("attribute time", "data.time"),
     Source("attribute opt.timestep", "model.opt.timestep", cheaper="hoisted timestep"),
     Source("hoisted timestep", "timestep", "timestep = model.opt.timestep"),
-    Source(
-        "copy",
-        "qpos.copy()",
-        "qpos = data.qpos",
-        cheaper="copy into array",
-    ),
+    Source("copy", "qpos.copy()", "qpos = data.qpos"),
     Source(
         "copy into array",
         "rows[i] = qpos",
@@ -88,7 +92,7 @@ SOURCES = (
         around=("rows.clear()", "pass"),
     ),
     Source("allocate zeros", "np.zeros(model_nv)", "model_nv = model.nv", cheaper="zeros in place"),
-    Source("zeros in place", "row[:] = 0.0", "row = np.empty(model.nv)", value="row"),
+    Source("zeros in place", "row.fill(0.0)", "row = np.empty(model.nv)", value="row"),
     Source(
         "concatenate",
         "np.concatenate((qpos, qvel))",
@@ -160,19 +164,40 @@ SOURCES = (
         value="None",
         around=("mujoco.set_mjcb_control(lambda m, d: None)", "mujoco.set_mjcb_control(None)"),
     ),
+    Source("bind in the loop", "data.bind(joints).qpos", _BIND, "bind hoisted", needs=_BINDS),
+    Source("bind hoisted", "bound.qpos", f"{_BIND}\nbound = data.bind(joints)", needs=_BINDS),
     Source(
-        "call of zero steps",
-        "mj_step(model, data, 0)",
-        value="None",
+        "new MjData per episode",
+        "pass",
+        cheaper="reset per episode",
+        value="data.time",
+        around=("nonlocal data\ndata = mujoco.MjData(model)", "pass"),
+    ),
+    Source(
+        "reset per episode",
+        "pass",
+        value="data.time",
+        around=("mujoco.mj_resetData(model, data)", "pass"),
+    ),
+    Source(
+        "engine's clock off",
+        "pass",
+        "import ctypes\nprototype = ctypes.CFUNCTYPE(ctypes.c_double)\n"
+        "no_clock = ctypes.cast(ctypes.CDLL(None).difftime, prototype)",
+        value="data.time",
+        around=("mujoco.set_mjcb_time(no_clock)", "mujoco.set_mjcb_time(None)"),
+    ),
+    Source("call of zero steps", "mj_step(model, data, 0)", value="None"),
+    Source(
+        "one call for all steps", "pass", value="data.time", steps="mj_step(model, data, nstep)"
     ),
 )
 
 _LOOP = """\
 def loop():
     {first}
-    for i in range(nstep):
-        mj_step(model, data)
-        {inside}
+    start(model, data)
+    {steps}
     {last}
 def value():
     i = nstep - 1
@@ -198,46 +223,59 @@ def find(name: str) -> Source:
     return {source.name: source for source in SOURCES}[name]
 
 
-def available(source: Source, model: Any) -> bool:
-    """Return whether this release and model have what a source needs."""
-    return bool(eval(source.needs, {"mujoco": mujoco, "model": model}))
+def available(source: Source, model: Any, file: str = "") -> bool:
+    """Return whether this release, model, and the file it is from have what a source needs."""
+    return bool(eval(source.needs, {"mujoco": mujoco, "model": model, "file": file}))
 
 
 def code(source: Source) -> str:
     """Return the source as a script that starts from `model`, `data`, `nstep` and the like."""
-    lines = [*source.before.splitlines(), "for i in range(nstep):", "    mj_step(model, data)"]
-    return "\n".join([*lines, f"    {source.inside}"])
+    first, last = (
+        [line for line in part.splitlines() if line != "pass" and not line.startswith("nonlocal")]
+        for part in source.around
+    )
+    return "\n".join([*source.before.splitlines(), *first, *_steps(source), *last])
 
 
-def loop(source: Source, model: Any, nstep: int) -> Loop:
+def _steps(source: Source) -> list[str]:
+    if source.steps:
+        return [source.steps]
+    return ["for i in range(nstep):", "    mj_step(model, data)", f"    {source.inside}"]
+
+
+def loop(source: Source, model: Any, nstep: int, file: str = "") -> Loop:
     """Compile the loop with a source inside.
 
     Every name the snippet uses is local to it, as in a function that a careful user writes.
+
+    Args:
+      source: what is inside.
+      model: the MjModel.
+      nstep: steps of the loop.
+      file: that the model is from, for sources that need its spec.
     """
-    data = mujoco.MjData(model)
     text = _LOOP.format(
-        first=source.around[0],
-        inside=source.inside,
+        first=source.around[0].replace("\n", "\n    "),
+        steps="\n    ".join(_steps(source)),
         last=source.around[1],
         value=source.value or source.inside,
     )
     body = "\n".join(
         [
-            "def make(mujoco, np, model, data, nstep, spec, joint_name, mj_step):",
+            "def make(mujoco, np, model, data, nstep, spec, joint_name, mj_step, start, file):",
             *(f"    {line}" for line in source.before.splitlines()),
             *(f"    {line}" for line in text.splitlines()),
-            "    return loop, value",
+            "    return loop, value, locals()",
         ]
     )
     found: dict[str, Any] = {}
     exec(compile(body, f"<{source.name}>", "exec"), found)
+    data = mujoco.MjData(model)
+    reset_to_start(model, data)
     spec = compat.state_spec("INTEGRATION")
     joint_name = model.joint(0).name
-    reset_to_start(model, data)
-    run, value = found["make"](mujoco, np, model, data, nstep, spec, joint_name, mujoco.mj_step)
-
-    def whole() -> None:
-        reset_to_start(model, data)
-        run()
-
-    return Loop(whole, value)
+    run, value, names = found["make"](
+        mujoco, np, model, data, nstep, spec, joint_name, mujoco.mj_step, reset_to_start, file
+    )
+    run.names = names  # lives as long as the loop, as a script's names do: views need their spec
+    return Loop(run, value)

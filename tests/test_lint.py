@@ -46,6 +46,7 @@ def codes(tmp_path: Path, line: str) -> list[str]:
         ("log.append(data.xpos[2])", "MJB001"),
         ("rows[i] = data.qpos", "MJB001"),
         ("rows[i] = data.xmat.reshape(-1)", "MJB001"),
+        ("self.last = data.qpos", "MJB001"),
         ("x = data.joint('hinge').qpos[0]", "MJB002"),
         ("n = mujoco.mj_name2id(model, 1, 'box')", "MJB002"),
         ("state = np.concatenate([data.qpos, data.qvel])", "MJB003"),
@@ -76,6 +77,9 @@ def test_what_is_found(tmp_path: Path, line: str, code: str) -> None:
         "log.append(data.qpos)  # noqa",
         "log.append(other.qpos)",
         "x = np.add(data.qpos, data.qpos)",
+        "data.ctrl = data.qpos",
+        "self.last = data.qpos.copy()",
+        "if i == 12: u = np.zeros(model.nu)",
     ],
 )
 def test_what_is_left_alone(tmp_path: Path, line: str) -> None:
@@ -110,6 +114,28 @@ def test_episodes_with_a_new_mjdata_and_a_double_loop(tmp_path: Path) -> None:
         """,
     )
     assert [f.code for f in found] == ["MJB006", "MJB005"]
+
+
+def test_a_new_mjdata_of_a_new_model_is_no_habit(tmp_path: Path) -> None:
+    found = findings(
+        tmp_path,
+        """
+        for mass in masses:
+            model = mujoco.MjModel.from_xml_string(xml)
+            data = mujoco.MjData(model)
+            for i in range(100):
+                mujoco.mj_step(model, data)
+        """,
+    )
+    assert [f.code for f in found] == ["MJB006"]
+
+
+def test_costs_are_those_of_the_stored_table(tmp_path: Path) -> None:
+    assert {rule.source for rule in lint.RULES if rule.source} <= set(lint.costs())
+    (found,) = findings(tmp_path, LOOP.format(line="n = np.concatenate([data.qpos, data.qvel])"))
+    assert found.ns_per_step == lint.costs()["concatenate"] > 0
+    (found,) = findings(tmp_path, LOOP.format(line="n = np.zeros(9)"))
+    assert found.ns_per_step == lint.costs()["allocate zeros"] > 0
 
 
 def test_a_loop_that_does_not_step_is_not_looked_at(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The Python loop: overhead, falls, lint."""
+"""The Python loop: overhead, profile, falls, lint."""
 
 import sys
 
@@ -22,7 +22,7 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
     """
     from dataclasses import asdict
 
-    from mjbench import habits, models
+    from mjbench import habits, machine, models
     from mjbench.report import habits as report
     from mjbench.report import tables
 
@@ -34,7 +34,32 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
             table = habits.measure(source, time_limit)
             report.print_table(out, table, code)
             found.append(asdict(table))
-        write_json({"schema": 1, "results": found})
+        write_json({"schema": 1, "machine": machine.describe(), "results": found})
+
+
+@cli.command()
+@click.argument("names", nargs=-1, required=True, metavar="MODEL…")
+@LIMIT
+@JSON
+def profile(names: tuple[str, ...], time_limit: float, json_file: str | None) -> None:
+    """Where does a step's time go: engine stages, Python around it, rendering?
+
+    Stages are MuJoCo's own timers. Rendering is tried by EGL and OSMesa.
+    """
+    from mjbench import machine, models
+    from mjbench import profile as room
+    from mjbench.report import profile as report
+    from mjbench.report import tables
+
+    sources = [models.resolve(name) for name in names]
+    out = tables.console(stderr=json_file == "-")
+    found = []
+    with output(json_file) as write_json:
+        for source in sources:
+            one = room.measure(source, time_limit)
+            report.print_profile(out, one)
+            found.append(report.as_result(one))
+        write_json({"schema": 1, "machine": machine.describe(), "results": found})
 
 
 @cli.command()

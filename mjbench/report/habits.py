@@ -12,7 +12,8 @@ def print_table(out: Console, found: Table, code: bool) -> None:
     """Print what every source adds to a step, the dearest first."""
     out.print(
         f"\n[bold]{escape(found.model)}[/bold]: a step of the bare loop {found.bare_ns:,.0f} ns,"
-        f" engine {found.engine_ns:,.0f} + binding {found.binding_ns:,.0f}",
+        f" engine {found.engine_ns:,.0f} + binding {found.binding_ns:,.0f};"
+        f" an episode is {found.nstep} steps",
         soft_wrap=True,
     )
     headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]

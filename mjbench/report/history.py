@@ -14,7 +14,7 @@ from mjbench import history as room
 from mjbench.errors import InputError, one_line
 from mjbench.history import History, Series, Step
 
-CAUSE = "cause by MuJoCo's changelog"
+CAUSE = "cause, by MuJoCo's changelog where it names one"
 
 
 @dataclass(frozen=True)

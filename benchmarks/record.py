@@ -1,0 +1,60 @@
+"""What `mjbench.record` costs beside a loop written by hand that does the same."""
+
+import functools
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import mjbench
+from benchmarks import stored
+from benchmarks.settings import Tracked
+from mjbench import timing, workload
+
+MODEL, NSTEP = "humanoid", 200
+FIELDS = ["qpos", "qvel", "sensordata"]
+# Rounds; a ratio of medians over them is known to about a percent.
+ROUNDS = 60
+
+
+def _nothing() -> None:
+    pass
+
+
+class Record(Tracked):
+    """Time of `record` over that of a loop into arrays made beforehand; three fields."""
+
+    def track_ratio_to_handwritten(self) -> float:
+        """Compare, in turns."""
+        model = stored.load(MODEL)
+        data = workload.start_data(model)
+        runs = [functools.partial(run, model, data) for run in (_handwritten, _recorded)]
+        contenders = [timing.Contender(_nothing, run, _nothing) for run in runs]
+        rounds = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
+        return float(np.median([recorded / by_hand for by_hand, recorded in rounds]))
+
+    track_ratio_to_handwritten.unit = "record/by hand"
+    track_ratio_to_handwritten.pretty_name = "mjbench.record over a loop written by hand"
+
+
+def _handwritten(model: Any, data: Any) -> dict[str, np.ndarray]:
+    workload.reset_to_start(model, data)
+    qpos, qvel, sensordata = data.qpos, data.qvel, data.sensordata
+    log = {
+        "qpos": np.empty((NSTEP, model.nq)),
+        "qvel": np.empty((NSTEP, model.nv)),
+        "sensordata": np.empty((NSTEP, model.nsensordata)),
+    }
+    rows_qpos, rows_qvel, rows_sensordata = log.values()
+    mj_step = mujoco.mj_step
+    for i in range(NSTEP):
+        mj_step(model, data)
+        rows_qpos[i] = qpos
+        rows_qvel[i] = qvel
+        rows_sensordata[i] = sensordata
+    return log
+
+
+def _recorded(model: Any, data: Any) -> dict[str, Any]:
+    workload.reset_to_start(model, data)
+    return mjbench.record(model, data, NSTEP, FIELDS)
