@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from benchmarks import stored
 from benchmarks.settings import Timed
-from mjbench import overhead
+from mjbench import models, overhead
 
 NSTEP = 1000
 
@@ -13,9 +13,10 @@ NSTEP = 1000
 @functools.cache
 def _loop(source: str, model: str) -> Callable[[], None]:
     found, opened = overhead.find(source), stored.load(model)
-    if not overhead.available(found, opened):
+    file = str(models.resolve(model).path)
+    if not overhead.available(found, opened, file):
         raise NotImplementedError(f"{source}: not with this model or release")
-    return overhead.loop(found, opened, NSTEP).run
+    return overhead.loop(found, opened, NSTEP, file).run
 
 
 class Overhead(Timed):

@@ -1,6 +1,6 @@
-"""Child processes: they die with their parent, are ended whole, and leave a word on how they ended.
+"""Child processes: they die with their parent, are ended whole, and leave no folder.
 
-Imported by everything that starts one or is one, so it imports next to nothing.
+Imported by everything that starts one or is one, so it imports next to nothing at first.
 """
 
 import contextlib
@@ -8,11 +8,14 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from mjbench.errors import one_line
 
 _PR_SET_PDEATHSIG = 1
+# Begins the names of folders for a while; the process id that made them follows.
+_SCRATCH = "mjbench-"
 
 
 def die_with_parent() -> None:
@@ -21,6 +24,24 @@ def die_with_parent() -> None:
         import ctypes
 
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+@contextlib.contextmanager
+def scratch() -> Iterator[Path]:
+    """Yield a folder that lasts as long as the block.
+
+    Those of processes that were killed, and could not remove theirs, are removed first.
+    """
+    import shutil
+    import tempfile
+
+    for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*-*"):
+        owner = folder.name.removeprefix(_SCRATCH).partition("-")[0]
+        if owner.isdigit() and Path("/proc").is_dir() and not Path(f"/proc/{owner}").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+    prefix = f"{_SCRATCH}{os.getpid()}-"
+    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as made:
+        yield Path(made)
 
 
 def end_group(child: "subprocess.Popen[bytes]") -> int:

@@ -4,9 +4,8 @@ import contextlib
 import os
 import pickle
 import subprocess
-import tempfile
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -80,7 +79,9 @@ class Process:
         with contextlib.suppress(OSError):
             self.connection.send_bytes(worker.BLOCK)
         content = self._receive(self.connection.recv_bytes)
-        ns = int(worker.NANOSECONDS.unpack(content)[0]) if len(content) == 8 else 0
+        if len(content) != worker.NANOSECONDS.size:  # the answer to `time`: it failed
+            raise SideError(f"{self.name}: {pickle.loads(content)[1]}")
+        ns = int(worker.NANOSECONDS.unpack(content)[0])
         if ns <= 0:
             raise SideError(f"{self.name}: says that a block took {ns} ns")
         return ns
@@ -118,19 +119,20 @@ class Fleet:
         self._closing = contextlib.ExitStack()
         self._alive: list[Process] = []
         self._folders: dict[str, Path | None] = {}
+        self._whole: set[str] = set()
         self._files = 0
 
     def __enter__(self) -> "Fleet":
         with contextlib.ExitStack() as closing:
-            self._core = Path(closing.enter_context(tempfile.TemporaryDirectory(prefix="mjbench-")))
+            self._core = closing.enter_context(child.scratch())
             worker.make_core(self._core)
             (self._core / "work").mkdir()
-            closing.callback(lambda: self.end(list(self._alive)))
             self._closing = closing.pop_all()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._closing.close()
+        with self._closing:  # folders and locks last until no process uses them
+            self.end(list(self._alive))
 
     def file(self, suffix: str) -> Path:
         """Return a new path in a folder that lasts as long as this fleet."""
@@ -146,10 +148,18 @@ class Fleet:
             raise MachineError(f"cannot write {file}: {error.strerror}") from error
         return file
 
+    @contextlib.contextmanager
+    def kept(self, value: Any) -> Iterator[Path]:
+        """Yield a file that holds a value for as long as the block runs."""
+        file = self.keep(value)
+        try:
+            yield file
+        finally:
+            file.unlink(missing_ok=True)
+
     def start(self, release: installs.Wanted, name: str = "") -> Process:
         """Begin to start a process that imports a release; its first answer says that it did."""
-        first = release.key not in self._folders
-        if first:
+        if release.key not in self._folders:
             folder = self._closing.enter_context(installs.use(release))
             self._folders[release.key] = folder
         folder, said = self._folders[release.key], self.file(".said")
@@ -173,9 +183,14 @@ class Fleet:
         name = name or f"MuJoCo {release.version}"
         process = Process(ours, name, self.limit_s, child_process, said)
         self._alive.append(process)
-        # the files of a release do not change while its install is in use: looked at once
-        process.ask("start", version=release.version, files=first)
+        # the files of a release do not change while its install is in use: they are looked at once
+        process.ask("start", version=release.version, files=release.key not in self._whole)
         return process
+
+    def started(self, process: Process, release: installs.Wanted) -> None:
+        """Wait until a process has imported its release, and has done what else it was asked."""
+        process.answers()
+        self._whole.add(release.key)
 
     def end(self, processes: Sequence[Process]) -> None:
         """End processes of this fleet."""

@@ -12,7 +12,6 @@ import json
 import re
 import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -121,8 +120,7 @@ class Counter:
         problem = unavailable()
         if problem:
             raise MachineError(problem)
-        folder = self._closing.enter_context(tempfile.TemporaryDirectory(prefix="mjbench-"))
-        self._folder = Path(folder)
+        self._folder = self._closing.enter_context(child.scratch())
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -150,8 +148,8 @@ class Counter:
         begin = time.monotonic()
         while len(found) < len(entries):
             # a model that ends the process costs its own row: another counts the others
-            with tempfile.TemporaryDirectory(prefix="mjbench-") as folder:
-                found += _count(release, entries[len(found) :], Path(folder), limit_s)
+            with child.scratch() as folder:
+                found += _count(release, entries[len(found) :], folder, limit_s)
         seconds = (time.monotonic() - begin) / max(1, len(found))
         return [replace(count, seconds=seconds) for count in found]
 

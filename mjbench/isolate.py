@@ -10,11 +10,9 @@ import importlib
 import json
 import os
 import selectors
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -25,7 +23,6 @@ from mjbench import child
 from mjbench.errors import told
 
 Message = dict[str, Any]
-_FOLDER = "mjbench-child-"
 _WHERE = "where.txt"
 _STDERR = "stderr.txt"
 _END = "__end__"
@@ -87,10 +84,8 @@ def run(
       How the child ended. The child and its own children are gone by then, also when an
       exception (Ctrl-C) passes through.
     """
-    _sweep()
-    prefix = f"{_FOLDER}{os.getpid()}-"
-    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as folder:
-        with (Path(folder) / _STDERR).open("wb") as errors:
+    with child.scratch() as folder:
+        with (folder / _STDERR).open("wb") as errors:
             process = subprocess.Popen(
                 [sys.executable, "-m", "mjbench.isolate", task],
                 stdin=subprocess.PIPE,
@@ -107,15 +102,7 @@ def run(
             for stream in filter(None, (process.stdin, process.stdout)):
                 with contextlib.suppress(OSError):  # a request that was never read
                     stream.close()
-        return end if end.status in ("ok", "input") else _located(end, Path(folder))
-
-
-def _sweep() -> None:
-    """Remove the folders that killed parents could not."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER}*-*"):
-        parent = folder.name.removeprefix(_FOLDER).partition("-")[0]
-        if parent.isdigit() and not Path(f"/proc/{parent}").exists() and Path("/proc").is_dir():
-            shutil.rmtree(folder, ignore_errors=True)
+        return end if end.status in ("ok", "input") else _located(end, folder)
 
 
 def _converse(

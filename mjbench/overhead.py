@@ -180,7 +180,7 @@ SOURCES = (
         around=("mujoco.mj_resetData(model, data)", "pass"),
     ),
     Source(
-        "engine's clock off",
+        "engine clock off",
         "pass",
         "import ctypes\nprototype = ctypes.CFUNCTYPE(ctypes.c_double)\n"
         "no_clock = ctypes.cast(ctypes.CDLL(None).difftime, prototype)",

@@ -2,7 +2,7 @@
 
 A launch is a program of each side, started anew. Both sit on one core, with this process, and take
 turns in quads, ABBA or BAAB at random, so that drift and the order of turns hit both alike; a few
-times each lays its memory out anew. A launch gives one number, the middle of its quads' log
+times each lays its memory out anew. A launch gives one number, the middle of its pairs' log
 ratios; launches are the samples of which stats makes a verdict, and as many are made as the
 verdict needs. While a launch is measured, the programs of the next start on the other cores.
 """
@@ -13,6 +13,7 @@ import random
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,16 @@ from mjbench.errors import InputError
 from mjbench.fleet import Fleet, Process, place
 from mjbench.models import Source
 
-# A block is about this long, in seconds: short blocks make close pairs. Steps of one simulation.
-BLOCK_S, MOST_NSTEP = 0.002, 100
+# A block is about this long, in seconds: the shorter, the closer a pair, and the fewer are hit by
+# what else the machine does. Steps of one simulation.
+BLOCK_S, MOST_NSTEP = 0.0005, 100
+# Simulations drawn for each one of a block: every layout does others, so that a verdict does not
+# rest on the states of one.
+STARTS = 8
 # How often a launch lays out its memory anew, and for each time: the timed part in seconds, and the
 # fewest and most quads it is made of. Layouts of one program differ about as much as programs do,
-# and are had sooner; more quads tell little more (see docs/method.md).
-LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.064, 2, 12
+# and are had sooner.
+LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.064, 2, 32
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 
@@ -100,15 +105,22 @@ class Launch:
     ns: np.ndarray
 
     def log_ratios(self) -> np.ndarray:
-        """(quads,) natural logarithm of new time over old time."""
+        """(quads, 2) natural logarithms of new over old time: old first, and new first."""
         logs = np.log(self.ns)
         sign = np.array([[1 if c == "B" else -1 for c in order] for order in self.orders])
-        return np.asarray((logs * sign).sum(axis=1) / 2)
+        pairs = (logs * sign).reshape(-1, 2, 2).sum(axis=2)
+        new_first = np.array([order[0] == "B" for order in self.orders])
+        pairs[new_first] = pairs[new_first, ::-1]
+        return np.asarray(pairs)
 
     @property
     def value(self) -> float:
-        """The launch's log ratio: the median over its quads."""
-        return float(np.median(self.log_ratios()))
+        """The launch's log ratio: the median of pairs, for each order, and the mean of the two.
+
+        What comes second is slower, so the orders must weigh the same. A disturbed block spoils a
+        pair; a quad would be spoilt twice as often.
+        """
+        return float(np.median(self.log_ratios(), axis=0).mean())
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
@@ -143,7 +155,8 @@ class Pair:
 
     Attributes:
       same: whether they do the same work.
-      works: files of the fleet with each side's workload (see workload.portable) and final states.
+      works: files of the fleet with each side's workload (see workload.portable) and final states;
+        after `close` the old side's alone.
     """
 
     def __init__(self, fleet: Fleet, old: Side, new: Side, sizes: Sizes = Sizes()):
@@ -157,8 +170,11 @@ class Pair:
         self.threads = max(old.threads, new.threads)
         self._next: list[Process] = []
         self._calibrator: Process | None = None
-        both = [self._started(0), self._started(1)]
+        self._models: list[Path] = []
+        self.works: list[Path] = []
+        both: list[Process] = []
         try:
+            both.extend(self._started(i) for i in (0, 1))
             self._begin(both)
         finally:
             fleet.end(both)
@@ -169,14 +185,15 @@ class Pair:
             self._ahead()
         both, self._next = self._next, []
         try:
-            for process in both:
-                process.answers()
+            for process, side in zip(both, self.sides, strict=True):
+                self.fleet.started(process, side.release)
             # all cores belong to sides with threads: what starts meanwhile would be in their way
             cores = self._cores() if self.threads > 1 else None
             core = None if self.threads > 1 else freest_core()
+            others = core is not None and machine.usable_cores() > 1
             with _pinned(core):
-                if core is not None:
-                    self._ahead(_ALLOWED - {core} or _ALLOWED)
+                if others:
+                    self._ahead({c for c in _ALLOWED if c != core})
                 layouts = [self._layout(both, core) for _ in range(LAYOUTS)]
             place(self._next, _ALLOWED)
         finally:
@@ -185,12 +202,14 @@ class Pair:
         return Launch(core, cores, orders, np.concatenate([ns for _, ns in layouts]))
 
     def close(self) -> None:
-        """End the processes that were started ahead."""
+        """End the processes that were started ahead; drop the models, and the new side's work."""
         self.fleet.end(self._next)
         self._next = []
         if self._calibrator is not None:
             self.fleet.end([self._calibrator])
             self._calibrator = None
+        for file in (*self._models, *self.works[1:]):
+            file.unlink(missing_ok=True)
 
     def _started(self, i: int) -> Process:
         side = self.sides[i]
@@ -200,17 +219,21 @@ class Pair:
     def _ahead(self, cores: set[int] = _ALLOWED) -> None:
         """Start the processes of a launch, without waiting for them."""
         made: dict[int, Process] = {}
-        for i in random.sample((0, 1), 2):  # in whatever order, so that none is always the first
-            made[i] = self._started(i)
-            place([made[i]], cores)
-            made[i].ask("equip", model=self._models[i], work=str(self.works[i]))
+        try:
+            for i in random.sample((0, 1), 2):  # in whatever order: none is always the first
+                made[i] = self._started(i)
+                place([made[i]], cores)
+                made[i].ask("equip", model=str(self._models[i]), work=str(self.works[i]))
+        except BaseException:
+            self.fleet.end(list(made.values()))
+            raise
         self._next = [made[0], made[1]]
 
     def _begin(self, both: Sequence[Process]) -> None:
         """Make the workload; see what each side does with it."""
-        for process in both:
-            process.answers()
-        self._models = [str(self.fleet.file(".mjb")) for _ in both]
+        for process, side in zip(both, self.sides, strict=True):
+            self.fleet.started(process, side.release)
+        self._models = [self.fleet.file(".mjb") for _ in both]
         for process, side, file in zip(both, self.sides, self._models, strict=True):
             process.call(
                 "load",
@@ -218,21 +241,23 @@ class Pair:
                 path=str(side.model.path),
                 options=dict(side.model_options),
             )
-            process.call("save", path=file)
+            process.call("save", path=str(file))
         nbatch, nstep = self._sizes(*(process.call("cost") for process in both))
-        making = {"nbatch": nbatch, "nstep": nstep}
+        drawn = nbatch if self.sizes.nbatch or self.threads > 1 else STARTS * nbatch
+        making = {"nbatch": drawn, "nstep": nstep}
         making |= {"hold": self.sizes.hold, "seed": self.sizes.seed}
         works = self._shared(both, making)
         shared = works[0] is works[1]
+        seen: list[dict[str, Any]] = []
         for process, work in zip(both, works, strict=True):
-            process.ask("observe", work=str(self.fleet.keep(work)))
-        seen = [process.answer() for process in both]
+            with self.fleet.kept(work) as file:
+                seen.append(process.call("observe", work=str(file)))
         kept = self._kept([s["healthy"] for s in seen], [s["diagnosis"] for s in seen], shared)
         self.works = [
             self.fleet.keep(_rows(work, s["final"], rows))
             for work, s, rows in zip(works, seen, kept, strict=True)
         ]
-        self._nbatch = len(kept[0])
+        self._nsim, self._nbatch = len(kept[0]), min(nbatch, len(kept[0]))
         after = [{field: values[kept[0]] for field, values in s["after"].items()} for s in seen]
         alike = all(after[0][k].shape == after[1][k].shape for k in after[0])
         self.same = Same(
@@ -248,7 +273,8 @@ class Pair:
         """Return the workload of each side: one for both, unless their models differ in size."""
         made = both[0].call("make", **making)
         try:
-            both[1].call("take", work=str(self.fleet.keep(made)))
+            with self.fleet.kept(made) as file:
+                both[1].call("take", work=str(file))
         except InputError:
             if self.sides[0].model == self.sides[1].model:
                 raise
@@ -276,6 +302,7 @@ class Pair:
 
     def _layout(self, both: Sequence[Process], core: int | None) -> tuple[list[str], np.ndarray]:
         """Time some quads with memory laid out anew; return their orders and (quads, 4) ns."""
+        rows = random.sample(range(self._nsim), self._nbatch)
         warm_ns = 0
         for i in random.sample((0, 1), 2):
             side = self.sides[i]
@@ -284,7 +311,7 @@ class Pair:
                 path=side.path,
                 options=dict(side.options),
                 cores=sorted(_ALLOWED) if core is None else [core],
-                extra=round(side.slowdown * self._nbatch),
+                rows=rows + random.choices(rows, k=round(side.slowdown * self._nbatch)),
             )
         quads = int(1e9 * LAYOUT_S / (2 * warm_ns))
         return _quads(both[0], both[1], min(max(quads, LEAST_QUADS), MOST_QUADS))

@@ -132,7 +132,7 @@ def step(request: Mapping[str, Any], channel: Channel) -> None:
     names = [overhead.BARE.name, "one call for all steps"]
     has_clock = _timed(model)
     if has_clock:
-        names.append("engine's clock off")
+        names.append("engine clock off")
     runs = [overhead.loop(overhead.find(name), model, nstep).run for name in names]
     contenders = [timing.Contender(_nothing, run, _nothing) for run in runs]
     for run in runs:

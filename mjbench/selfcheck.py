@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,8 @@ from mjbench.models import Source
 from mjbench.paired import Side, Sizes
 from mjbench.runs import Record
 
-# Simulations of a block, so that 0.5 % of them is a whole number.
-NBATCH = 200
+# The most simulations of a block: a slowdown is a whole number of them.
+MOST_NBATCH = 200
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,23 @@ class Arm:
 
     model: Source
     slowdown: float
+
+    @property
+    def sizes(self) -> Sizes:
+        """The fewest simulations of which the slowdown is a whole number; the default ones for 0.
+
+        Raises:
+          InputError: there is no such number.
+        """
+        if self.slowdown == 0:
+            return Sizes()
+        share = Fraction(self.slowdown).limit_denominator(MOST_NBATCH)
+        if share <= 0 or abs(share - self.slowdown) > 1e-9:
+            raise InputError(
+                f"a slowdown of {100 * self.slowdown:g} % is no whole number of at most"
+                f" {MOST_NBATCH} simulations"
+            )
+        return Sizes(nbatch=share.denominator)
 
 
 def trial(fleet: Fleet, arm: Arm, plan: verdict.Plan) -> Record:
@@ -41,9 +59,8 @@ def trial(fleet: Fleet, arm: Arm, plan: verdict.Plan) -> Record:
       KeyboardInterrupt: interrupted.
     """
     side = Side(installs.wanted(installs.HERE), arm.model)
-    sizes = Sizes(nbatch=NBATCH)
     new = replace(side, slowdown=arm.slowdown)
-    outcome = verdict.decide(fleet, side, new, replace(plan, sizes=sizes))
+    outcome = verdict.decide(fleet, side, new, replace(plan, sizes=arm.sizes))
     if outcome.status == "interrupted":
         raise KeyboardInterrupt
     if outcome.status != "ok" or outcome.judgement is None:

@@ -156,7 +156,8 @@ def judge(
     `same`: the whole interval lies within the smallest effect that matters. `slower`, `faster`:
     the interval excludes no change, and the estimate is nearer to that effect than to none. It is
     enough when it is `same`, when the half-width is within a SHARE of the change (stopping as soon
-    as it excludes none would overstate the change), and in any case when it is within `precision`.
+    as it excludes none would overstate the change), and in any case when it is within `precision`,
+    or half of the smallest effect where that is less.
 
     Args:
       log_ratios: one a launch.
@@ -174,7 +175,9 @@ def judge(
         verdict = "faster"
     else:
         verdict = "inconclusive"
-    narrow = max(float(np.log1p(precision)), abs(interval.mean) * SHARE)
+    # `same` needs room on both sides of no change
+    asked = min(float(np.log1p(precision)), matters / 2)
+    narrow = max(asked, abs(interval.mean) * SHARE)
     enough = interval.count >= LEAST_LAUNCHES and (
         verdict == "same" or interval.half_width <= narrow
     )

@@ -143,7 +143,7 @@ class Worker:
         path: str,
         options: Mapping[str, Any],
         cores: list[int],
-        extra: int,
+        rows: list[int],
     ) -> int:
         """Prepare a path's run in fresh memory, and check it; return nanoseconds of a warm block.
 
@@ -151,7 +151,7 @@ class Worker:
           path: its name.
           options: its options.
           cores: to run on.
-          extra: simulations drawn again at random, as a slowdown of known size.
+          rows: simulations to do; one named again is done again.
         """
         import numpy as np
 
@@ -161,8 +161,7 @@ class Worker:
             os.sched_setaffinity(0, cores)
         self.padding += _scattered()
         model = copy.copy(self.model)
-        given = self.workload
-        rows = [*range(given.nbatch), *random.choices(range(given.nbatch), k=extra)]
+        given, before = self.workload, self.resources
         made = workload.Workload(
             model, given.initial_state[rows], given.control[rows], given.hold, given.seed
         )
@@ -176,6 +175,8 @@ class Worker:
         held = slice(None) if reached.held is None else reached.held
         if not np.array_equal(reached.values[held], self.final[rows][held]):
             raise MachineError(f"path {path} does not reach the final states of the plain loop")
+        if before is not None:  # until now its memory kept the new one from lying there too
+            before.close()
         gc.collect()
         gc.freeze()  # the next layout's garbage is all there is left to look at
         gc.disable()

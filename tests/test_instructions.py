@@ -208,6 +208,34 @@ def test_instructions_are_of_the_plain_loop() -> None:
 
 
 @needs_valgrind
+def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mjbench", "instructions", "pile"],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    counting = "callgrind.out"
+    while not _processes(counting, tmp_path) and process.poll() is None:
+        os.sched_yield()
+    assert process.poll() is None
+    process.kill()
+    process.wait()
+    while _processes(counting, tmp_path):  # the kernel ends it
+        os.sched_yield()
+    assert list(tmp_path.iterdir())
+    environment = {"TMPDIR": str(tmp_path)}
+    assert mjbench("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def _processes(*words: object) -> list[str]:
+    """Return the command lines that hold all words."""
+    found = [child.text(file) for file in Path("/proc").glob("[0-9]*/cmdline")]
+    return [line for line in found if all(str(word) in line for word in words)]
+
+
+@needs_valgrind
 def test_counts_agree_with_bracketing_by_two_step_counts() -> None:
     """A second method: what 40 steps cost more than 20, in one call of the engine each."""
     with instructions.Counter() as counter:

@@ -2,12 +2,13 @@ import os
 import select
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from mjbench import isolate
+from mjbench import child, isolate
 
 HERE = str(Path(__file__).parent)
 
@@ -102,18 +103,18 @@ def test_children_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=tmp_path
     )
     assert parent.stdout is not None
-    child = os.pidfd_open(int(parent.stdout.readline()))
+    process = os.pidfd_open(int(parent.stdout.readline()))
     parent.kill()
     parent.wait()
     parent.stdout.close()
-    assert ends(child)
+    assert ends(process)
 
 
 def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(isolate.tempfile, "gettempdir", lambda: str(tmp_path))
-    dead, alive = (tmp_path / f"{isolate._FOLDER}{pid}-x" for pid in (2**22 + 1, os.getpid()))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    dead, alive = (tmp_path / f"{child._SCRATCH}{pid}-x" for pid in (2**22 + 1, os.getpid()))
     dead.mkdir()
     alive.mkdir()
     run("echo")

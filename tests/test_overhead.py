@@ -51,7 +51,7 @@ def test_a_callback_does_not_outlive_its_loop(cartpole: Any) -> None:
 
 
 def test_the_engines_clock_is_on_again_after_its_loop(cartpole: Any) -> None:
-    overhead.loop(overhead.find("engine's clock off"), cartpole, NSTEP).run()
+    overhead.loop(overhead.find("engine clock off"), cartpole, NSTEP).run()
     assert mujoco.get_mjcb_time() is None
 
 
