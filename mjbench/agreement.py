@@ -106,6 +106,28 @@ def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) 
     return largest
 
 
+def work_changes(
+    old: Mapping[str, float],
+    new: Mapping[str, float],
+    drift: float | None,
+    diverged: tuple[int, int],
+) -> list[str]:
+    """Return in words how two sides did other work; empty where it was the same.
+
+    Args:
+      old: counters per step.
+      new: the same of the new side.
+      drift: largest difference one step after the same states; None where it cannot be told.
+      diverged: simulations that diverged on each side.
+    """
+    words = counter_changes(old, new)
+    if drift is not None and drift > ROUNDING:
+        words.append(f"one step differs by {drift:.1g}")
+    if diverged[0] != diverged[1]:
+        words.append(f"{diverged[1]} simulations diverge instead of {diverged[0]}")
+    return words
+
+
 def counter_changes(old: Mapping[str, float], new: Mapping[str, float]) -> list[str]:
     """Return the counters of work that changed, in words such as `contacts 1 → 5`."""
     return [

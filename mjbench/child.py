@@ -11,10 +11,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from mjbench.errors import one_line
+from mjbench.errors import MachineError, one_line
 
 _PR_SET_PDEATHSIG = 1
-# Begins the names of folders for a while; the process id that made them follows.
+# Begins the names of folders for a while; where and what made them follows.
 _SCRATCH = "mjbench-"
 
 
@@ -31,17 +31,42 @@ def scratch() -> Iterator[Path]:
     """Yield a folder that lasts as long as the block.
 
     Those of processes that were killed, and could not remove theirs, are removed first.
+
+    Raises:
+      MachineError: it cannot be made.
     """
     import shutil
     import tempfile
 
-    for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*-*"):
-        owner = folder.name.removeprefix(_SCRATCH).partition("-")[0]
-        if owner.isdigit() and Path("/proc").is_dir() and not Path(f"/proc/{owner}").exists():
-            shutil.rmtree(folder, ignore_errors=True)
-    prefix = f"{_SCRATCH}{os.getpid()}-"
-    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as made:
-        yield Path(made)
+    ours = f"{_SCRATCH}{_place()}-"
+    try:
+        for folder in Path(tempfile.gettempdir()).glob(f"{ours}*-*"):
+            owner = folder.name.removeprefix(ours).partition("-")[0]
+            if owner.isdigit() and Path("/proc").is_dir() and not Path(f"/proc/{owner}").exists():
+                shutil.rmtree(folder, ignore_errors=True)
+        made = tempfile.TemporaryDirectory(
+            prefix=f"{ours}{os.getpid()}-", ignore_cleanup_errors=True
+        )
+    except OSError as error:
+        raise MachineError(
+            f"no folder for files of a while: {one_line(error)}; name one by TMPDIR"
+        ) from error
+    with made as name:
+        yield Path(name)
+
+
+def _place() -> str:
+    """Return a name of where process ids mean the same: this machine, or this container of it."""
+    import hashlib
+    import socket
+
+    try:
+        namespace = str(Path("/proc/self/ns/pid").readlink())
+    except OSError:
+        namespace = ""
+    return hashlib.blake2b(
+        f"{socket.gethostname()} {namespace}".encode(), digest_size=4
+    ).hexdigest()
 
 
 def end_group(child: "subprocess.Popen[bytes]") -> int:

@@ -125,6 +125,13 @@ def warning_names() -> list[str]:
     return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
 
 
+def has_clock(model: Any) -> bool:
+    """Return whether the engine's timers have a clock unless they are given one."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    return bool(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0)
+
+
 def has_sleep(model: Any) -> bool:
     """Return whether the model lets islands sleep, which mjSTATE_INTEGRATION does not hold."""
     bit = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from mjbench import agreement
 from mjbench.instructions import Count
 from mjbench.verdict import Outcome
@@ -55,7 +57,9 @@ def sentence(old: Count, new: Count, outcome: Outcome | None) -> list[str]:
         f"instructions per step {old.instructions_per_step:,.0f} → {new.instructions_per_step:,.0f}"
         f" ({100 * (ratio - 1):+.2f} %)"
     ]
-    work = agreement.counter_changes(old.work or {}, new.work or {})
+    work = agreement.work_changes(
+        old.work or {}, new.work or {}, drift(old, new), (old.diverged, new.diverged)
+    )
     lines.append("changed work: " + ", ".join(work) if work else "same work")
     judged = outcome.judgement if outcome else None
     if outcome and outcome.status != "ok":
@@ -83,7 +87,7 @@ def as_result(old: Count, new: Count, outcome: Outcome | None) -> dict[str, Any]
         "model": new.model,
         "old": old.release,
         "new": new.release,
-        "status": "ok" if old.status == new.status == "ok" else (old.status, new.status),
+        "status": next((c.status for c in (old, new) if c.status != "ok"), "ok"),
         "instructions_per_step": {
             "old": old.instructions_per_step,
             "new": new.instructions_per_step,
@@ -119,6 +123,7 @@ def verdict(old: Count, new: Count, min_effect: float) -> dict[str, Any]:
     work = None if failed else {"old": dict(old.work or {}), "new": dict(new.work or {})}
     side = {"path": "python_loop", "options": {}, "model_options": {}, "slowdown": 0.0}
     notes = [f"MuJoCo {c.release}: {c.detail}" for c in (old, new) if c.detail]
+    moved, diverged = drift(old, new), (old.diverged, new.diverged)
     return {
         "model": new.model,
         "path": "python_loop",
@@ -131,16 +136,25 @@ def verdict(old: Count, new: Count, min_effect: float) -> dict[str, Any]:
         "verdict": ratio and _verdict(ratio, min_effect),
         "ratio": ratio
         and {"estimate": ratio, "low": ratio / (1 + REPEATS), "high": ratio * (1 + REPEATS)},
-        "changed_work": work and bool(agreement.counter_changes(work["old"], work["new"])),
+        "changed_work": work
+        and bool(agreement.work_changes(work["old"], work["new"], moved, diverged)),
         "work": work,
-        "drift": None,
-        "diverged": None,
+        "drift": moved,
+        "diverged": {"old": old.diverged, "new": new.diverged},
         "nbatch": None,
         "nstep": None,
         "launches": 0,
         "pairs": 0,
         "seconds": new.seconds + old.seconds,
     }
+
+
+def drift(old: Count, new: Count) -> float | None:
+    """Return how far one step leads apart from the same states, in SI units; None if unknown."""
+    if old.after is None or new.after is None:
+        return None
+    before, after = ({k: np.array(v) for k, v in c.after.items()} for c in (old, new) if c.after)
+    return agreement.drift(after, before)
 
 
 def _verdict(ratio: float, min_effect: float) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench import child, installs, worker
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, MachineError, one_line
 
 _DOING = {
     "start": "importing MuJoCo",
@@ -163,10 +163,24 @@ class Fleet:
             folder = self._closing.enter_context(installs.use(release))
             self._folders[release.key] = folder
         folder, said = self._folders[release.key], self.file(".said")
+        try:
+            ours, child_process = self._begun(folder, said)
+        except OSError as error:
+            raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        name = name or f"MuJoCo {release.version}"
+        process = Process(ours, name, self.limit_s, child_process, said)
+        self._alive.append(process)
+        # the files of a release do not change while its install is in use: they are looked at once
+        process.ask("start", version=release.version, files=release.key not in self._whole)
+        return process
+
+    def _begun(
+        self, folder: Path | None, said: Path
+    ) -> tuple[Connection, "subprocess.Popen[bytes]"]:
         ours, theirs = worker.pair()
         with theirs, said.open("wb") as out:
             theirs.set_inheritable(True)
-            child_process = subprocess.Popen(
+            process = subprocess.Popen(
                 worker.command(
                     f"from mjbench.worker import main; main({theirs.fileno()})",
                     self._core,
@@ -180,12 +194,7 @@ class Fleet:
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
-        name = name or f"MuJoCo {release.version}"
-        process = Process(ours, name, self.limit_s, child_process, said)
-        self._alive.append(process)
-        # the files of a release do not change while its install is in use: they are looked at once
-        process.ask("start", version=release.version, files=release.key not in self._whole)
-        return process
+        return ours, process
 
     def started(self, process: Process, release: installs.Wanted) -> None:
         """Wait until a process has imported its release, and has done what else it was asked."""

@@ -1,9 +1,9 @@
 """Instructions per step, by function, counted by Callgrind: exact on the noisiest machine.
 
 One process under Callgrind steps all models of a release (counted.py). Callgrind writes its counts
-at each call of a marker; what lies between a model's two markers is one pass over its work by a
+at each call of a marker; what lies between two markers of a model is one pass over its work by a
 Python loop: the engine (what `mj_step` called, inclusive) and, outside it, the bindings and Python.
-Counts repeat to about 1e-4. They say what code did, not how long it took: memory, caches, branches
+Counts repeat to about 1e-4; a second pass tells for each model. They say what code did, not how long it took: memory, caches, branches
 and system calls cost time that no instruction tells.
 """
 
@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mjbench import callgrind, child, installs, worker
+from mjbench import callgrind, child, counted, installs, worker
 from mjbench.errors import MachineError
 from mjbench.models import Source
 from mjbench.paired import Sizes
@@ -74,13 +74,16 @@ class Count:
       model: its name.
       release: of MuJoCo.
       status: `ok`, `input`, `crashed` or `timeout`.
-      detail: one line; says so when simulations diverged.
+      detail: one line; empty when ok.
       instructions_per_step: of the engine, all below `mj_step`.
       outside_per_step: of the bindings, Python, and all else that is not the engine.
       functions: of the engine, the most expensive first.
       stages: instructions per step by stage of the pipeline.
       steps: that were counted.
       work: contacts, constraints, solver iterations per step.
+      repeats: by how much a second pass over the same work in the same process differed, as a share.
+      diverged: simulations that did.
+      after: qpos, qvel and act, each (nbatch, size), one step after each start.
       seconds: that counting it and the models beside it took, over their number.
     """
 
@@ -94,6 +97,9 @@ class Count:
     stages: Mapping[str, float] | None = None
     steps: int = 0
     work: Mapping[str, float] | None = None
+    repeats: float | None = None
+    diverged: int = 0
+    after: Mapping[str, Sequence[Sequence[float]]] | None = None
     seconds: float = 0.0
 
 
@@ -178,7 +184,7 @@ def _count(
         json.loads(line) for line in child.text(folder / "answers.jsonl").splitlines() if line
     ]
     counts = [
-        _counted(release, answer, folder / f"callgrind.out.{2 * i + 2}")
+        _counted(release, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
         for i, answer in enumerate(answers)
     ]
     if len(counts) < len(entries):
@@ -243,10 +249,16 @@ def _wait(process: "subprocess.Popen[bytes]", answers: Path, limit_s: float) -> 
             answered = told
 
 
-def _counted(release: installs.Wanted, answer: Mapping[str, Any], dump: Path) -> Count:
+def _dumps(number: int) -> range:
+    """Return the numbers of the dumps that hold a model's passes; one holds what lies before."""
+    first = counted.MARKERS * number + 2
+    return range(first, first + counted.MARKERS - 1)
+
+
+def _counted(release: installs.Wanted, answer: Mapping[str, Any], dumps: Sequence[Path]) -> Count:
     if answer["status"] != "ok":
         return Count(answer["name"], release.version, answer["status"], answer["detail"])
-    profile = callgrind.parse(dump.read_text(encoding="utf-8", errors="replace"))
+    profile, again = (callgrind.parse(child.text(dump)) for dump in dumps)
     steps = answer["steps"]
     engine = profile.inclusive(ENGINE)
     if engine == 0:
@@ -254,7 +266,6 @@ def _counted(release: installs.Wanted, answer: Mapping[str, Any], dump: Path) ->
     return Count(
         answer["name"],
         release.version,
-        detail=answer["detail"],
         instructions_per_step=engine / steps,
         outside_per_step=(profile.total - engine) / steps,
         functions=[
@@ -263,13 +274,17 @@ def _counted(release: installs.Wanted, answer: Mapping[str, Any], dump: Path) ->
         ],
         stages={stage: cost / steps for stage, cost in stages(profile).items()},
         steps=steps,
+        repeats=abs(again.inclusive(ENGINE) / engine - 1),
         work=answer["work"],
+        diverged=answer["diverged"],
+        after=answer["after"],
     )
 
 
 def as_result(count: Count) -> dict[str, Any]:
     """Return what `mjbench instructions --json` gives of one model in one release."""
-    return {**asdict(count), "functions": [asdict(function) for function in count.functions]}
+    told = {key: value for key, value in asdict(count).items() if key != "after"}
+    return {**told, "functions": [asdict(function) for function in count.functions]}
 
 
 def stages(profile: callgrind.Profile) -> dict[str, int]:

@@ -32,7 +32,7 @@ class Rule:
     source: str = ""
 
 
-VIEW = Rule("MJB001", "a view is kept: every entry will show the last state; add .copy()", "copy")
+VIEW = Rule("MJB001", "a view is kept: every entry will show the last state; add .copy()")
 NAMED = Rule(
     "MJB002",
     "named access inside a stepping loop; hoist it: x = data.joint('x').qpos before the loop",
@@ -169,6 +169,8 @@ class _Script:
         }
         self.stepping = self._stepping_functions()
         self.datas = self._datas()
+        steps = (node for node in ast.walk(tree) if self.is_step(node))
+        self.step_loops = {next(self._loops_around(node), None) for node in steps}
 
     def look(self) -> Iterator[tuple[ast.expr | ast.stmt, Rule]]:
         for loop in ast.walk(self.tree):
@@ -182,13 +184,12 @@ class _Script:
 
     def _loop(self, loop: ast.For | ast.While) -> Iterator[tuple[ast.expr | ast.stmt, Rule]]:
         inner = self._within(loop)
-        direct = any(self.is_step(node) for node in inner)
         for node in inner:
             yield from self._stored(node)
-            if isinstance(node, ast.Call):
-                if direct and (self._is_named(node) or _name(node.func) == "mj_name2id"):
+            if isinstance(node, ast.Call) and self._each_step(node, loop):
+                if self._is_named(node) or _name(node.func) == "mj_name2id":
                     yield node, NAMED
-                elif direct and self._allocates(node) and not self._sometimes(node, loop):
+                elif self._allocates(node) and not self._sometimes(node, loop):
                     source = _ALLOCATES[_name(node.func)]
                     yield node, dataclasses.replace(ALLOCATION, source=source)
             if self._beyond_ncon(node):
@@ -306,6 +307,19 @@ class _Script:
             and node.func.attr in _ALLOCATES
             and not any(keyword.arg == "out" for keyword in node.keywords)
         )
+
+    def _loops_around(self, node: ast.AST) -> Iterator[ast.AST]:
+        """Yield the loops in whose every turn a node runs, the innermost first."""
+        child, parent = node, self.parents.get(node)
+        while parent is not None:
+            once = isinstance(parent, ast.For) and child is parent.iter
+            if isinstance(parent, ast.For | ast.While) and not once:
+                yield parent
+            child, parent = parent, self.parents.get(parent)
+
+    def _each_step(self, node: ast.AST, loop: ast.AST) -> bool:
+        """Return whether `loop` is the innermost around a node that steps in its own turns."""
+        return next((x for x in self._loops_around(node) if x in self.step_loops), None) is loop
 
     def _sometimes(self, node: ast.AST, loop: ast.AST) -> bool:
         """Return whether a node of a loop runs only in some turns: it stands under an `if`."""

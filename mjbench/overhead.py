@@ -57,20 +57,21 @@ SOURCES = (
         "named access by name",
         "data.joint(joint_name).qpos",
         cheaper="hoisted accessor",
+        needs="joint_name",
     ),
-    Source("named access by id", "data.joint(0).qpos", cheaper="hoisted accessor"),
+    Source("named access by id", "data.joint(joint_id).qpos", cheaper="hoisted accessor"),
     Source(
         "hoisted accessor",
         "joint.qpos",
-        "joint = data.joint(joint_name)",
+        "joint = data.joint(joint_id)",
         cheaper="hoisted joint view",
     ),
     Source(
         "hoisted view",
         "qpos[0]",
-        "qpos = data.joint(joint_name).qpos",
+        "qpos = data.joint(joint_id).qpos",
     ),
-    Source("hoisted joint view", "qpos", "qpos = data.joint(joint_name).qpos"),
+    Source("hoisted joint view", "qpos", "qpos = data.joint(joint_id).qpos"),
     Source("attribute qpos", "data.qpos", cheaper="hoisted qpos"),
     Source("hoisted qpos", "qpos", "qpos = data.qpos"),
     Source("attribute time", "data.time"),
@@ -185,6 +186,7 @@ SOURCES = (
         "import ctypes\nprototype = ctypes.CFUNCTYPE(ctypes.c_double)\n"
         "no_clock = ctypes.cast(ctypes.CDLL(None).difftime, prototype)",
         value="data.time",
+        needs="has_clock(model)",
         around=("mujoco.set_mjcb_time(no_clock)", "mujoco.set_mjcb_time(None)"),
     ),
     Source("call of zero steps", "mj_step(model, data, 0)", value="None"),
@@ -225,7 +227,15 @@ def find(name: str) -> Source:
 
 def available(source: Source, model: Any, file: str = "") -> bool:
     """Return whether this release, model, and the file it is from have what a source needs."""
-    return bool(eval(source.needs, {"mujoco": mujoco, "model": model, "file": file}))
+    names = {"mujoco": mujoco, "model": model, "file": file, "has_clock": compat.has_clock}
+    return bool(eval(source.needs, names | {"joint_name": _joint(model)[1]}))
+
+
+def _joint(model: Any) -> tuple[int, str]:
+    """Return number and name of the first joint that has a name; of the first one if none has."""
+    names = [model.joint(i).name for i in range(model.njnt)]
+    number = next((i for i, name in enumerate(names) if name), 0)
+    return number, names[number]
 
 
 def code(source: Source) -> str:
@@ -262,7 +272,8 @@ def loop(source: Source, model: Any, nstep: int, file: str = "") -> Loop:
     )
     body = "\n".join(
         [
-            "def make(mujoco, np, model, data, nstep, spec, joint_name, mj_step, start, file):",
+            "def make(mujoco, np, model, data, nstep, spec, joint_id, joint_name, mj_step, start,",
+            "         file):",
             *(f"    {line}" for line in source.before.splitlines()),
             *(f"    {line}" for line in text.splitlines()),
             "    return loop, value, locals()",
@@ -273,9 +284,10 @@ def loop(source: Source, model: Any, nstep: int, file: str = "") -> Loop:
     data = mujoco.MjData(model)
     reset_to_start(model, data)
     spec = compat.state_spec("INTEGRATION")
-    joint_name = model.joint(0).name
+    joint_id, joint_name = _joint(model)
+    step, start = mujoco.mj_step, reset_to_start
     run, value, names = found["make"](
-        mujoco, np, model, data, nstep, spec, joint_name, mujoco.mj_step, reset_to_start, file
+        mujoco, np, model, data, nstep, spec, joint_id, joint_name, step, start, file
     )
     run.names = names  # lives as long as the loop, as a script's names do: views need their spec
     return Loop(run, value)

@@ -32,7 +32,7 @@ STARTS = 8
 # How often a launch lays out its memory anew, and for each time: the timed part in seconds, and the
 # fewest and most quads it is made of. Layouts of one program differ about as much as programs do,
 # and are had sooner.
-LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.064, 2, 32
+LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.1, 2, 100
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 

@@ -19,8 +19,6 @@ from mjbench.models import Source
 
 # A block, in seconds; the fewest and most rounds of blocks, and seconds for all of them.
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
-# Simulations of the stored work of which contacts and solver iterations are counted.
-NBATCH = 4
 # Frames, after one that sets everything up; and the size of a frame, in pixels.
 FRAMES, WIDTH, HEIGHT = 20, 640, 480
 BACKENDS = ("egl", "osmesa")
@@ -122,15 +120,18 @@ def _frame(request: Mapping[str, Any], backend: str, limit_s: float) -> Frame:
 
 def step(request: Mapping[str, Any], channel: Channel) -> None:
     """Time steps with and without the engine's clock, and the loop; runs in a child."""
-    from mjbench import models, overhead, timing, work
+    from mjbench import compat, models, overhead, timing, work, workload
 
     channel.where("loading the model")
     model = models.load(Source(request["name"], Path(request["path"])))
     channel.where("stepping the model")
     nstep = max(2, int(BLOCK_S / work.step_s(model)))
-    _, seen, _ = work.borne(model, NBATCH, nstep, 1, 0)
+    # the steps that are timed: from the start state, with its controls
+    seen = work.observe(workload.make(model, 1, nstep, spread=0.0))
+    if not seen.healthy.all():
+        raise InputError(f"the model diverges ({seen.diagnosis()})")
     names = [overhead.BARE.name, "one call for all steps"]
-    has_clock = _timed(model)
+    has_clock = compat.has_clock(model)
     if has_clock:
         names.append("engine clock off")
     runs = [overhead.loop(overhead.find(name), model, nstep).run for name in names]
@@ -186,15 +187,6 @@ def _reason(backend: str, error: Exception) -> str:
     """Return why rendering does not work, in a line that says what to install."""
     library = {"egl": "libegl1", "osmesa": "libosmesa6"}[backend]
     return f"{type(error).__name__}: {one_line(error)}; it needs the system's {library}"
-
-
-def _timed(model: Any) -> bool:
-    """Return whether the engine has a clock unless it is given one."""
-    import mujoco
-
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data)
-    return bool(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0)
 
 
 def _stages(model: Any, nstep: int, has_clock: bool) -> dict[str, float]:

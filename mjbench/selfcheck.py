@@ -134,6 +134,8 @@ def neighbour(busy: bool) -> Iterator[None]:
     if not busy:
         yield
         return
+    if not hasattr(os, "sched_getaffinity"):
+        raise InputError("--busy needs to choose the core of a process, which this system cannot")
     core = max(os.sched_getaffinity(0))
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
     spinner = subprocess.Popen([sys.executable, "-c", code], preexec_fn=child.die_with_parent)

@@ -99,10 +99,7 @@ class Outcome:
 
 def changed(same: Same) -> bool:
     """Return whether two sides do other work: counters, or one step's result beyond rounding."""
-    counters = agreement.counter_changes(same.old, same.new)
-    if same.diverged[0] != same.diverged[1]:
-        return True
-    return bool(counters) or (same.drift is not None and same.drift > agreement.ROUNDING)
+    return bool(agreement.work_changes(same.old, same.new, same.drift, same.diverged))
 
 
 def decide(

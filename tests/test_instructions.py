@@ -1,7 +1,9 @@
 """Counting instructions: Callgrind's format, stages, and counts that repeat."""
 
+import dataclasses
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -116,8 +118,6 @@ def test_what_changed_is_sorted_by_contribution_with_new_and_gone() -> None:
 
 
 def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
-    python = tmp_path / "python"
-    python.symlink_to(sys.executable)
     done = mjbench("instructions", "cartpole", cwd=tmp_path, env={"PATH": str(tmp_path)})
     assert done.returncode == 3
     assert "valgrind: install it" in done.stderr
@@ -140,6 +140,8 @@ def test_two_counts_differ_by_at_most_a_tenth_of_a_percent(
         assert one.status == two.status == "ok"
         assert one.instructions_per_step == pytest.approx(two.instructions_per_step, rel=1e-3)
         assert one.work == two.work
+        assert one.repeats is not None
+        assert one.repeats < 1e-3
         stages = one.stages or {}
         assert sum(stages.values()) == pytest.approx(one.instructions_per_step)
         assert 0 <= stages["other"] < 0.3 * sum(stages.values())
@@ -176,6 +178,15 @@ def test_a_verdict_on_instructions_is_exact(now: float, expected: str) -> None:
     assert row["verdict"] == expected
     assert row["ratio"]["low"] < now / 1000 < row["ratio"]["high"]
     assert row["changed_work"] is False
+
+
+def test_a_step_that_leads_elsewhere_is_changed_work() -> None:
+    there, elsewhere = {"qpos": [[1.0]]}, {"qpos": [[1.0 + 1e-6]]}
+    old = dataclasses.replace(counted("1.0", a=1000.0), after=there)
+    for after, changed in ((there, False), (elsewhere, True)):
+        new = dataclasses.replace(counted("2.0", a=1000.0), after=after)
+        assert explain.verdict(old, new, 0.005)["changed_work"] is changed
+        assert any("changed work" in line for line in explain.sentence(old, new, None)) is changed
 
 
 def test_a_model_that_could_not_be_counted_has_no_verdict() -> None:
@@ -215,24 +226,27 @@ def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    counting = "callgrind.out"
-    while not _processes(counting, tmp_path) and process.poll() is None:
+    found: list[int] = []
+    while not (found := _processes("callgrind.out", tmp_path)) and process.poll() is None:
         os.sched_yield()
-    assert process.poll() is None
+    counting = [os.pidfd_open(pid) for pid in found]
+    assert counting
     process.kill()
     process.wait()
-    while _processes(counting, tmp_path):  # the kernel ends it
-        os.sched_yield()
+    for descriptor in counting:
+        ended, _, _ = select.select([descriptor], [], [], 60.0)  # long only where the test fails
+        assert ended
+        os.close(descriptor)
     assert list(tmp_path.iterdir())
     environment = {"TMPDIR": str(tmp_path)}
     assert mjbench("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
     assert list(tmp_path.iterdir()) == []
 
 
-def _processes(*words: object) -> list[str]:
-    """Return the command lines that hold all words."""
-    found = [child.text(file) for file in Path("/proc").glob("[0-9]*/cmdline")]
-    return [line for line in found if all(str(word) in line for word in words)]
+def _processes(*words: object) -> list[int]:
+    """Return the processes whose command lines hold all words."""
+    lines = {int(f.parent.name): child.text(f) for f in Path("/proc").glob("[0-9]*/cmdline")}
+    return [pid for pid, line in lines.items() if all(str(word) in line for word in words)]
 
 
 @needs_valgrind

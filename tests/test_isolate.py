@@ -114,7 +114,9 @@ def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    dead, alive = (tmp_path / f"{child._SCRATCH}{pid}-x" for pid in (2**22 + 1, os.getpid()))
+    dead, alive = (
+        tmp_path / f"{child._SCRATCH}{child._place()}-{pid}-x" for pid in (2**22 + 1, os.getpid())
+    )
     dead.mkdir()
     alive.mkdir()
     run("echo")

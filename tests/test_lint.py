@@ -116,6 +116,24 @@ def test_episodes_with_a_new_mjdata_and_a_double_loop(tmp_path: Path) -> None:
     assert [f.code for f in found] == ["MJB006", "MJB005"]
 
 
+def test_what_runs_once_an_episode_is_not_in_every_step(tmp_path: Path) -> None:
+    found = findings(
+        tmp_path,
+        """
+        for episode in range(10):
+            q = data.joint('x').qpos
+            u = np.zeros(3)
+            for t in np.arange(100):
+                mujoco.mj_step(model, data)
+                for name in names:
+                    x = data.joint(name).qpos[0]
+        for u in np.array(controls):
+            mujoco.mj_step(model, data)
+        """,
+    )
+    assert [(f.line, f.code) for f in found] == [(8, "MJB002")]
+
+
 def test_a_new_mjdata_of_a_new_model_is_no_habit(tmp_path: Path) -> None:
     found = findings(
         tmp_path,

@@ -59,9 +59,21 @@ def test_what_is_shown_runs_as_a_script(cartpole: Any) -> None:
     for source in overhead.SOURCES:
         names = {"mujoco": mujoco, "np": np, "nstep": NSTEP, "mj_step": mujoco.mj_step}
         names |= {"model": cartpole, "data": mujoco.MjData(cartpole), "file": FILE}
-        names |= {"joint_name": "slider", "spec": mujoco.mjtState.mjSTATE_INTEGRATION}
+        names |= {
+            "joint_name": "slider",
+            "joint_id": 0,
+            "spec": mujoco.mjtState.mjSTATE_INTEGRATION,
+        }
         exec(overhead.code(source), names)
         assert names["data"].time > 0 or source.name == "state set"
+
+
+def test_a_model_whose_joints_have_no_names_has_no_access_by_name() -> None:
+    pile = models.load(models.resolve("pile"))
+    kept = [s for s in overhead.SOURCES if overhead.available(s, pile)]
+    assert "named access by name" not in {s.name for s in kept}
+    assert "named access by id" in {s.name for s in kept}
+    overhead.loop(overhead.find("hoisted accessor"), pile, 2).run()
 
 
 def test_a_model_without_actuators_has_no_controls_to_write() -> None:

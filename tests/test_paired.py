@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -250,7 +251,7 @@ def broken(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     [
         ("do_load", "os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV) while loading the model"),
         ("do_observe", "os._exit(3)", "exit code 3 while stepping the model"),
-        ("do_prepare", "time.sleep(60)", "no answer within 1 s while preparing a run"),
+        ("do_prepare", "time.sleep(60)", "no answer within 5 s while preparing a run"),
         ("_block", "os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL) while"),
         ("_block", "return -5", "says that a block took -5 ns"),
         ("do_start", "raise RuntimeError('half a release')", "RuntimeError: half a release"),
@@ -262,7 +263,7 @@ def test_a_side_that_misbehaves_is_told_in_a_line_and_leaves_nothing(
 ) -> None:
     before = children()
     broken(method, code)
-    with Fleet(limit_s=1.0 if "sleep" in code else 30.0) as made:
+    with Fleet(limit_s=5.0 if "sleep" in code else 30.0) as made:
         outcome = verdict.decide(made, Side(HERE, CARTPOLE), Side(HERE, CARTPOLE), BRIEF)
     assert outcome.status == "failed"
     assert said in outcome.detail
@@ -392,12 +393,17 @@ def test_ctrl_c_keeps_what_was_measured_and_leaves_nothing(tmp_path: Path) -> No
     deadline = time.monotonic() + 60
     while len(children() - before) < 4 and time.monotonic() < deadline:
         os.sched_yield()
+    descriptors = [os.pidfd_open(pid) for pid in children() - before - {process.pid}]
+    assert len(descriptors) >= 2
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors
-    assert children() <= before
+    for descriptor in descriptors:
+        ended, _, _ = select.select([descriptor], [], [], 60.0)  # long only where the test fails
+        assert ended
+        os.close(descriptor)
 
 
 def test_selfcheck_tells_the_share_of_errors(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from commands import mjbench
 from rich.console import Console
 
-from mjbench import models, profile
+from mjbench import compat, models, profile
 from mjbench.errors import InputError
 from mjbench.profile import Frame, Profile
 from mjbench.report import profile as report
@@ -55,7 +55,7 @@ def test_a_release_without_a_clock_of_its_own_says_nothing_of_it(
 
 def test_stages_are_shares_of_a_step() -> None:
     model = models.load(models.resolve("cube_table"))
-    for has_clock in (profile._timed(model), False):
+    for has_clock in (compat.has_clock(model), False):
         found = profile._stages(model, 20, has_clock)
         assert sum(found.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in found.values())
@@ -75,8 +75,13 @@ def test_the_command_measures_and_writes_json(tmp_path: Path) -> None:
         assert (frame["seconds"] is None) == bool(frame["detail"])
 
 
-def test_a_model_that_does_not_load_is_bad_input(tmp_path: Path) -> None:
+def test_a_model_that_does_not_load_is_bad_input_and_costs_its_row(tmp_path: Path) -> None:
     file = tmp_path / "broken.xml"
     file.write_text("<mujoco><nothing/></mujoco>")
     with pytest.raises(InputError):
         profile.measure(models.resolve(str(file)))
+    done = mjbench("profile", "broken.xml", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "broken.xml: " in done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["status"] == "input"

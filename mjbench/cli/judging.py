@@ -53,7 +53,8 @@ _FAIL_ON = click.option(
     type=click.Choice(["time", "instructions"]),
     default="time",
     show_default=True,
-    help="Instructions need valgrind and no quiet machine; they are the engine's alone.",
+    help="Instructions need valgrind and no quiet machine; they are the engine's alone, exact, and"
+    " know no --confidence, --precision and --time-limit.",
 )
 @_FAIL_ON
 @with_options(*JUDGING, *SIZES, RESULTS, JSON)

@@ -1,12 +1,15 @@
 """The Python loop: overhead, profile, falls, lint."""
 
+import contextlib
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import click
 
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, Numbers, output
-from mjbench.errors import InputError
+from mjbench.cli.shared import JSON, LIMIT, Numbers, exit_code, output
+from mjbench.errors import InputError, MjbenchError
 
 
 @cli.command()
@@ -28,13 +31,15 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
     out = tables.console(stderr=json_file == "-")
-    found = []
+    found: list[dict[str, Any]] = []
     with output(json_file) as write_json:
         for source in sources:
-            table = habits.measure(source, time_limit)
-            report.print_table(out, table, code)
-            found.append(asdict(table))
+            with _costs_its_row(source.name, found):
+                table = habits.measure(source, time_limit)
+                report.print_table(out, table, code)
+                found.append({"status": "ok", "detail": "", **asdict(table)})
         write_json({"schema": 1, "machine": machine.describe(), "results": found})
+    sys.exit(exit_code(row["status"] for row in found))
 
 
 @cli.command()
@@ -53,13 +58,26 @@ def profile(names: tuple[str, ...], time_limit: float, json_file: str | None) ->
 
     sources = [models.resolve(name) for name in names]
     out = tables.console(stderr=json_file == "-")
-    found = []
+    found: list[dict[str, Any]] = []
     with output(json_file) as write_json:
         for source in sources:
-            one = room.measure(source, time_limit)
-            report.print_profile(out, one)
-            found.append(report.as_result(one))
+            with _costs_its_row(source.name, found):
+                one = room.measure(source, time_limit)
+                report.print_profile(out, one)
+                found.append({"status": "ok", "detail": "", **report.as_result(one)})
         write_json({"schema": 1, "machine": machine.describe(), "results": found})
+    sys.exit(exit_code(row["status"] for row in found))
+
+
+@contextlib.contextmanager
+def _costs_its_row(model: str, found: list[dict[str, Any]]) -> Iterator[None]:
+    """Tell a model's failure in a line and a row; the other models go on."""
+    try:
+        yield
+    except MjbenchError as error:
+        click.echo(f"mjbench: {model}: {error}", err=True)
+        status = "input" if error.exit_code == 2 else "failed"
+        found.append({"model": model, "status": status, "detail": str(error)})
 
 
 @cli.command()

@@ -193,12 +193,23 @@ def output(name: str | None) -> Iterator[Callable[[Any], None]]:
     if name == "-":
         yield lambda document: click.echo(json.dumps(document, indent=1))
         return
-    with contextlib.ExitStack() as closing:
-        try:
-            stream = closing.enter_context(Path(name).open("w", encoding="utf-8"))
-        except OSError as error:
-            raise MachineError(f"cannot write {name}: {error.strerror}") from error
-        yield lambda document: json.dump(document, stream, indent=1)
+    file = Path(name)
+    with _writing(name):
+        file.write_text("", encoding="utf-8")
+
+    def write(document: Any) -> None:
+        with _writing(name):
+            file.write_text(json.dumps(document, indent=1), encoding="utf-8")
+
+    yield write
+
+
+@contextlib.contextmanager
+def _writing(name: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise MachineError(f"cannot write {name}: {error.strerror}") from error
 
 
 @contextlib.contextmanager

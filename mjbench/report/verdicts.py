@@ -63,13 +63,8 @@ def work_text(row: Record) -> str:
     work = row["work"]
     if not work:
         return ""
-    words = agreement.counter_changes(work["old"], work["new"])
-    if row["drift"] is not None and row["drift"] > agreement.ROUNDING:
-        words.append(f"one step differs by {row['drift']:.1g}")
-    diverged = row["diverged"]
-    if diverged and diverged["old"] != diverged["new"]:
-        words.append(f"{diverged['new']} simulations diverge instead of {diverged['old']}")
-    return ", ".join(words)
+    diverged = row["diverged"]["old"], row["diverged"]["new"]
+    return ", ".join(agreement.work_changes(work["old"], work["new"], row["drift"], diverged))
 
 
 def selfcheck_table(rows: Sequence[Record]) -> Table:
