@@ -3,8 +3,8 @@
 One process under Callgrind steps all models of a release (counted.py). Callgrind writes its counts
 at each call of a marker; what lies between two markers of a model is one pass over its work by a
 Python loop: the engine (what `mj_step` called, inclusive) and, outside it, the bindings and Python.
-Counts repeat to about 1e-4; a second pass tells for each model. They say what code did, not how long it took: memory, caches, branches
-and system calls cost time that no instruction tells.
+Counts repeat to about 1e-4; a second pass tells for each model. They say what code did, not how
+long it took: memory, caches, branches and system calls cost time that no instruction tells.
 """
 
 import contextlib
@@ -81,7 +81,7 @@ class Count:
       stages: instructions per step by stage of the pipeline.
       steps: that were counted.
       work: contacts, constraints, solver iterations per step.
-      repeats: by how much a second pass over the same work in the same process differed, as a share.
+      repeats: by how much a second pass over the same work differed, as a share.
       diverged: simulations that did.
       after: qpos, qvel and act, each (nbatch, size), one step after each start.
       seconds: that counting it and the models beside it took, over their number.
