@@ -25,6 +25,7 @@ CONFIDENCE = 0.95
 _NSTEP = "steps of a run"
 # The parts of the bare loop: a call that steps nothing, which is no habit, and one call for all.
 BINDING, ENGINE = "call of zero steps", "one call for all steps"
+CLOCK = "engine clock off"
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def launch(request: Mapping[str, Any], channel: Channel) -> None:
     """Time every source against the bare loop; runs in the child."""
     import gc
 
-    from mjbench import models, overhead, work
+    from mjbench import compat, models, overhead, work
 
     model = models.load(Source(request["name"], Path(request["path"])))
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
@@ -114,7 +115,8 @@ def launch(request: Mapping[str, Any], channel: Channel) -> None:
         for one in overhead.SOURCES
         if one is not overhead.BARE and overhead.available(one, model, request["path"])
     }
-    names = random.sample(sorted(runs), len(runs))
+    # the clock last: some releases do not get theirs back (compat.has_clock)
+    names = sorted(random.sample(sorted(runs), len(runs)), key=lambda name: name == CLOCK)
     bares = []
     gc.disable()
     for name in names:
@@ -132,7 +134,12 @@ def launch(request: Mapping[str, Any], channel: Channel) -> None:
                 seconds[letter] += time.perf_counter() - begin
             bares.append(5e8 * seconds["A"] / nstep)
             differences.append(5e8 * (seconds["B"] - seconds["A"]) / nstep)
-        channel.send(**{name: statistics.median(differences)})
+        difference = statistics.median(differences)
+        if name == CLOCK and not compat.has_clock(model):
+            # the bare loop beside it had none either: those before had
+            difference += statistics.median(bares[-QUADS:]) - statistics.median(bares[:-QUADS])
+            del bares[-QUADS:]
+        channel.send(**{name: difference})
     channel.send(**{overhead.BARE.name: statistics.median(bares), _NSTEP: nstep})
 
 

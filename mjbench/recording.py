@@ -182,8 +182,8 @@ def _reader(data: Any, name: str) -> Callable[[], np.ndarray]:
             raise InputError(f"{name!r} is a matrix of the constraints, whose size is not nefc")
         return lambda: np.array(getattr(data, name)[: data.nefc])
     attribute = name.partition(".")[2]
-    known = [n for n in dir(data.contact) if not n.startswith("_")]
-    if attribute not in known:
+    if attribute.startswith("_") or not hasattr(data.contact, attribute):
+        known = [n for n in dir(data.contact) if not n.startswith("_")]
         raise InputError(f"a contact has no {attribute!r}{_near(attribute, known)}")
     # rows beyond ncon are of earlier steps
     return lambda: np.array(getattr(data.contact, attribute)[: data.ncon])
@@ -204,10 +204,10 @@ def _view(model: Any, data: Any, name: str) -> Any:
 
 
 def _field(data: Any, name: str) -> Any:
-    known = [n for n in dir(data) if not n.startswith("_")]
     if name == _CONTACT:
         raise InputError("name a field of the contacts, such as contact.dist or contact.pos")
-    if name not in known:
+    if name.startswith("_") or not hasattr(data, name):
+        known = [n for n in dir(data) if not n.startswith("_")]
         raise InputError(f"MjData has no field {name!r}{_near(name, known)}")
     if _ARENA.match(name):
         raise InputError(f"{name!r} is made anew in every step, and its size with it")

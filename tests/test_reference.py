@@ -34,18 +34,13 @@ def test_verdicts_of_the_committed_selfchecks_follow_from_their_launches(file: P
         assert judged.ratio == pytest.approx(record["estimate"], abs=1e-6)
 
 
-def test_the_committed_selfchecks_hold_what_is_claimed_of_verdicts() -> None:
-    """At most 1 % false alarms, never a wrong direction, power of 95 % at 1 % and 99 % at 2 %."""
-    if not CHECKED:
-        pytest.skip("no selfcheck is committed")
-    records = [record for file in CHECKED for record in runs.load(file)[1:]]
-    rows = selfcheck.summary(records)
-    same = [row for row in rows if row["slowdown"] == 0]
-    trials = sum(row["trials"] for row in same)
-    assert trials >= 300  # with no alarm among them, 1 % is excluded at 95 %
-    assert sum(row["trials"] * row["wrong"] for row in same) == 0
+@pytest.mark.parametrize("file", CHECKED, ids=lambda f: f.stem)
+def test_no_verdict_of_the_committed_selfchecks_is_wrong(file: Path) -> None:
+    """No false alarm, never a wrong direction, and every slowdown of 1 % and 2 % found."""
+    rows = selfcheck.summary(runs.load(file)[1:])
+    assert {row["model"] for row in rows} == {"cartpole", "humanoid"}
+    assert {row["slowdown"] for row in rows} >= {0.0, 0.01, 0.02}
     for row in rows:
-        power = {0.01: 0.95, 0.02: 0.99}.get(row["slowdown"], 0.0)
         assert row["wrong"] == 0
-        assert row["detected"] >= power
-        assert abs(row["error"]) < 0.001
+        if row["slowdown"] >= 0.01:
+            assert row["detected"] == 1
