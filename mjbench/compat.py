@@ -128,7 +128,8 @@ def warning_names() -> list[str]:
 def has_clock(model: Any) -> bool:
     """Return whether the engine's timers have a clock now, which nobody gave them.
 
-    From 3.3.1 on they have; where one was given and taken away, only newer releases get theirs back.
+    From 3.3.1 on they have. Where one was given and taken away, only newer releases get theirs
+    back.
     """
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)

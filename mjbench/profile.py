@@ -130,25 +130,26 @@ def step(request: Mapping[str, Any], channel: Channel) -> None:
     seen = work.observe(workload.make(model, 1, nstep, spread=0.0))
     if not seen.healthy.all():
         raise InputError(f"the model diverges ({seen.diagnosis()})")
-    names = [overhead.BARE.name, "one call for all steps"]
-    has_clock = compat.has_clock(model)
-    if has_clock:
-        names.append("engine clock off")
-    runs = [overhead.loop(overhead.find(name), model, nstep).run for name in names]
-    contenders = [timing.Contender(_nothing, run, _nothing) for run in runs]
-    for run in runs:
-        run()
-    rounds = list(timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS))
-    loop_ns, engine_ns, *silent_ns = (
-        1e9 * statistics.median(column) / nstep for column in zip(*rounds, strict=True)
-    )
+
+    def timed(*names: str) -> list[float]:
+        runs = [overhead.loop(overhead.find(name), model, nstep).run for name in names]
+        for run in runs:
+            run()
+        contenders = [timing.Contender(_nothing, run, _nothing) for run in runs]
+        rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
+        return [1e9 * statistics.median(taken) / nstep for taken in zip(*rounds, strict=True)]
+
+    stages = _stages(model, nstep)
+    loop_ns, engine_ns = timed(overhead.BARE.name, "one call for all steps")
+    # last: some releases do not get their clock back
+    silent_ns = timed("engine clock off") if compat.has_clock(model) else []
     channel.send(
         timestep=float(model.opt.timestep),
         loop_ns=loop_ns,
         engine_ns=engine_ns,
         clock_ns=loop_ns - silent_ns[0] if silent_ns else None,
         work=seen.work.as_dict(),
-        stages=_stages(model, nstep, has_clock),
+        stages=stages,
     )
 
 
@@ -189,20 +190,21 @@ def _reason(backend: str, error: Exception) -> str:
     return f"{type(error).__name__}: {one_line(error)}; it needs the system's {library}"
 
 
-def _stages(model: Any, nstep: int, has_clock: bool) -> dict[str, float]:
+def _stages(model: Any, nstep: int) -> dict[str, float]:
     """Return the share of a step by stage, from the engine's timers: medians over blocks."""
     import time
 
     import mujoco
     import numpy as np
 
-    from mjbench import workload
+    from mjbench import compat, workload
 
     data = workload.start_data(model)
     known = [
         getattr(mujoco.mjtTimer, f"mjTIMER_{name}", None) for name in (*STAGES.values(), "STEP")
     ]
-    if not has_clock:
+    lent = not compat.has_clock(model)
+    if lent:
         mujoco.set_mjcb_time(time.perf_counter)
     try:
         blocks = []
@@ -212,7 +214,8 @@ def _stages(model: Any, nstep: int, has_clock: bool) -> dict[str, float]:
             mujoco.mj_step(model, data, nstep)
             blocks.append(np.array(data.timer.duration) - before)
     finally:
-        mujoco.set_mjcb_time(None)
+        if lent:
+            mujoco.set_mjcb_time(None)
     middle = np.median(blocks[1:], axis=0)  # the first touches memory
     *spent, whole = (0.0 if timer is None else float(middle[timer]) for timer in known)
     found = dict(zip(STAGES, spent, strict=True))
