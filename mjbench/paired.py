@@ -360,10 +360,11 @@ def _quads(old: Process, new: Process, count: int) -> tuple[list[str], np.ndarra
     return orders, ns
 
 
-def freest_core(seconds: float = 0.002) -> int | None:
+def freest_core(seconds: float = 0.01) -> int | None:
     """Return the core, of those this process may use, that others leave most of; None if unknown.
 
-    It is the one on which a busy loop got the largest share of the time.
+    It is the one on which a busy loop got the largest share of the time: of more time than Linux
+    gives a newcomer before it lets others on again, some milliseconds.
     """
     if not hasattr(os, "sched_setaffinity"):
         return None
