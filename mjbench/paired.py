@@ -24,8 +24,9 @@ from mjbench.fleet import Fleet, Process, place
 from mjbench.models import Source
 
 # A block is about this long, in seconds: the shorter, the closer a pair, and the fewer are hit by
-# what else the machine does. Steps of one simulation.
-BLOCK_S, MOST_NSTEP = 0.0005, 100
+# what else the machine does; the longer, the less its cold start weighs, which both sides have
+# alike and which makes any change look smaller. Steps of one simulation.
+BLOCK_S, MOST_NSTEP = 0.001, 100
 # Simulations drawn for each one of a block: every layout does others, so that a verdict does not
 # rest on the states of one.
 STARTS = 8

@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 # somewhat larger than the deviation between launches, so that ten or twenty of them tell.
 PRIOR = 2.0
 # A verdict of faster or slower stands when its interval's half-width is this share of the change.
-SHARE = 2 / 3
+SHARE = 0.8
 # Share of the launches left out at each end.
 TRIM = 0.2
 # Fewer launches give no verdict, however clear: they would rest on a deviation of a few numbers.
