@@ -87,6 +87,14 @@ def cause_of_death(code: int) -> str:
     return f"killed by signal {-code} ({name})"
 
 
+def memory_bytes(pid: int) -> int:
+    """Return the memory that a process has now, in bytes; 0 where the system does not tell."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        return 0
+
+
 def last_words(said: str) -> str:
     """Return the last line of what a process wrote, as the end of a sentence."""
     lines = said.strip().splitlines()

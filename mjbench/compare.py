@@ -2,7 +2,8 @@
 
 The parent never loads a model. It starts `measure` in a child, gathers what the child streams,
 and writes each model's records when the model ends, however it ends. A path that kills the child
-loses its own row; the child is started again without it.
+loses its own row; the child is started again without it. Paths that compile first have a child
+each, after all others and alone (see `apart`).
 """
 
 import dataclasses
@@ -11,10 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mjbench import isolate, machine, measure, models, paths
+from mjbench import child, isolate, machine, measure, models, paths
 from mjbench.errors import InputError
+from mjbench.paths.accelerated import Accelerated
 from mjbench.runs import Record
 
+# Share of the memory that is free which the child of one path may take.
+SHARE_OF_MEMORY = 0.8
 Progress = Callable[[str, float], None]
 
 
@@ -32,6 +36,7 @@ class Plan:
       limit_s: a child that is silent for longer is killed.
       largest: most threads or processes asked for.
       import_from: a folder that paths of the user's own may be imported from.
+      named: paths that the user asked for, and which are tried wherever they can be.
     """
 
     variants: tuple[tuple[str, dict[str, Any]], ...]
@@ -43,6 +48,7 @@ class Plan:
     limit_s: float = 60.0
     largest: int = 1
     import_from: str | None = None
+    named: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as JSON-ready values."""
@@ -62,7 +68,7 @@ def variants(
     """Return the variants of the named paths, the base path first (added if missing).
 
     Args:
-      names: path names; empty for all.
+      names: path names; empty for all that are usual and available here.
       threads: thread counts for every path that has them; None for the default ones.
       choices: further option values by option name.
 
@@ -72,7 +78,7 @@ def variants(
     counts = list(threads or default_threads())
     # Python threads and processes at one worker are the plain loop with a detour
     workers = counts if threads else [max(counts)]
-    asked = list(dict.fromkeys(names or paths.registry()))
+    asked = list(dict.fromkeys(names or _usual()))
     found = []
     for name in [paths.BASE, *(n for n in asked if n != paths.BASE)]:
         path = paths.find(name)
@@ -81,6 +87,22 @@ def variants(
         values["processes"] = workers
         found += [(name, options) for options in path.variants(values)]
     return tuple(found)
+
+
+def rivals(names: Sequence[str]) -> list[str]:
+    """Return the C paths that a sweep of compiled paths is to overtake, if it names none."""
+    if all(_apart(name) or name == paths.BASE for name in names):
+        return [n for n, p in paths.registry().items() if "threads" in {o.name for o in p.options}]
+    return []
+
+
+def _usual() -> list[str]:
+    """Return the paths compared when none is named: of those that compile, the common ones."""
+    return [
+        name
+        for name, path in paths.registry().items()
+        if not isinstance(path, Accelerated) or (path.usual and path.unavailable() is None)
+    ]
 
 
 def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
@@ -117,6 +139,7 @@ class _Progress:
     verdicts: dict[int, Record] = field(default_factory=dict)
     samples: dict[int, list[float]] = field(default_factory=dict)
     cores: list[float] = field(default_factory=list)
+    compiled: dict[int, Record] = field(default_factory=dict)
     budget_s: float = 1.0
     spent_s: float = 0.0
 
@@ -141,6 +164,17 @@ class _Progress:
                 "detail": message["detail"],
                 "agreement": message["detail"],
             }
+
+    def take_apart(self, index: int, message: Record) -> None:
+        """Take in one message of the child of one path."""
+        kind = message["kind"]
+        if kind == "verdict":
+            self.verdicts[index] = message
+        elif kind == "sample":
+            self.samples.setdefault(index, []).append(message["seconds"])
+        else:
+            told = {k: v for k, v in message.items() if k != "kind"}
+            self.compiled[index] = self.compiled.get(index, {}) | told
 
     def restart(self, fatal: dict[int, Record]) -> None:
         """Forget what is about to be measured again; keep the variants that were fatal."""
@@ -174,6 +208,7 @@ class _Progress:
             "status": ended.status if ended else "interrupted",
             "detail": ended.detail if ended else "",
             **self.about,
+            "nbatch_asked": self.plan.nbatch,
             "usable_cores": machine.usable_cores(),
             "cores_had": self.cores,
         }
@@ -185,11 +220,28 @@ class _Progress:
                 "options": options,
                 **self._outcome(index, ended),
                 **common,
+                "nbatch_asked": self.plan.nbatch,
+                **self._compiled(index),
                 "samples_s": self.samples.get(index, []),
             }
             for index, (name, options) in enumerate(self.plan.variants)
         ]
         return [head, *rows]
+
+    def _compiled(self, index: int) -> Record:
+        """Return what is known of a path that compiles; nothing for others."""
+        path = paths.find(self.plan.variants[index][0])
+        if not isinstance(path, Accelerated):
+            return {}
+        told = self.compiled.get(index, {})
+        return {
+            "precision": path.precision,
+            "device": told.get("device"),
+            "trace_s": told.get("trace_s"),
+            "compile_s": told.get("compile_s"),
+            "memory_bytes": told.get("memory_bytes"),
+            "check": self.verdicts.get(index, {}).get("check"),
+        }
 
     def _outcome(self, index: int, ended: isolate.Ended | None) -> Record:
         """Return status, detail, agreement and snippet of one variant."""
@@ -232,30 +284,79 @@ def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outc
         progress(source.name, known.done())
 
     ended: isolate.Ended | None = None
+    apart = [i for i, (name, _) in enumerate(plan.variants) if _apart(name)]
     try:
-        while True:
-            ended = isolate.run(
-                "mjbench.measure:measure",
-                _request(source, plan, sorted(fatal)),
-                on_message,
-                plan.limit_s,
-                plan.import_from,
-            )
-            culprit = _culprit(ended, known, plan)
-            if culprit is None:
-                break
-            fatal[culprit] = {"status": ended.status, "detail": ended.detail}
-            known.restart(fatal)
+        with child.scratch() as folder:
+            work = folder / "work.pickle" if apart else None
+            while True:
+                ended = isolate.run(
+                    "mjbench.measure:measure",
+                    _request(source, plan, sorted([*fatal, *apart]), work),
+                    on_message,
+                    plan.limit_s,
+                    plan.import_from,
+                )
+                culprit = _culprit(ended, known, plan)
+                if culprit is None:
+                    break
+                fatal[culprit] = {"status": ended.status, "detail": ended.detail}
+                known.restart(fatal)
+            if ended.status == "ok" and work is not None:
+                for index in apart:
+                    _measure_apart(source, plan, index, work, known)
     except KeyboardInterrupt:
         return Outcome(known.records(None), interrupted=True)
     return Outcome(known.records(ended), interrupted=False)
 
 
-def _request(source: models.Source, plan: Plan, exclude: list[int]) -> Record:
+def _apart(name: str) -> bool:
+    return isinstance(paths.find(name), Accelerated)
+
+
+def _measure_apart(
+    source: models.Source, plan: Plan, index: int, work: Path, known: _Progress
+) -> None:
+    """Measure one path that compiles, alone; whatever becomes of it costs its own row."""
+    name, options = plan.variants[index]
+    path = paths.find(name)
+    assert isinstance(path, Accelerated)
+    ended = isolate.run(
+        "mjbench.apart:measure",
+        {
+            "model": _where(source),
+            "path": name,
+            "options": options,
+            "work": str(work),
+            "named": name in plan.named,
+            "limit_s": plan.limit_s,
+        },
+        lambda message: known.take_apart(index, message),
+        plan.limit_s,
+        plan.import_from,
+        path.environment(),
+        int(SHARE_OF_MEMORY * machine.available_memory_bytes()),
+    )
+    told = known.compiled.get(index, {}).get("workload_digest", known.about["workload_digest"])
+    if ended.status != "ok":
+        known.verdicts[index] = known.verdicts.get(index, {}) | {
+            "status": ended.status,
+            "detail": ended.detail,
+        }
+    elif told != known.about["workload_digest"]:
+        detail = "it was given another workload than the paths before"
+        known.verdicts[index] = {"status": "failed", "detail": detail}
+
+
+def _where(source: models.Source) -> Record:
+    return {"name": source.name, "path": str(Path(source.path).resolve())}
+
+
+def _request(source: models.Source, plan: Plan, exclude: list[int], work: Path | None) -> Record:
     return {
         **plan.as_dict(),
-        "model": {"name": source.name, "path": str(Path(source.path).resolve())},
+        "model": _where(source),
         "exclude": exclude,
+        "work": str(work) if work else None,
     }
 
 

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,8 @@ _WHERE = "where.txt"
 _STDERR = "stderr.txt"
 _END = "__end__"
 _LIMIT = "__limit__"
+# How often a child's memory is looked at, in seconds.
+_LOOK_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,8 @@ def run(
     on_message: Callable[[Message], None],
     limit_s: float,
     import_from: str | None = None,
+    environment: Mapping[str, str | None] | None = None,
+    memory_bytes: int | None = None,
 ) -> Ended:
     """Call the function `task` ("module:function") in a child with (request, channel).
 
@@ -79,6 +83,8 @@ def run(
       on_message: called with each message as it arrives.
       limit_s: the child is killed after this long without a message.
       import_from: a further folder that the child may import from.
+      environment: further environment variables of the child; None removes one.
+      memory_bytes: the child is killed when it has more than this in memory.
 
     Returns:
       How the child ended. The child and its own children are gone by then, also when an
@@ -92,11 +98,11 @@ def run(
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 cwd=folder,
-                env=_environment(import_from),
+                env=_environment(import_from, environment or {}),
                 start_new_session=True,
             )
         try:
-            end = _converse(process, request, on_message, limit_s)
+            end = _converse(process, request, on_message, limit_s, memory_bytes)
         finally:
             child.end_group(process)
             for stream in filter(None, (process.stdin, process.stdout)):
@@ -110,22 +116,26 @@ def _converse(
     request: Message,
     on_message: Callable[[Message], None],
     limit_s: float,
+    memory_bytes: int | None,
 ) -> Ended:
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError):
         process.stdin.write(json.dumps(request).encode())
         process.stdin.close()
-    for message in _messages(process, limit_s):
+    for message in _messages(process, limit_s, memory_bytes):
         if _END in message:
             return Ended(message[_END], message["detail"])
         on_message(message)
     return Ended("crashed", child.cause_of_death(process.wait()))
 
 
-def _messages(process: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Message]:
+def _messages(
+    process: "subprocess.Popen[bytes]", limit_s: float, memory_bytes: int | None
+) -> Iterator[Message]:
     """Yield the child's messages as they come; when none comes in time, an end of `timeout`.
 
-    A message that only asks for more time until the next one is not passed on.
+    A message that only asks for more time until the next one is not passed on. A child that takes
+    more memory than it may is an end of `failed`.
     """
     assert process.stdout is not None
     pending, descriptor, limit = b"", process.stdout.fileno(), limit_s
@@ -133,7 +143,15 @@ def _messages(process: "subprocess.Popen[bytes]", limit_s: float) -> Iterator[Me
         selector.register(descriptor, selectors.EVENT_READ)
         deadline = time.monotonic() + limit
         while True:
-            if not selector.select(max(0.0, deadline - time.monotonic())):
+            left = max(0.0, deadline - time.monotonic())
+            look = left if memory_bytes is None else min(left, _LOOK_S)
+            if not selector.select(look):
+                if memory_bytes is not None and child.memory_bytes(process.pid) > memory_bytes:
+                    detail = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
+                    yield {_END: "failed", "detail": detail}
+                    return
+                if time.monotonic() < deadline:
+                    continue
                 detail = f"no answer within {limit:.3g} s, killed (--time-limit)"
                 yield {_END: "timeout", "detail": detail}
                 return
@@ -157,10 +175,12 @@ def _located(end: Ended, folder: Path) -> Ended:
     return Ended(end.status, detail, where)
 
 
-def _environment(import_from: str | None) -> dict[str, str]:
+def _environment(import_from: str | None, others: Mapping[str, str | None]) -> dict[str, str]:
     root = str(Path(__file__).resolve().parent.parent)
     parts = [root, os.environ.get("PYTHONPATH", ""), import_from or ""]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in parts if p)}
+    path = os.pathsep.join(p for p in parts if p)
+    found = {**os.environ, **others, "PYTHONPATH": path}
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def _child_main(task: str) -> None:

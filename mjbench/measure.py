@@ -4,6 +4,7 @@ The order is: load, choose sizes, reference run, then for each variant prepare a
 only then time those that agree, in turns. Every block's final states are compared again.
 """
 
+import pickle
 import statistics
 import time
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from typing import Any
 from mjbench import agreement, compat, machine, models, paths, stats, timing, work
 from mjbench.errors import InputError
 from mjbench.isolate import Channel
-from mjbench.workload import Workload, make
+from mjbench.workload import Workload, make, portable
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S they shrink until it takes about BLOCK_S, first the steps, then the simulations, to
@@ -75,7 +76,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
 
     Request keys: `model` (name, path), `variants` (list of path, options), `exclude` (indices
     not to touch), `nbatch`, `nstep` (None: chosen here), `hold`, `seed`, `budget_s`,
-    `largest` (most threads asked for).
+    `largest` (most threads asked for), `work` (a file to leave the workload in, or None).
 
     Messages: `model` (facts, sizes, work), `verdict` (a variant's agreement), `ready`, `round`
     (seconds of the variants timed in it, cores of the calibration), `broken` (a variant whose
@@ -91,6 +92,8 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     patience_s = PATIENCE * nbatch * nstep * work.step_s(model)
     channel.expect(patience_s)
     workload, observed, spread = work.borne(model, nbatch, nstep, request["hold"], request["seed"])
+    if request["work"]:
+        Path(request["work"]).write_bytes(pickle.dumps(portable(workload)))
     bench = Bench.of(workload, observed)
     channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
     contact = None if bench.observed.start_contacts else _contact_bench(request)

@@ -5,10 +5,12 @@ median and their interval comes from order statistics, which assumes nothing abo
 the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
 # Variance of the prior on mean over deviation: the interval is narrowest where the effect is
@@ -49,6 +51,52 @@ def speedup(base_s: Sequence[float], other_s: Sequence[float]) -> Estimate:
         float(np.exp(np.median(ratios))),
         None if low is None else float(np.exp(low)),
         None if high is None else float(np.exp(high)),
+    )
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Seconds of blocks of the same work, and what they were taken with.
+
+    Attributes:
+      seconds: of each block.
+      identity: what must not differ between results that are compared, by name.
+    """
+
+    seconds: Sequence[float]
+    identity: Mapping[str, object]
+
+
+def unpaired(base: Measured, other: Measured, across: bool = False) -> Estimate:
+    """Return how many times faster `other` is than `base`, taken at another time.
+
+    The interval is made of both medians' own, each at the confidence that leaves 95 % for both
+    (Bonferroni); it knows nothing of what changed on the machine between.
+
+    Args:
+      base: seconds of the base.
+      other: of the other side.
+      across: compare even what differs in identity.
+
+    Raises:
+      InputError: the two differ in identity.
+    """
+    differing = [
+        f"{name} ({base.identity.get(name)}, {other.identity.get(name)})"
+        for name in sorted({*base.identity, *other.identity})
+        if base.identity.get(name) != other.identity.get(name)
+    ]
+    if differing and not across:
+        raise InputError(f"not comparable, they differ in {', '.join(differing)}")
+    confidence = 1 - (1 - CONFIDENCE) / 2
+    logs = [np.log(np.asarray(side.seconds)) for side in (base, other)]
+    ends = [median_interval(values, confidence) for values in logs]
+    (base_low, base_high), (other_low, other_high) = ends
+    known = None not in (base_low, base_high, other_low, other_high)
+    return Estimate(
+        float(np.exp(np.median(logs[0]) - np.median(logs[1]))),
+        float(np.exp(base_low - other_high)) if known else None,  # type: ignore[operator]
+        float(np.exp(base_high - other_low)) if known else None,  # type: ignore[operator]
     )
 
 

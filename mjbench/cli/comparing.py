@@ -1,6 +1,8 @@
 """Paths and models: compare, show, models, paths."""
 
+import dataclasses
 import functools
+import itertools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +44,9 @@ if TYPE_CHECKING:
     metavar="NAME=V,V",
     help="Values of any other option of a path, such as pool=new or record=qpos.",
 )
-@click.option("--nbatch", type=click.IntRange(min=1), help="Simulations  [default: up to 64]")
+@click.option(
+    "--nbatch", type=Numbers(), help="Simulations; several are a sweep  [default: up to 64]"
+)
 @click.option("--nstep", type=click.IntRange(min=1), help="Steps of each  [default: up to 200]")
 @HOLD
 @SEED
@@ -61,7 +65,7 @@ def compare(
     threads: list[int] | None,
     chunk: list[int] | None,
     chosen: tuple[str, ...],
-    nbatch: int | None,
+    nbatch: list[int] | None,
     nstep: int | None,
     hold: int,
     seed: int,
@@ -74,8 +78,9 @@ def compare(
 
     \b
     Final states are compared first, bit by bit; a path that disagrees gets no speed.
-    Blocks of every path are timed in turns. Raw samples go to a run file in results/runs;
-    `mjbench show` prints it again.
+    Blocks of every path are timed in turns. MJX and Warp, which compile first, are held to
+    tolerances and timed alone, in a process each. Raw samples go to a run file in
+    results/runs; `mjbench show` prints it again.
     """
     from mjbench import compare as room
     from mjbench import measure, models
@@ -89,11 +94,14 @@ def compare(
     choices = room.choices(chosen, path_names or [])
     if chunk:
         choices["chunk"] = chunk
-    variants = room.variants(path_names or [], threads, choices)
+    sweep = nbatch or [None]
+    asked = path_names or []
+    if asked and len(sweep) > 1:
+        asked = [*asked, *room.rivals(asked)]
+    variants = room.variants(asked, threads, choices)
     largest = max(max(o.get("threads", 1), o.get("processes", 1)) for _, o in variants)
     plan = room.Plan(
         variants=variants,
-        nbatch=nbatch,
         nstep=nstep,
         hold=hold,
         seed=seed,
@@ -101,11 +109,15 @@ def compare(
         limit_s=time_limit,
         largest=largest,
         import_from=str(Path.cwd()) if own else None,
+        named=tuple(path_names or ()),
     )
-    sys.exit(_compare(sources, plan, results, json_file))
+    plans = [dataclasses.replace(plan, nbatch=size) for size in sweep]
+    sys.exit(_compare(sources, plans, results, json_file))
 
 
-def _compare(sources: Sequence["Source"], plan: "Plan", folder: Path, json_file: str | None) -> int:
+def _compare(
+    sources: Sequence["Source"], plans: Sequence["Plan"], folder: Path, json_file: str | None
+) -> int:
     from mjbench import compare as room
     from mjbench import machine
     from mjbench.report import results as derive
@@ -114,14 +126,16 @@ def _compare(sources: Sequence["Source"], plan: "Plan", folder: Path, json_file:
 
     about = machine.describe()
     with output(json_file) as write_json:
-        arguments = {"models": [s.name for s in sources], **plan.as_dict()}
+        arguments = {"models": [s.name for s in sources], **plans[0].as_dict()}
+        arguments["nbatch"] = [plan.nbatch for plan in plans]
         run_file = RunFile(folder, "compare", {"machine": about, "arguments": arguments})
         out = tables.console(stderr=json_file == "-")
         found: list[dict[str, Any]] = []
         interrupted = False
         failure: MachineError | None = None
-        with progress(out, len(sources)) as advance:
-            for number, source in enumerate(sources):
+        turns = list(itertools.product(sources, plans))
+        with progress(out, len(turns)) as advance:
+            for number, (source, plan) in enumerate(turns):
                 outcome = room.compare_model(source, plan, functools.partial(advance, number))
                 try:
                     for record in outcome.records:
@@ -132,6 +146,7 @@ def _compare(sources: Sequence["Source"], plan: "Plan", folder: Path, json_file:
                 interrupted = outcome.interrupted
                 if interrupted or failure:
                     break
+        tables.print_crossovers(out, found)
         run_file.close()
         write_json(derive.document(about, found))
     out.print(f"\nRun file: {run_file.path}", soft_wrap=True)
@@ -173,6 +188,7 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
         for group in derive.by_model(records):
             if any(r["type"] == "model" for r in group):
                 found += tables.model_report(out, group)
+        tables.print_crossovers(out, found)
         write_json(derive.document(header["machine"], found))
 
 
@@ -214,3 +230,31 @@ def paths(json_file: str | None) -> None:
     with output(json_file) as write_json:
         tables.console(stderr=json_file == "-").print(tables.paths_table(rows))
         write_json({"schema": 1, "paths": rows})
+
+
+@cli.command()
+@click.argument("old", type=click.Path(path_type=Path))
+@click.argument("new", type=click.Path(path_type=Path))
+@click.option(
+    "--across",
+    is_flag=True,
+    help="Compare also what differs in JAX, jaxlib, XLA flags, device or precision.",
+)
+@JSON
+def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
+    """Compare the speeds of two run files of `compare`, row by row.
+
+    \b
+    They were taken at different times, which no statistics mends: for releases, models and
+    options `mjbench versions` and `mjbench ab` alternate both sides instead.
+    """
+    from mjbench import runs
+    from mjbench.report import results as derive
+    from mjbench.report import tables
+
+    with output(json_file) as write_json:
+        rows = derive.differences(runs.load(old), runs.load(new), across)
+        out = tables.console(stderr=json_file == "-")
+        out.print(tables.differences_table(rows))
+        write_json({"schema": 1, "results": rows})
+    sys.exit(exit_code(row["status"] for row in rows))

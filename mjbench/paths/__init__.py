@@ -29,12 +29,17 @@ __all__ = [
 def registry() -> dict[str, Path]:
     """Return every path by name, each a new object."""
     from mjbench.paths.batch import BatchRollout, BatchStep
+    from mjbench.paths.mjx import Mjx, Mjx64, MjxWarp
     from mjbench.paths.processes import Processes
     from mjbench.paths.python_loop import PythonLoop, PythonLoopHold
     from mjbench.paths.rollout import Rollout
     from mjbench.paths.threads import Threads
+    from mjbench.paths.warp import Warp
 
-    kinds = (PythonLoop, PythonLoopHold, Rollout, BatchStep, BatchRollout, Threads, Processes)
+    kinds = (
+        *(PythonLoop, PythonLoopHold, Rollout, BatchStep, BatchRollout, Threads, Processes),
+        *(Mjx, Mjx64, MjxWarp, Warp),
+    )
     return {kind.name: kind() for kind in kinds}
 
 

@@ -5,14 +5,18 @@ A speed is derived only for a measurement whose final states agree.
 
 import statistics
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from mjbench import stats
+from mjbench.errors import InputError
 from mjbench.paths import BASE
 from mjbench.runs import SCHEMA, Record
 
 # Between paths this close to the fastest, advice prefers the one listed first: the simpler one.
 CLOSE_ENOUGH = 0.99
+# What is told of a path that compiles.
+COMPILED = ("precision", "device", "trace_s", "compile_s", "memory_bytes", "check")
 
 
 def of_model(records: Sequence[Record]) -> list[Record]:
@@ -20,7 +24,9 @@ def of_model(records: Sequence[Record]) -> list[Record]:
 
     Keys: model, path, options, status, detail, agrees, agreement, closed_loop, nbatch, nstep,
     hold, diverged, steps_per_s, step_ns (median, min), realtime_factor, speedup (median, low,
-    high), work, rounds, snippet. What cannot be said is None.
+    high), work, rounds, snippet, nbatch_asked; for a path that compiles also precision, device,
+    trace_s, compile_s, memory_bytes, check and overtakes_after_steps (steps of the plain loop after
+    which its own compilation is made up for). What cannot be said is None.
     """
     head = next((r for r in records if r["type"] == "model"), {})
     rows = [r for r in records if r["type"] == "measurement"]
@@ -33,22 +39,24 @@ def advice(results: Sequence[Record]) -> list[Record]:
     """Return what to use: the fastest path for open loop, and for closed loop.
 
     Only paths that were timed to the end stand for election: those that could not be the fastest
-    were left out of the last rounds. Keys: model, loop, path, options, speedup, snippet.
+    were left out of the last rounds. Keys: model, nbatch, loop, path, options, speedup, snippet.
     """
     found = []
-    for model in dict.fromkeys(r["model"] for r in results):
-        timed = [r for r in results if r["model"] == model and r["step_ns"]]
+    for key in dict.fromkeys(map(group, results)):
+        model = key[0]
+        timed = [r for r in results if group(r) == key and r["step_ns"]]
         for loop in ("open", "closed"):
             able = [r for r in timed if loop == "open" or r["closed_loop"]]
             if not able:
                 continue
-            longest = max(r["rounds"] for r in able)
-            able = [r for r in able if r["rounds"] == longest]
+            longest = max((r["rounds"] for r in able if not _compiles(r)), default=0)
+            able = [r for r in able if _compiles(r) or r["rounds"] == longest]
             most = max(map(_rate, able))
             best = next(r for r in able if _rate(r) >= CLOSE_ENOUGH * most)
             found.append(
                 {
                     "model": model,
+                    "nbatch": best["nbatch"],
                     "loop": loop,
                     "path": best["path"],
                     "options": best["options"],
@@ -66,13 +74,127 @@ def document(machine: Record, results: Sequence[Record]) -> dict[str, Any]:
         "machine": machine,
         "results": list(results),
         "advice": advice(results),
+        "crossovers": crossovers(results),
     }
 
 
 def by_model(records: Sequence[Record]) -> list[list[Record]]:
     """Return a run's records model by model, in the order they were measured."""
-    names = dict.fromkeys(r["model"] for r in records if "model" in r)
-    return [[r for r in records if r.get("model") == name] for name in names]
+    keys = dict.fromkeys(group(r) for r in records if "model" in r)
+    return [[r for r in records if "model" in r and group(r) == key] for key in keys]
+
+
+def group(row: Record) -> tuple[str, int | None]:
+    """Return what a row is compared within: a model, at one of the sizes asked for."""
+    return row["model"], row.get("nbatch_asked")
+
+
+def crossovers(results: Sequence[Record]) -> list[Record]:
+    """Return from which number of simulations on each compiled path overtakes the best C path.
+
+    Of the sizes that were measured: the least from which on it is faster at every one. Keys: model,
+    path, options, nbatch (None: at none), largest (size at which both were timed), rival (path and
+    options of the best C path there), share (of the rival's speed, at the largest).
+    """
+    found = []
+    for model in dict.fromkeys(r["model"] for r in results):
+        timed = [r for r in results if r["model"] == model and r["steps_per_s"]]
+        best: dict[int, Record] = {}
+        for row in timed:
+            size = row["nbatch_asked"]
+            faster = size not in best or row["steps_per_s"] > best[size]["steps_per_s"]
+            if size and not _compiles(row) and faster:
+                best[size] = row
+        variants = [(r["path"], r["options"]) for r in timed if _compiles(r)]
+        for path, options in [v for i, v in enumerate(variants) if v not in variants[:i]]:
+            own = {
+                r["nbatch_asked"]: r["steps_per_s"] / best[r["nbatch_asked"]]["steps_per_s"]
+                for r in timed
+                if (r["path"], r["options"]) == (path, options) and r["nbatch_asked"] in best
+            }
+            if len(own) < 2:
+                continue
+            largest, ahead = max(own), None
+            for size in sorted(own, reverse=True):
+                if own[size] <= 1:
+                    break
+                ahead = size
+            rival = {key: best[largest][key] for key in ("path", "options")}
+            found.append(
+                {
+                    "model": model,
+                    "path": path,
+                    "options": options,
+                    "nbatch": ahead,
+                    "largest": largest,
+                    "rival": rival,
+                    "share": own[largest],
+                }
+            )
+    return found
+
+
+def differences(old: Sequence[Record], new: Sequence[Record], across: bool) -> list[Record]:
+    """Return how the measurements of one run file compare with those of another.
+
+    Args:
+      old: records, the header first.
+      new: the same of the other file.
+      across: compare also what differs in identity.
+
+    Returns:
+      For every row of both that was timed: model, path, options, nbatch, status (`ok`, or `input`
+      where they cannot be compared), detail, ratio (estimate, low, high; new time over old).
+    """
+    before = {_row_key(r): r for r in old if r["type"] == "measurement" and _timed(r)}
+    rows = []
+    for row in new:
+        if row["type"] != "measurement" or not _timed(row) or _row_key(row) not in before:
+            continue
+        other = before[_row_key(row)]
+        result = {key: row[key] for key in ("model", "path", "options", "nbatch")}
+        result |= {"status": "ok", "detail": "", "ratio": None}
+        try:
+            if row["workload_digest"] != other["workload_digest"]:
+                raise InputError("not comparable, they did other work")
+            sides = [stats.Measured(_per_step(r), identity(r, h)) for r, h in
+                     ((row, new[0]), (other, old[0]))]  # fmt: skip
+            faster = stats.unpaired(*sides, across=across)
+            ratio = {"estimate": faster.median, "low": faster.low, "high": faster.high}
+            result["ratio"] = ratio
+        except InputError as error:
+            result |= {"status": "input", "detail": str(error)}
+        rows.append(result)
+    return rows
+
+
+def identity(row: Record, header: Record) -> dict[str, Any]:
+    """Return what results must share to be compared without being asked to.
+
+    Precision and device; for what JAX compiled also the versions of JAX and jaxlib, and XLA_FLAGS.
+    """
+    machine = header["machine"]
+    found = {
+        "precision": row.get("precision", "float64"),
+        "device": row.get("device") or machine["cpu"],
+    }
+    if row["path"].startswith("mjx"):
+        versions, flags = machine["versions"], machine["flags"]
+        found |= {name: versions.get(name) for name in ("jax", "jaxlib", "mujoco-mjx")}
+        found["XLA_FLAGS"] = flags.get("XLA_FLAGS")
+    return found
+
+
+def _row_key(row: Record) -> str:
+    return f"{row['model']} {row['path']} {sorted(row['options'].items())} {row['nbatch']}"
+
+
+def _per_step(row: Record) -> list[float]:
+    return [seconds / (row["nbatch"] * row["nstep"]) for seconds in row["samples_s"]]
+
+
+def _compiles(result: Record) -> bool:
+    return "precision" in result
 
 
 def cores_had(head: Record) -> float | None:
@@ -97,6 +219,9 @@ def _result(row: Record, base: Record | None, timestep: float | None) -> Record:
     result |= {key: row[key] for key in ("closed_loop", "nbatch", "nstep", "hold", "diverged")}
     result |= {"steps_per_s": None, "step_ns": None, "realtime_factor": None, "speedup": None}
     result |= {"work": row["work"], "rounds": len(row["samples_s"]), "snippet": row["snippet"]}
+    result["nbatch_asked"] = row.get("nbatch_asked")
+    if _compiles(row):
+        result |= {key: row[key] for key in COMPILED} | {"overtakes_after_steps": None}
     if not _timed(row):
         return result
     steps, samples = row["nbatch"] * row["nstep"], row["samples_s"]
@@ -104,7 +229,13 @@ def _result(row: Record, base: Record | None, timestep: float | None) -> Record:
     result["steps_per_s"] = 1.0 / median
     result["step_ns"] = {"median": 1e9 * median, "min": 1e9 * min(samples) / steps}
     result["realtime_factor"] = timestep / median if timestep else None
-    if base:
+    if base and _compiles(row):
+        sides = [stats.Measured(r["samples_s"], {}) for r in (base, row)]
+        result["speedup"] = asdict(stats.unpaired(*sides))
+        gain = statistics.median(base["samples_s"]) / steps - median
+        spent = (row["trace_s"] or 0.0) + row["compile_s"]
+        result["overtakes_after_steps"] = spent / gain if gain > 0 else None
+    elif base:
         n = min(len(base["samples_s"]), len(samples))
         estimate = stats.speedup(base["samples_s"][:n], samples[:n])
         result["speedup"] = {

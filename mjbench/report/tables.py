@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from mjbench import agreement
 from mjbench.report import results as derive
 from mjbench.runs import Record
 
@@ -48,6 +49,8 @@ def model_report(out: Console, records: Sequence[Record]) -> list[Record]:
     if head["status"] != "ok" and not any(r["step_ns"] or r["agrees"] is False for r in results):
         return results
     out.print(_table(results))
+    if any(r.get("compile_s") is not None for r in results):
+        out.print(_compiled_table(results))
     for line in _notes(head, results):
         out.print(line, soft_wrap=True)
     for entry in derive.advice(results):
@@ -147,6 +150,61 @@ def _table(results: Sequence[Record]) -> Table:
     return table
 
 
+def _compiled_table(results: Sequence[Record]) -> Table:
+    """Return what compiling cost, and after how many steps of the plain loop it has paid."""
+    table = plain_table(
+        ["compiled", "precision", "device", "trace s", "compile s", "steady ns/step", "memory",
+         "pays after"],
+        right=range(3, 7),
+    )  # fmt: skip
+    for r in results:
+        if r.get("compile_s") is None:
+            continue
+        pays = ""
+        if r["step_ns"]:
+            steps = r["overtakes_after_steps"]
+            pays = f"{steps:,.0f} steps" if steps else "never: the plain loop is faster"
+        table.add_row(
+            *map(escape, [r["path"], r["precision"], r["device"]]),
+            "" if r["trace_s"] is None else f"{r['trace_s']:.1f}",
+            f"{r['compile_s']:.1f}",
+            f"{r['step_ns']['median']:,.0f}" if r["step_ns"] else "",
+            f"{r['memory_bytes'] / 2**20:,.0f} MiB" if r["memory_bytes"] else "",
+            pays,
+        )
+    return table
+
+
+def print_crossovers(out: Console, results: Sequence[Record]) -> None:
+    """Print from which batch size on compiled paths overtake C."""
+    for found in derive.crossovers(results):
+        who = f"{found['path']} {options_text(found['options'])}".strip()
+        rival = f"{found['rival']['path']} {options_text(found['rival']['options'])}".strip()
+        if found["nbatch"]:
+            text = f"overtakes the best C path ({rival}) at {found['nbatch']:,} simulations"
+        else:
+            text = (
+                f"overtakes the best C path ({rival}): none up to {found['largest']:,} simulations"
+                f", where it has {found['share']:.2g} of its speed"
+            )
+        out.print(f"{escape(found['model'])}: {escape(who)} {escape(text)}", soft_wrap=True)
+
+
+def differences_table(rows: Sequence[Record]) -> Table:
+    """Return the table of `mjbench diff`."""
+    table = plain_table(
+        ["model", "path", "options", "simulations", "new / old", "95 %", ""], right=(3, 4)
+    )
+    for r in rows:
+        ratio, interval = r["ratio"], ""
+        if ratio and ratio["low"] is not None:
+            interval = f"{ratio['low']:.3f}–{ratio['high']:.3f}"
+        cells = [r["model"], r["path"], options_text(r["options"]), f"{r['nbatch']:,}"]
+        cells += [f"{ratio['estimate']:.3f}" if ratio else "", interval, r["detail"]]
+        table.add_row(*map(escape, cells))
+    return table
+
+
 def _speed_cells(result: Record) -> list[str]:
     step, speedup = result["step_ns"], result["speedup"]
     if not step:
@@ -179,6 +237,10 @@ def _notes(head: Record, results: Sequence[Record]) -> list[str]:
         for r in results
         if r["detail"] and (r["status"], r["detail"]) != (head["status"], head["detail"])
     ]
+    lines += [
+        f"{r['path']}: {r['agreement']}" for r in results if r.get("check") and r["agrees"]
+    ]
+    lines += _causes(results)
     notes = [escape(line) for line in lines]
     had, usable = derive.cores_had(head), head["usable_cores"]
     if had is None or not any(r["step_ns"] and _threaded(r) for r in results):
@@ -187,6 +249,15 @@ def _notes(head: Record, results: Sequence[Record]) -> list[str]:
     if had < POOR_CORES * usable:
         text = f"[yellow]Warning: {text} Threaded figures are low by about as much.[/yellow]"
     return [*notes, text]
+
+
+def _causes(results: Sequence[Record]) -> list[str]:
+    """Return why engines stray, where float32 and float64 can tell."""
+    checks = {r["precision"]: r for r in results if r["path"].startswith("mjx") and r.get("check")}
+    if "float32" not in checks or "float64" not in checks:
+        return []
+    cause = agreement.cause(checks["float32"]["check"], checks["float64"]["check"])
+    return [f"MJX strays from C by {cause}"]
 
 
 def _threaded(result: Record) -> bool:

@@ -1,0 +1,185 @@
+"""One accelerated path on one model, in a process of its own (see `isolate`).
+
+It takes the workload from the file that `measure` left, bit by bit; compiles; takes single steps
+from states of the reference run and judges them; and only then times the steady program.
+"""
+
+import pickle
+import resource
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjbench import agreement, models, paths, timing, trajectory, workload
+from mjbench.errors import InputError
+from mjbench.isolate import Channel
+from mjbench.paths.accelerated import Accelerated, After, Compiled, start_fields
+from mjbench.trajectory import COMPARED, Contacts, Singles
+
+# Simulations followed step by step, and the most single steps taken from their states.
+FOLLOWED, MOST_SINGLES = 8, 256
+# Timed blocks: for this many seconds, no fewer and no more than these.
+STEADY_S, LEAST_BLOCKS, MOST_BLOCKS = 2.0, 5, 100
+# A compiler may be silent for this many times the limit of anything else.
+COMPILER_PATIENCE = 5
+# Where a CPU runs it, MJX takes a model that starts in contact 10 to 1000 times longer a step than
+# one thread of C: not tried unless named.
+CONTACT_REASON = "starts in contact, where it is slow on a CPU; name it with --paths to try it"
+
+
+def measure(request: dict[str, Any], channel: Channel) -> None:
+    """Measure one path on one model.
+
+    Request keys: `model` (name, path), `path`, `options`, `work` (file of the workload, see
+    `workload.portable`), `named` (whether the user asked for this path), `limit_s`.
+
+    Messages: `verdict` (agreement), `compiled` (device, seconds of its stages), `sample` (seconds
+    of a steady block), `memory` (bytes at most).
+    """
+    name, path = request["model"]["name"], paths.find(request["path"])
+    if not isinstance(path, Accelerated):
+        raise InputError(f"path {request['path']} does not compile")
+    channel.where(f"loading {name}")
+    model = models.load(models.Source(name, Path(request["model"]["path"])))
+    made = workload.restore(model, pickle.loads(Path(request["work"]).read_bytes()))
+    verdict: dict[str, Any] = {"kind": "verdict", "status": "ok", "detail": ""}
+    channel.where(f"preparing {path.name} on {name}")
+    channel.expect(COMPILER_PATIENCE * request["limit_s"])
+    reason = path.unavailable() or path.unsuited(made, request["options"])
+    if reason is None and not request["named"] and _on_cpu(path) and _in_contact(made):
+        reason = CONTACT_REASON
+    if reason:
+        channel.send(**verdict | {"status": "unavailable", "detail": reason})
+        return
+    resources = paths.Resources(made)
+    channel.where(f"compiling {path.name} for {name}")
+    compiled = path.prepare(made, request["options"], resources)
+    channel.send(
+        kind="compiled",
+        device=compiled.device,
+        trace_s=compiled.trace_s,
+        compile_s=compiled.compile_s,
+        workload_digest=made.digest(),
+    )
+    channel.where(f"checking {path.name} on {name}")
+    checked = check(made, compiled, path.precision)
+    failures = agreement.failures(checked)
+    verdict["snippet"] = path.snippet(made, request["options"])
+    if failures:
+        verdict |= {"status": "disagrees", "detail": "; ".join(failures)}
+    channel.send(
+        **verdict, agrees=not failures, agreement=agreement.words(checked), check=checked
+    )
+    if not failures:
+        channel.where(f"timing {path.name} {request['options']}")
+        _time(compiled, channel)
+    channel.send(kind="memory", memory_bytes=memory_bytes())
+    resources.close()
+
+
+def check(made: workload.Workload, compiled: Compiled, precision: str) -> dict[str, Any]:
+    """Return how far a compiled run strays from the reference; see `agreement.failures`."""
+    rounded = precision == "float32"
+    reference = trajectory.run(made, FOLLOWED)
+    taken = trajectory.singles(made, reference, MOST_SINGLES, rounded)
+    after = _single_steps(compiled, made, taken)
+    found = _judged_singles(made, taken, after) | {"precision": precision}
+    followed = len(reference.states)
+    shadow = trajectory.run(made, FOLLOWED, rounded=True)
+    starts = start_fields(made)
+    for key, nstep in (("free", reference.free), ("final", made.nstep)):
+        got = compiled.advance(starts, made.control, nstep).fields
+        found[f"{key}_nstep"] = nstep
+        found[f"{key}_difference"] = _largest(
+            made, {n: v[:followed] for n, v in got.items()}, reference.states[:, nstep]
+        )
+        found[f"{key}_shadow"] = _largest(
+            made, workload.fields(made.model, shadow.states[:, nstep]), reference.states[:, nstep]
+        )
+        if key == "final":
+            whole = np.isfinite(np.hstack([got[n] for n in COMPARED if n in got])).all(axis=1)
+            found["lost"] = int((~whole).sum())
+    return found
+
+
+def _single_steps(compiled: Compiled, made: workload.Workload, taken: Singles) -> After:
+    """Take the single steps by the compiled program, as many at a time as it has simulations."""
+    nbatch, count = made.nbatch, len(taken.state)
+    states = workload.fields(made.model, taken.state)
+    states.pop("ctrl", None)
+    parts: list[After] = []
+    for begin in range(0, count, nbatch):
+        rows = np.minimum(np.arange(begin, begin + nbatch), count - 1)  # the last again, to fill up
+        control = np.zeros_like(made.control)
+        control[:, 0] = taken.control[rows]
+        parts.append(compiled.advance({n: v[rows] for n, v in states.items()}, control, 1))
+    fields = {
+        name: np.concatenate([part.fields[name] for part in parts])[:count]
+        for name in parts[0].fields
+    }
+    if any(part.contacts is None for part in parts):
+        return After(fields, None)
+    contacts = Contacts.joined([part.contacts for part in parts if part.contacts], nbatch, count)
+    return After(fields, contacts)
+
+
+def _judged_singles(made: workload.Workload, taken: Singles, after: After) -> dict[str, Any]:
+    """Return how far single steps stray: free ones, constrained ones, those in contact."""
+    count = len(taken.state)
+    want = workload.fields(made.model, taken.after)
+    stray = agreement.strays(after.fields, want, COMPARED)
+    touching = taken.contacts.counts(count) > 0
+    found: dict[str, Any] = {}
+    if after.contacts is not None:
+        same = after.contacts.counts(count) == taken.contacts.counts(count)
+        touching |= after.contacts.counts(count) > 0
+        if touching.any():
+            found["same_count"] = float(same[touching].mean())
+            angle = agreement.normal_angle(taken.contacts, after.contacts)
+            found["normal_degrees"] = angle
+    kinds = {
+        "free": ~touching & (taken.constraints == 0),
+        "constrained": ~touching & (taken.constraints > 0),
+        "contact": touching,
+    }
+    for kind, rows in kinds.items():
+        found[f"{kind}_steps"] = int(rows.sum())
+        found[f"{kind}_stray"] = float(stray[rows].max()) if rows.any() else None
+    return found
+
+
+def _largest(
+    made: workload.Workload, got: Mapping[str, np.ndarray], want_states: np.ndarray
+) -> float:
+    want = workload.fields(made.model, want_states)
+    return float(agreement.strays(got, want, COMPARED).max())
+
+
+def _time(compiled: Compiled, channel: Channel) -> None:
+    """Send the seconds of steady blocks, after one that warms up."""
+    contender = timing.Contender(compiled.clear, compiled.run, lambda: None)
+    timing.block_s(contender)
+    end = time.perf_counter() + STEADY_S
+    for done in range(1, MOST_BLOCKS + 1):
+        channel.send(kind="sample", seconds=timing.block_s(contender))
+        if time.perf_counter() > end and done >= LEAST_BLOCKS:
+            break
+
+
+def memory_bytes() -> int:
+    """Return the most memory that this process has had, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak) * (1 if sys.platform == "darwin" else 1024)
+
+
+def _on_cpu(path: Accelerated) -> bool:
+    return path.device_kind() == "cpu"
+
+
+def _in_contact(made: workload.Workload) -> bool:
+    """Return whether the first simulation starts in contact."""
+    return trajectory.run(made.first(1), 1).free == 0

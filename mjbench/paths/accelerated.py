@@ -1,0 +1,167 @@
+"""What a way of stepping promises that compiles the step first, for an accelerator or for this CPU.
+
+Such a path works in a process of its own (see `apart`): its engine takes all cores, may never
+return, and must not run beside another's timing. It computes in its own precision and order, so it
+is held to tolerances and not to the last bit (see `agreement.judge`).
+"""
+
+import importlib.util
+import sys
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mjbench import compat, trajectory
+from mjbench.errors import InputError, MachineError
+from mjbench.paths.base import Options, Path, Prepared, Resources, States
+from mjbench.trajectory import Contacts, Peaks
+from mjbench.workload import Workload, fields
+
+# Room for contacts and constraints, as a multiple of the reference run's peak.
+ROOM = 2
+# Of MuJoCo Warp's overflow flags, those of iterations are no lack of room.
+_ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
+
+
+@dataclass(frozen=True, eq=False)
+class After:
+    """Where some steps led.
+
+    Attributes:
+      fields: (nbatch, size) float64 arrays by MjData field, those that the engine keeps.
+      contacts: of the last step; None where the engine does not tell.
+    """
+
+    fields: Mapping[str, np.ndarray]
+    contacts: Contacts | None
+
+
+@dataclass(eq=False)
+class Compiled(Prepared):
+    """A run that was compiled for one size of batch and number of controls.
+
+    Attributes:
+      device: what it runs on, such as `cpu` or `NVIDIA H200`.
+      trace_s: seconds from Python to what the compiler takes; None where there is no such stage.
+      compile_s: seconds of the compiler.
+      advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) → After:
+        the very program that is timed, from other states and for as many steps as one likes.
+    """
+
+    device: str = ""
+    trace_s: float | None = None
+    compile_s: float = 0.0
+    advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], After] = field(
+        default=None  # type: ignore[assignment]
+    )
+
+
+class Accelerated(Path):
+    """A path that compiles first.
+
+    Class attributes:
+      precision: `float32` or `float64`.
+      extra: of mjbench that installs what it needs.
+      packages: modules that it needs.
+      usual: whether it is compared when no path is named.
+    """
+
+    closed_loop = True
+    usual: ClassVar[bool] = False
+    precision: ClassVar[str]
+    extra: ClassVar[str]
+    packages: ClassVar[tuple[str, ...]]
+
+    def unavailable(self) -> str | None:
+        """Return which extra to install where a package is missing."""
+        missing = [name for name in self.packages if not _installed(name)]
+        if missing:
+            return f"needs {', '.join(missing)}: pip install 'mjbench[{self.extra}]'"
+        return None
+
+    @abstractmethod
+    def device_kind(self) -> str:
+        """Return the kind of device that it would run on, `cpu` or not."""
+
+    def environment(self) -> dict[str, str | None]:
+        """Return environment variables for its process, set before it starts; None removes one."""
+        return {}
+
+    def prepare(self, workload: Workload, options: Options, resources: Resources) -> Compiled:
+        """Return a compiled run, with buffers for what the reference run needs."""
+        peaks = resources.kept("peaks", lambda: trajectory.peaks(workload))
+        return self.compiled(workload, options, peaks)
+
+    @abstractmethod
+    def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
+        """Return a compiled run."""
+
+
+def start_fields(workload: Workload) -> dict[str, np.ndarray]:
+    """Return the start states by MjData field, each (nbatch, size), without controls."""
+    found = fields(workload.model, workload.initial_state)
+    found.pop("ctrl", None)
+    return found
+
+
+def taken(found: Mapping[str, np.ndarray], known: Mapping[str, Any], engine: str) -> dict[str, Any]:
+    """Return the fields that an engine keeps; whatever else is there must be zero.
+
+    Raises:
+      InputError: a field that it does not keep says something.
+    """
+    kept = {}
+    for name, values in found.items():
+        if name in known:
+            kept[name] = values
+        elif values.any():
+            raise InputError(f"{engine} keeps no {name}, which the start states have")
+    return kept
+
+
+def final(workload: Workload, found: Mapping[str, np.ndarray]) -> States:
+    """Return final states, and which of their entries the engine keeps.
+
+    Args:
+      workload: that was run.
+      found: (nbatch, size) arrays by MjData field.
+    """
+    columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+    values = np.full_like(workload.initial_state, np.nan)
+    held = np.zeros(values.shape, dtype=bool)
+    for name, place in columns.items():
+        if name in found:
+            values[:, place] = found[name]
+            held[:, place] = True
+    return States(values, held)
+
+
+def check_overflow(flags: np.ndarray) -> None:
+    """Refuse a result of MuJoCo Warp's for which a buffer was too small.
+
+    Args:
+      flags: of each world, bits of its OverflowType.
+
+    Raises:
+      MachineError: one was; told which.
+    """
+    from mujoco_warp import OverflowType
+
+    single = [flag for flag in OverflowType if flag.value and not flag.value & (flag.value - 1)]
+    small = [f for f in single if f.name not in _ITERATIONS and (flags & f.value).any()]
+    if small:
+        worlds = int(np.count_nonzero(flags & sum(f.value for f in small)))
+        names = ", ".join(str(f.name) for f in small)
+        raise MachineError(f"buffers of Warp overflowed in {worlds} worlds: {names}")
+
+
+def _installed(name: str) -> bool:
+    if name in sys.modules:
+        return True
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):
+        return False

@@ -1,0 +1,237 @@
+"""MJX: MuJoCo written in JAX, compiled by XLA for this CPU or a GPU; and Warp called from JAX.
+
+The program is jit ∘ vmap ∘ loop over `mjx.step`, and returns the whole batched Data, so that
+nothing that a step computes can be left out. The number of steps is an argument of the program: the
+one that is timed also does the single steps by which it is judged.
+"""
+
+import inspect
+import time
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mjbench.errors import InputError, one_line
+from mjbench.paths.accelerated import (
+    Accelerated,
+    After,
+    Compiled,
+    ROOM,
+    check_overflow,
+    final,
+    start_fields,
+    taken,
+)
+from mjbench.paths.base import Options, States
+from mjbench.trajectory import Contacts, Peaks
+from mjbench.workload import Workload
+
+
+class Mjx(Accelerated):
+    """MJX in float32, which is how it is usually run."""
+
+    name = "mjx"
+    summary = "MJX: jit(vmap(loop of mjx.step)), float32"
+    precision = "float32"
+    extra = "mjx"
+    packages = ("jax", "mujoco.mjx")
+    usual = True
+    impl: ClassVar[str] = "jax"
+
+    def environment(self) -> dict[str, str | None]:
+        """Return variables that set the precision, and keep no compiled program between runs."""
+        return {
+            "JAX_ENABLE_X64": "1" if self.precision == "float64" else "0",
+            "JAX_COMPILATION_CACHE_DIR": None,
+            "JAX_ENABLE_COMPILATION_CACHE": "0",
+        }
+
+    def device_kind(self) -> str:
+        """Return the platform of JAX's first device."""
+        import jax
+
+        return str(jax.devices()[0].platform)
+
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """Return MJX's own reason for not taking the model."""
+        try:
+            self._put(workload.model)
+            self._data(workload.model, Peaks(1, 1), 1)
+        except Exception as error:  # whatever MJX says of a model that it does not take
+            said = one_line(error) or type(error).__name__
+            return f"MJX does not take this model: {said}"
+        return None
+
+    def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
+        """Trace and compile the program; see the module."""
+        import jax
+        from mujoco import mjx
+
+        jax.config.update("jax_enable_x64", self.precision == "float64")
+        model, hold = self._put(workload.model), workload.hold
+        empty = self._data(workload.model, peaks, workload.nbatch)
+        leaves = {name: value for name, value in vars(empty).items() if hasattr(value, "dtype")}
+        if leaves["qpos"].dtype != self.precision:
+            raise InputError(f"JAX computes in {leaves['qpos'].dtype}, not {self.precision}")
+
+        def on_device(found: Mapping[str, np.ndarray]) -> dict[str, Any]:
+            kept = taken(found, leaves, "MJX")
+            return {
+                name: jax.device_put(
+                    values.reshape(-1, *leaves[name].shape).astype(leaves[name].dtype)
+                )
+                for name, values in kept.items()
+            }
+
+        def rollout(start: Any, control: Any, nstep: Any) -> Any:
+            def step(k: Any, data: Any) -> Any:
+                return mjx.step(model, data.replace(ctrl=control[k // hold]))
+
+            return jax.lax.fori_loop(0, nstep, step, empty.replace(**start))
+
+        program = jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
+        dtype = leaves["ctrl"].dtype
+        origin = on_device(start_fields(workload))
+        control = jax.device_put(workload.control.astype(dtype))
+        nstep = jax.device_put(np.int32(workload.nstep))
+        begin = time.perf_counter()
+        lowered = program.lower(origin, control, nstep)
+        traced = time.perf_counter()
+        executable = lowered.compile()
+        ready = time.perf_counter()
+        holder: dict[str, Any] = {}
+
+        def clear() -> None:
+            holder.clear()
+            holder["start"] = jax.block_until_ready(jax.tree.map(jax.numpy.copy, origin))
+
+        def run() -> None:
+            holder["data"] = jax.block_until_ready(
+                executable(holder.pop("start"), control, nstep)
+            )
+
+        def final_states() -> States:
+            _check_room(holder["data"])
+            return final(workload, _fields(holder["data"], leaves, origin))
+
+        def advance(found: Mapping[str, np.ndarray], controls: np.ndarray, count: int) -> After:
+            given = jax.device_put(controls.astype(dtype))
+            data = executable(on_device(found), given, jax.device_put(np.int32(count)))
+            _check_room(data)
+            return After(_fields(data, leaves, origin), _contacts(data))
+
+        device = jax.devices()[0]
+        name = device.platform if device.platform == "cpu" else device.device_kind
+        return Compiled(
+            run,
+            clear,
+            final_states,
+            device=name,
+            trace_s=traced - begin,
+            compile_s=ready - traced,
+            advance=advance,
+        )
+
+    def snippet(self, workload: Workload, options: Options) -> str:
+        """Return the program, with scan: the number of steps is fixed there."""
+        x64 = self.precision == "float64"
+        config = 'jax.config.update("jax_enable_x64", True)\n' if x64 else ""
+        impl = "" if self.impl == "jax" else f', impl="{self.impl}"'
+        held = (
+            "    data = data.replace(ctrl=ctrl)\n"
+            f"    return jax.lax.fori_loop(0, {workload.hold}, lambda _, d: mjx.step(mx, d), data),"
+            " None\n"
+            if workload.hold > 1
+            else "    return mjx.step(mx, data.replace(ctrl=ctrl)), None\n"
+        )
+        return (
+            "import jax\nimport mujoco\nimport numpy as np\nfrom mujoco import mjx\n\n"
+            f"{config}mx = mjx.put_model(model{impl})\n"
+            f"empty = mjx.make_data(model{impl})\n"
+            "datas = [mujoco.MjData(model) for _ in initial_state]\n"
+            "for data, state in zip(datas, initial_state):\n"
+            "    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)\n"
+            'names = ("qpos", "qvel", "act", "qacc_warmstart")\n'
+            "start = {n: np.array([getattr(d, n) for d in datas]) for n in names}\n\n\n"
+            "def step(data, ctrl):\n"
+            f"{held}\n\n"
+            "@jax.jit\n@jax.vmap\ndef rollout(start, control):\n"
+            "    return jax.lax.scan(step, empty.replace(**start), control)[0]\n\n\n"
+            "final = jax.block_until_ready(rollout(start, control))"
+        )
+
+    def _put(self, model: Any) -> Any:
+        from mujoco import mjx
+
+        return mjx.put_model(model, **self._impl(mjx.put_model))
+
+    def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
+        from mujoco import mjx
+
+        return mjx.make_data(model, **self._impl(mjx.make_data))
+
+    def _impl(self, function: Any) -> dict[str, Any]:
+        known = inspect.signature(function).parameters
+        return {"impl": self.impl} if "impl" in known else {}
+
+
+class Mjx64(Mjx):
+    """MJX in float64."""
+
+    name = "mjx64"
+    summary = "MJX: jit(vmap(loop of mjx.step)), float64"
+    precision = "float64"
+
+
+class MjxWarp(Mjx):
+    """MuJoCo Warp, called by MJX."""
+
+    name = "mjx_warp"
+    summary = "MJX with impl=warp: MuJoCo Warp called from JAX, float32"
+    extra = "warp"
+    usual = False
+    packages = ("jax", "mujoco.mjx", "warp")
+    impl = "warp"
+
+    def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
+        from mujoco import mjx
+
+        known = inspect.signature(mjx.make_data).parameters
+        contacts = max(1, ROOM * peaks.contacts) * nbatch
+        room = {"naconmax": contacts, "nconmax": contacts}
+        sizes = {name: size for name, size in room.items() if name in known}
+        return mjx.make_data(
+            model, njmax=max(1, ROOM * peaks.constraints), **sizes, **self._impl(mjx.make_data)
+        )
+
+
+def _fields(data: Any, leaves: Mapping[str, Any], kept: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return batched Data as (nbatch, size) float64 arrays by field."""
+    found = {}
+    for name in kept:
+        values = np.asarray(getattr(data, name), dtype=np.float64)
+        found[name] = values.reshape(len(values), -1)
+    return found
+
+
+def _check_room(data: Any) -> None:
+    """Refuse a result for which a buffer of Warp's was too small."""
+    overflow = getattr(getattr(data, "_impl", data), "overflow", None)
+    if overflow is not None:
+        check_overflow(np.asarray(overflow))
+
+
+def _contacts(data: Any) -> Contacts | None:
+    """Return the contacts of batched Data that are close enough to count."""
+    inner = getattr(data, "_impl", data)
+    contact = getattr(inner, "contact", None)
+    if contact is None:
+        return None
+    distance = np.asarray(contact.dist)
+    near = distance < np.asarray(contact.includemargin)
+    if near.ndim != 2:
+        return None
+    simulation, slot = np.nonzero(near)
+    frame = np.asarray(contact.frame).reshape(*near.shape, 9)
+    return Contacts.of(simulation, np.asarray(contact.geom)[near], frame[simulation, slot, :3])

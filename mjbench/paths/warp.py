@@ -1,0 +1,194 @@
+"""MuJoCo Warp: MuJoCo written in NVIDIA Warp, for a CUDA GPU; it runs on a CPU as well."""
+
+import tempfile
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from mjbench.errors import one_line
+from mjbench.paths.accelerated import (
+    ROOM,
+    Accelerated,
+    After,
+    Compiled,
+    check_overflow,
+    final,
+    start_fields,
+    taken,
+)
+from mjbench.paths.base import Options, States
+from mjbench.trajectory import Contacts, Peaks
+from mjbench.workload import Workload
+
+
+class Warp(Accelerated):
+    """MuJoCo Warp by itself; on a GPU a step is a captured graph."""
+
+    name = "warp"
+    summary = "MuJoCo Warp: mujoco_warp.step over all worlds, float32"
+    precision = "float32"
+    extra = "warp"
+    packages = ("warp", "mujoco_warp")
+
+    def device_kind(self) -> str:
+        """Return the kind of Warp's own choice of device."""
+        import warp as wp
+
+        _quiet()
+        return "cpu" if wp.get_device().is_cpu else "cuda"
+
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """Return MuJoCo Warp's own reason for not taking the model."""
+        import mujoco_warp
+
+        _quiet()
+        try:
+            mujoco_warp.put_model(workload.model)
+        except Exception as error:  # whatever it says of a model that it does not take
+            said = one_line(error) or type(error).__name__
+            return f"MuJoCo Warp does not take this model: {said}"
+        return None
+
+    def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
+        """Compile the kernels anew by a first step; capture it on a GPU."""
+        import mujoco_warp
+        import warp as wp
+
+        _quiet()
+        # the compiler's figure is that of an empty cache
+        wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="warp-")
+        nbatch, hold = workload.nbatch, workload.hold
+        begin = time.perf_counter()
+        model = mujoco_warp.put_model(workload.model)
+        data = mujoco_warp.make_data(
+            workload.model,
+            nworld=nbatch,
+            naconmax=nbatch * max(1, ROOM * peaks.contacts),
+            njmax=max(1, ROOM * peaks.constraints),
+        )
+        wp.synchronize()
+        made = time.perf_counter()
+        mujoco_warp.step(model, data)
+        wp.synchronize()
+        compiled = time.perf_counter()
+        arrays = {n: v for n, v in vars(data).items() if isinstance(v, wp.array)}
+
+        def on_device(found: Mapping[str, np.ndarray]) -> dict[str, Any]:
+            return {
+                name: _like(arrays[name], values)
+                for name, values in taken(found, arrays, "MuJoCo Warp").items()
+            }
+
+        def controls_on_device(controls: np.ndarray) -> list[Any]:
+            return [_like(data.ctrl, controls[:, k]) for k in range(controls.shape[1])]
+
+        origin, controls = on_device(start_fields(workload)), controls_on_device(workload.control)
+        step = _captured(wp, lambda: mujoco_warp.step(model, data))
+
+        def restore(start: Mapping[str, Any]) -> None:
+            for name, values in start.items():
+                wp.copy(arrays[name], values)
+
+        def run() -> None:
+            restore(origin)
+            for control in controls:
+                wp.copy(data.ctrl, control)
+                for _ in range(hold):
+                    step()
+            wp.synchronize()
+
+        def clear() -> None:
+            data.overflow.zero_()
+            for name in origin:
+                if name != "eq_active":
+                    arrays[name].fill_(float("nan"))
+            wp.synchronize()
+
+        def found() -> dict[str, np.ndarray]:
+            check_overflow(data.overflow.numpy())
+            return {
+                name: np.asarray(arrays[name].numpy(), dtype=np.float64).reshape(nbatch, -1)
+                for name in origin
+            }
+
+        def final_states() -> States:
+            return final(workload, found())
+
+        def advance(given: Mapping[str, np.ndarray], control: np.ndarray, count: int) -> After:
+            data.overflow.zero_()
+            restore(on_device(given))
+            held = controls_on_device(control)
+            for k in range(count):
+                wp.copy(data.ctrl, held[k // hold])
+                step()
+            wp.synchronize()
+            return After(found(), _contacts(data))
+
+        device = wp.get_device()
+        return Compiled(
+            run,
+            clear,
+            final_states,
+            device="cpu" if device.is_cpu else device.name,
+            trace_s=made - begin,
+            compile_s=compiled - made,
+            advance=advance,
+        )
+
+    def snippet(self, workload: Workload, options: Options) -> str:
+        """Return the loop; a GPU user captures the step."""
+        spec = "mujoco.mjtState.mjSTATE_INTEGRATION"
+        times = f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
+        return (
+            "import mujoco\nimport mujoco_warp as mjw\nimport numpy as np\nimport warp as wp\n\n"
+            "m = mjw.put_model(model)\n"
+            "d = mjw.make_data(model, nworld=len(initial_state))  # naconmax=, njmax= for contacts\n"
+            "datas = [mujoco.MjData(model) for _ in initial_state]\n"
+            "for data, state in zip(datas, initial_state):\n"
+            f"    mujoco.mj_setState(model, data, state, {spec})\n"
+            'for name in ("qpos", "qvel", "act", "qacc_warmstart"):\n'
+            "    values = np.array([getattr(x, name) for x in datas], dtype=np.float32)\n"
+            "    getattr(d, name).assign(values)\n"
+            "ctrl = wp.array(control.transpose(1, 0, 2), dtype=wp.float32)\n"
+            "for k in range(control.shape[1]):\n"
+            f"    wp.copy(d.ctrl, ctrl[k]){times}mjw.step(m, d)  # on a GPU: wp.ScopedCapture\n"
+            "wp.synchronize()"
+        )
+
+
+def _quiet() -> None:
+    import warp as wp
+
+    wp.config.quiet = True
+
+
+def _like(array: Any, values: np.ndarray) -> Any:
+    """Return a Warp array of the shape and type of another, with these values."""
+    import warp as wp
+
+    made = wp.empty_like(array)
+    made.assign(values.reshape(array.numpy().shape).astype(array.numpy().dtype))
+    return made
+
+
+def _captured(wp: Any, step: Any) -> Any:
+    """Return the step as a captured graph where the device has them."""
+    if wp.get_device().is_cpu:
+        return step
+    with wp.ScopedCapture() as capture:
+        step()
+    return lambda: wp.capture_launch(capture.graph)
+
+
+def _contacts(data: Any) -> Contacts:
+    """Return the contacts of the last step that are close enough to count."""
+    count = min(int(data.nacon.numpy()[0]), data.contact.dist.shape[0])
+    contact = data.contact
+    near = contact.dist.numpy()[:count] < contact.includemargin.numpy()[:count]
+    return Contacts.of(
+        contact.worldid.numpy()[:count][near],
+        contact.geom.numpy()[:count][near],
+        contact.frame.numpy()[:count].reshape(-1, 9)[near, :3],
+    )
