@@ -14,7 +14,7 @@ help:
 	@echo "make clean    remove the virtual environment and caches"
 
 bench: $(STAMP)
-	$(BIN)/mjbench compare
+	$(BIN)/mjbench compare --paths usual
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal

@@ -1,8 +1,8 @@
 """Do two sets of final states agree, and if not, where do they first differ?
 
-Paths that run the same C engine must agree to the last bit, over all of mjSTATE_INTEGRATION. Other
-engines, MJX and Warp, are held to tolerances where nothing constrains the motion, and reported where
-something does: their colliders and solvers are other algorithms.
+Paths that run the same C engine must agree to the last bit, over all of mjSTATE_INTEGRATION.
+Other engines, MJX and Warp, are held to tolerances where nothing constrains the motion, and
+reported where something does: their colliders and solvers are other algorithms.
 """
 
 import hashlib
@@ -197,11 +197,12 @@ def normal_angle(reference: "Contacts", found: "Contacts") -> float | None:
 def failures(check: Mapping[str, Any]) -> list[str]:
     """Return in words what another engine's check forbids; empty where it may be timed.
 
-    Keys of a check: `precision`; for `free`, `constrained` and `contact` single steps `…_steps` and
-    `…_stray` (the largest, None without any); `same_count` (share of steps in contact with as many
-    contacts as the reference) and `normal_degrees`, where there are any; for the run up to the first
-    contact (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the reference and
-    `…_shadow`, that of C with float32 states; `lost`, simulations that do not end in finite numbers.
+    Keys of a check: `precision`; for `free`, `constrained` and `contact` single steps `…_steps`
+    and `…_stray` (the largest, None without any); `same_count` (share of steps in contact with as
+    many contacts as the reference) and `normal_degrees`, where there are any; for the run up to
+    the first contact (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the
+    reference and `…_shadow`, that of C with float32 states; `lost`, simulations that do not end
+    in finite numbers.
     """
     found, precision = [], check["precision"]
     stray, limit = check["free_stray"], FREE_LIMIT[precision]

@@ -8,27 +8,71 @@ import pickle
 import resource
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mjbench import agreement, models, paths, timing, trajectory, workload
+from mjbench import agreement, isolate, machine, models, paths, timing, trajectory, workload
 from mjbench.errors import InputError
-from mjbench.isolate import Channel
+from mjbench.isolate import Channel, Message
 from mjbench.paths.accelerated import Accelerated, After, Compiled, start_fields
 from mjbench.trajectory import COMPARED, Contacts, Singles
 
 # Simulations followed step by step, and the most single steps taken from their states.
 FOLLOWED, MOST_SINGLES = 8, 256
 # Timed blocks: for this many seconds, no fewer and no more than these.
-STEADY_S, LEAST_BLOCKS, MOST_BLOCKS = 2.0, 5, 100
+STEADY_S, LEAST_BLOCKS, MOST_BLOCKS = 2.0, 7, 100
+# Share of the free memory that the child of one path may take.
+SHARE_OF_MEMORY = 0.8
 # A compiler may be silent for this many times the limit of anything else.
 COMPILER_PATIENCE = 5
 # Where a CPU runs it, MJX takes a model that starts in contact 10 to 1000 times longer a step than
 # one thread of C: not tried unless named.
 CONTACT_REASON = "starts in contact, where it is slow on a CPU; name it with --paths to try it"
+
+
+def run(
+    source: models.Source,
+    name: str,
+    options: Mapping[str, Any],
+    work: Path,
+    on_message: Callable[[Message], None],
+    named: bool = True,
+    limit_s: float = 60.0,
+    import_from: str | None = None,
+) -> isolate.Ended:
+    """Measure one path on one model in a child; whatever becomes of it, this process goes on.
+
+    Args:
+      source: the model.
+      name: of the path.
+      options: of the path.
+      work: file of the workload, as `workload.portable` gives it, pickled.
+      on_message: called with the child's messages (see `measure`).
+      named: whether the user asked for this path; else one that is hopeless is not tried.
+      limit_s: seconds of silence after which the child is killed; its compiler gets more.
+      import_from: a folder that a path of the user's own may be imported from.
+    """
+    request = {
+        "model": {"name": source.name, "path": str(source.path.resolve())},
+        "path": name,
+        "options": dict(options),
+        "work": str(work),
+        "named": named,
+        "limit_s": limit_s,
+    }
+    memory = int(SHARE_OF_MEMORY * machine.available_memory_bytes())
+    task, environment = "mjbench.apart:measure", _accelerated(name).environment()
+    return isolate.run(task, request, on_message, limit_s, import_from, environment, memory)
+
+
+def _accelerated(name: str) -> Accelerated:
+    path = paths.find(name)
+    if not isinstance(path, Accelerated):
+        raise InputError(f"path {name} does not compile")
+    return path
 
 
 def measure(request: dict[str, Any], channel: Channel) -> None:
@@ -40,9 +84,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     Messages: `verdict` (agreement), `compiled` (device, seconds of its stages), `sample` (seconds
     of a steady block), `memory` (bytes at most).
     """
-    name, path = request["model"]["name"], paths.find(request["path"])
-    if not isinstance(path, Accelerated):
-        raise InputError(f"path {request['path']} does not compile")
+    name, path = request["model"]["name"], _accelerated(request["path"])
     channel.where(f"loading {name}")
     model = models.load(models.Source(name, Path(request["model"]["path"])))
     made = workload.restore(model, pickle.loads(Path(request["work"]).read_bytes()))
@@ -71,9 +113,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     verdict["snippet"] = path.snippet(made, request["options"])
     if failures:
         verdict |= {"status": "disagrees", "detail": "; ".join(failures)}
-    channel.send(
-        **verdict, agrees=not failures, agreement=agreement.words(checked), check=checked
-    )
+    channel.send(**verdict, agrees=not failures, agreement=agreement.words(checked), check=checked)
     if not failures:
         channel.where(f"timing {path.name} {request['options']}")
         _time(compiled, channel)
@@ -136,7 +176,6 @@ def _judged_singles(made: workload.Workload, taken: Singles, after: After) -> di
     found: dict[str, Any] = {}
     if after.contacts is not None:
         same = after.contacts.counts(count) == taken.contacts.counts(count)
-        touching |= after.contacts.counts(count) > 0
         if touching.any():
             found["same_count"] = float(same[touching].mean())
             angle = agreement.normal_angle(taken.contacts, after.contacts)

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mjbench import child, isolate, machine, measure, models, paths
+from mjbench import apart, child, isolate, machine, measure, models, paths
 from mjbench.errors import InputError
 from mjbench.paths.accelerated import Accelerated
 from mjbench.runs import Record
 
-# Share of the memory that is free which the child of one path may take.
-SHARE_OF_MEMORY = 0.8
 Progress = Callable[[str, float], None]
 
 
@@ -68,7 +66,7 @@ def variants(
     """Return the variants of the named paths, the base path first (added if missing).
 
     Args:
-      names: path names; empty for all that are usual and available here.
+      names: path names, or words for several (see `expanded`); empty for the C paths.
       threads: thread counts for every path that has them; None for the default ones.
       choices: further option values by option name.
 
@@ -78,7 +76,7 @@ def variants(
     counts = list(threads or default_threads())
     # Python threads and processes at one worker are the plain loop with a detour
     workers = counts if threads else [max(counts)]
-    asked = list(dict.fromkeys(names or _usual()))
+    asked = expanded(names or ["c"])
     found = []
     for name in [paths.BASE, *(n for n in asked if n != paths.BASE)]:
         path = paths.find(name)
@@ -89,20 +87,29 @@ def variants(
     return tuple(found)
 
 
+def expanded(words: Sequence[str]) -> list[str]:
+    """Return the paths that words name; `c` is all C paths, `usual` those and MJX if installed."""
+    groups = {
+        "c": [name for name in paths.registry() if not _compiles(name)],
+        "usual": [name for name in paths.registry() if not _compiles(name) or _usual(name)],
+    }
+    return list(dict.fromkeys(name for word in words for name in groups.get(word, [word])))
+
+
 def rivals(names: Sequence[str]) -> list[str]:
     """Return the C paths that a sweep of compiled paths is to overtake, if it names none."""
-    if all(_apart(name) or name == paths.BASE for name in names):
+    if all(_compiles(name) or name == paths.BASE for name in names):
         return [n for n, p in paths.registry().items() if "threads" in {o.name for o in p.options}]
     return []
 
 
-def _usual() -> list[str]:
-    """Return the paths compared when none is named: of those that compile, the common ones."""
-    return [
-        name
-        for name, path in paths.registry().items()
-        if not isinstance(path, Accelerated) or (path.usual and path.unavailable() is None)
-    ]
+def _compiles(name: str) -> bool:
+    return isinstance(paths.find(name), Accelerated)
+
+
+def _usual(name: str) -> bool:
+    path = paths.find(name)
+    return isinstance(path, Accelerated) and path.usual and path.unavailable() is None
 
 
 def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
@@ -284,14 +291,14 @@ def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outc
         progress(source.name, known.done())
 
     ended: isolate.Ended | None = None
-    apart = [i for i, (name, _) in enumerate(plan.variants) if _apart(name)]
+    compiling = [i for i, (name, _) in enumerate(plan.variants) if _compiles(name)]
     try:
         with child.scratch() as folder:
-            work = folder / "work.pickle" if apart else None
+            work = folder / "work.pickle" if compiling else None
             while True:
                 ended = isolate.run(
                     "mjbench.measure:measure",
-                    _request(source, plan, sorted([*fatal, *apart]), work),
+                    _request(source, plan, sorted([*fatal, *compiling]), work),
                     on_message,
                     plan.limit_s,
                     plan.import_from,
@@ -302,15 +309,11 @@ def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outc
                 fatal[culprit] = {"status": ended.status, "detail": ended.detail}
                 known.restart(fatal)
             if ended.status == "ok" and work is not None:
-                for index in apart:
+                for index in compiling:
                     _measure_apart(source, plan, index, work, known)
     except KeyboardInterrupt:
         return Outcome(known.records(None), interrupted=True)
     return Outcome(known.records(ended), interrupted=False)
-
-
-def _apart(name: str) -> bool:
-    return isinstance(paths.find(name), Accelerated)
 
 
 def _measure_apart(
@@ -318,23 +321,15 @@ def _measure_apart(
 ) -> None:
     """Measure one path that compiles, alone; whatever becomes of it costs its own row."""
     name, options = plan.variants[index]
-    path = paths.find(name)
-    assert isinstance(path, Accelerated)
-    ended = isolate.run(
-        "mjbench.apart:measure",
-        {
-            "model": _where(source),
-            "path": name,
-            "options": options,
-            "work": str(work),
-            "named": name in plan.named,
-            "limit_s": plan.limit_s,
-        },
+    ended = apart.run(
+        source,
+        name,
+        options,
+        work,
         lambda message: known.take_apart(index, message),
-        plan.limit_s,
-        plan.import_from,
-        path.environment(),
-        int(SHARE_OF_MEMORY * machine.available_memory_bytes()),
+        named=name in plan.named,
+        limit_s=plan.limit_s,
+        import_from=plan.import_from,
     )
     told = known.compiled.get(index, {}).get("workload_digest", known.about["workload_digest"])
     if ended.status != "ok":
@@ -347,14 +342,10 @@ def _measure_apart(
         known.verdicts[index] = {"status": "failed", "detail": detail}
 
 
-def _where(source: models.Source) -> Record:
-    return {"name": source.name, "path": str(Path(source.path).resolve())}
-
-
 def _request(source: models.Source, plan: Plan, exclude: list[int], work: Path | None) -> Record:
     return {
         **plan.as_dict(),
-        "model": _where(source),
+        "model": {"name": source.name, "path": str(source.path.resolve())},
         "exclude": exclude,
         "work": str(work) if work else None,
     }

@@ -6,6 +6,7 @@ from typing import Any
 from mjbench import installs, models, paths
 from mjbench.errors import InputError
 from mjbench.paired import Side
+from mjbench.paths.accelerated import Accelerated
 
 _DEFAULTS = {"model": "cartpole", "path": "python_loop", "release": installs.HERE}
 # Fields of MjOption that a side may set by name (a number, or an enum's value such as `cg`).
@@ -58,6 +59,21 @@ def _words(text: str) -> dict[str, str]:
     return found
 
 
+def way(name: str) -> paths.Path:
+    """Return a path that a side can step by.
+
+    Raises:
+      InputError: no such path, or one that compiles and is not the same to the last bit.
+    """
+    path = paths.find(name)
+    if isinstance(path, Accelerated):
+        raise InputError(
+            f"path {name} compiles first and rounds its own way, so it cannot take turns with C:"
+            f" `mjbench compare --paths {name}` compares it"
+        )
+    return path
+
+
 def _value(text: str, option: paths.Option, word: str) -> Any:
     try:
         return option.value(word)
@@ -66,7 +82,7 @@ def _value(text: str, option: paths.Option, word: str) -> Any:
 
 
 def _side(text: str, words: dict[str, str]) -> Side:
-    path = paths.find(words["path"])
+    path = way(words["path"])
     known = {option.name: option for option in path.options}
     options: dict[str, Any] = {}
     fields: dict[str, str] = {}

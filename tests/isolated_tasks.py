@@ -1,6 +1,7 @@
 """Tasks that the tests of `isolate` run in children."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -40,6 +41,30 @@ def hang(request: Any, channel: Any) -> None:
     channel.send(grandchild=grandchild.pid)
     while True:
         time.sleep(600)
+
+
+def hoard(request: Any, channel: Any) -> None:
+    kept = bytearray(1 << 29)
+    kept[:: 1 << 12] = b"x" * len(kept[:: 1 << 12])  # touched, so that it is there
+    channel.expect(3600.0)
+    while True:
+        time.sleep(600)
+
+
+def states_received(request: Any, channel: Any) -> None:
+    """Send the states that a compiled path holds before its first step."""
+    import numpy as np
+
+    from mjbench import models, paths, workload
+    from mjbench.paths.accelerated import final, start_fields
+
+    model = models.load(models.resolve(request["model"]))
+    work = workload.restore(model, pickle.loads(bytes.fromhex(request["work"])))
+    channel.expect(3600.0)
+    compiled = paths.find(request["path"]).prepare(work, {}, paths.Resources(work))
+    states = final(work, compiled.advance(start_fields(work), work.control, 0).fields)
+    values = np.where(states.held, states.values, 0.0)
+    channel.send(values=values.tolist(), held=states.held.tolist())
 
 
 def ask_for_time(request: Any, channel: Any) -> None:

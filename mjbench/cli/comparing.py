@@ -34,7 +34,12 @@ if TYPE_CHECKING:
 
 @cli.command()
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
-@click.option("--paths", "path_names", type=Words(), help="Only these paths (`mjbench paths`).")
+@click.option(
+    "--paths",
+    "path_names",
+    type=Words(),
+    help="Only these (`mjbench paths`); `c` is all C paths, `usual` those and MJX  [default: c]",
+)
 @click.option("--threads", type=Numbers(), help="Thread counts  [default: 1 and usable cores]")
 @click.option("--chunk", type=Numbers(), help="Simulations a thread takes at a time.")
 @click.option(
@@ -91,11 +96,11 @@ def compare(
     own = any(":" in name for name in path_names or ())
     if own:
         sys.path.insert(0, str(Path.cwd()))
-    choices = room.choices(chosen, path_names or [])
+    asked = room.expanded(path_names or [])
+    choices = room.choices(chosen, asked)
     if chunk:
         choices["chunk"] = chunk
     sweep = nbatch or [None]
-    asked = path_names or []
     if asked and len(sweep) > 1:
         asked = [*asked, *room.rivals(asked)]
     variants = room.variants(asked, threads, choices)
@@ -109,7 +114,7 @@ def compare(
         limit_s=time_limit,
         largest=largest,
         import_from=str(Path.cwd()) if own else None,
-        named=tuple(path_names or ()),
+        named=tuple(name for name in path_names or () if name != "usual"),
     )
     plans = [dataclasses.replace(plan, nbatch=size) for size in sweep]
     sys.exit(_compare(sources, plans, results, json_file))

@@ -80,7 +80,7 @@ def versions(
     Ratios are new over old: above 1 is slower. A verdict of a release that does other work says
     so beside it.
     """
-    from mjbench import installs, models, paths
+    from mjbench import installs, models, sides
     from mjbench.paired import Side
 
     named = [word for word in words if installs.is_release(word)]
@@ -96,12 +96,12 @@ def versions(
         if ways != ["python_loop"]:
             raise InputError("instructions are counted of python_loop alone: leave out --paths")
         sys.exit(_count(before, after, sources, fail_on, **chosen))
-    options = {way: paths.find(way).complete({}) for way in ways}
+    options = {name: sides.way(name).complete({}) for name in ways}
     pairs = [
-        (Side(before, source, way, options[way]), Side(release, source, way, options[way]))
+        (Side(before, source, name, options[name]), Side(release, source, name, options[name]))
         for release in after
         for source in sources
-        for way in ways
+        for name in ways
     ]
     sys.exit(_decide("versions", pairs, fail_on, **chosen))
 

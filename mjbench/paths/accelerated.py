@@ -66,7 +66,7 @@ class Accelerated(Path):
       precision: `float32` or `float64`.
       extra: of mjbench that installs what it needs.
       packages: modules that it needs.
-      usual: whether it is compared when no path is named.
+      usual: whether `--paths usual` has it.
     """
 
     closed_loop = True

@@ -14,10 +14,10 @@ import numpy as np
 
 from mjbench.errors import InputError, one_line
 from mjbench.paths.accelerated import (
+    ROOM,
     Accelerated,
     After,
     Compiled,
-    ROOM,
     check_overflow,
     final,
     start_fields,
@@ -107,9 +107,7 @@ class Mjx(Accelerated):
             holder["start"] = jax.block_until_ready(jax.tree.map(jax.numpy.copy, origin))
 
         def run() -> None:
-            holder["data"] = jax.block_until_ready(
-                executable(holder.pop("start"), control, nstep)
-            )
+            holder["data"] = jax.block_until_ready(executable(holder.pop("start"), control, nstep))
 
         def final_states() -> States:
             _check_room(holder["data"])

@@ -140,11 +140,14 @@ class Warp(Accelerated):
     def snippet(self, workload: Workload, options: Options) -> str:
         """Return the loop; a GPU user captures the step."""
         spec = "mujoco.mjtState.mjSTATE_INTEGRATION"
-        times = f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
+        times = (
+            f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
+        )
         return (
             "import mujoco\nimport mujoco_warp as mjw\nimport numpy as np\nimport warp as wp\n\n"
             "m = mjw.put_model(model)\n"
-            "d = mjw.make_data(model, nworld=len(initial_state))  # naconmax=, njmax= for contacts\n"
+            "# naconmax= and njmax= make room for contacts\n"
+            "d = mjw.make_data(model, nworld=len(initial_state))\n"
             "datas = [mujoco.MjData(model) for _ in initial_state]\n"
             "for data, state in zip(datas, initial_state):\n"
             f"    mujoco.mj_setState(model, data, state, {spec})\n"

@@ -237,9 +237,7 @@ def _notes(head: Record, results: Sequence[Record]) -> list[str]:
         for r in results
         if r["detail"] and (r["status"], r["detail"]) != (head["status"], head["detail"])
     ]
-    lines += [
-        f"{r['path']}: {r['agreement']}" for r in results if r.get("check") and r["agrees"]
-    ]
+    lines += [f"{r['path']}: {r['agreement']}" for r in results if r.get("check") and r["agrees"]]
     lines += _causes(results)
     notes = [escape(line) for line in lines]
     had, usable = derive.cores_had(head), head["usable_cores"]

@@ -1,0 +1,307 @@
+"""MJX and Warp: the same workload, judged by tolerances, killed where they do not return."""
+
+import json
+import pickle
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjbench import agreement, apart, compare, isolate, models, paths, stats, trajectory, workload
+from mjbench.errors import InputError
+from mjbench.paths.accelerated import Accelerated, After, Compiled
+from mjbench.paths.base import States
+from mjbench.report import results
+from tests.commands import mjbench
+
+FREE = "cartpole"
+NBATCH, NSTEP = 4, 20
+
+
+def made(name: str = FREE, nbatch: int = NBATCH, nstep: int = NSTEP) -> workload.Workload:
+    return workload.make(models.load(models.resolve(name)), nbatch, nstep, hold=2)
+
+
+def available(name: str) -> Accelerated:
+    path = paths.find(name)
+    assert isinstance(path, Accelerated)
+    reason = path.unavailable()
+    if reason:
+        pytest.skip(reason)
+    return path
+
+
+def measured(
+    path: Accelerated, work: workload.Workload, folder: Path, **more: Any
+) -> tuple[isolate.Ended, dict[str, Any]]:
+    """Return how a child ended, and all it told."""
+    file = folder / "work.pickle"
+    file.write_bytes(pickle.dumps(workload.portable(work)))
+    told: dict[str, Any] = {"samples": []}
+
+    def take(message: isolate.Message) -> None:
+        if message["kind"] == "sample":
+            told["samples"].append(message["seconds"])
+        told.update(message)
+
+    return apart.run(models.resolve(FREE), path.name, {}, file, take, **more), told
+
+
+@pytest.mark.parametrize("name", ["mjx", "mjx64", "warp"])
+def test_the_cart_pole_keeps_to_the_tolerances_and_gets_a_speed(name: str, tmp_path: Path) -> None:
+    work = made()
+    ended, told = measured(available(name), work, tmp_path)
+    assert ended.status == "ok", ended.detail
+    assert told["agrees"] is True, told["detail"]
+    assert told["workload_digest"] == work.digest()
+    assert len(told["samples"]) >= apart.LEAST_BLOCKS
+    assert told["compile_s"] > 0
+    assert told["device"]
+    assert told["memory_bytes"] > 2**20
+    assert told["check"]["free_steps"] == NBATCH * NSTEP
+
+
+def test_mjx_in_float64_follows_the_cart_pole_for_500_steps(tmp_path: Path) -> None:
+    ended, told = measured(available("mjx64"), made(nstep=500), tmp_path)
+    assert ended.status == "ok", ended.detail
+    assert told["check"]["free_stray"] <= 1e-12
+    assert told["check"]["final_nstep"] == 500
+    assert told["check"]["final_difference"] <= 1e-10
+
+
+def engine_states(path: Accelerated, work: workload.Workload) -> States:
+    """Return the states that an engine holds before it has done any step, in a child."""
+    found: list[Any] = []
+    ended = isolate.run(
+        "tests.isolated_tasks:states_received",
+        {
+            "path": path.name,
+            "model": "humanoid",
+            "work": pickle.dumps(workload.portable(work)).hex(),
+        },
+        lambda message: found.append(message),
+        limit_s=300,
+        environment=path.environment(),
+    )
+    assert ended.status == "ok", ended.detail
+    return States(np.array(found[0]["values"], dtype=float), np.array(found[0]["held"], dtype=bool))
+
+
+def test_the_engine_starts_from_the_very_same_states(tmp_path: Path) -> None:
+    work = made("humanoid", nbatch=2, nstep=2)
+    got = engine_states(available("mjx64"), work)
+    assert got.held is not None
+    assert got.held.mean() > 0.5
+    start = work.initial_state.copy()
+    assert np.array_equal(got.values[got.held], start[got.held])
+
+
+class Pretender(Accelerated):
+    """C itself under another name, with something wrong, to see what the check makes of it."""
+
+    name = "pretender"
+    summary = "wrong on purpose"
+    precision = "float64"
+    extra = "none"
+    packages = ()
+
+    def __init__(self, wrong: str = "") -> None:
+        self.wrong = wrong
+
+    def device_kind(self) -> str:
+        return "cpu"
+
+    def snippet(self, workload: Any, options: Any) -> str:
+        return ""
+
+    def compiled(self, work: Any, options: Any, peaks: Any) -> Compiled:
+        def advance(fields: Any, control: np.ndarray, nstep: int) -> After:
+            rows = workload.states(work.model, fields)
+            if self.wrong == "control":
+                control = np.roll(control, 1, axis=0) + 0.1
+            given = workload.Workload(work.model, rows, control, work.hold, 0)
+            states = trajectory.run(with_steps(given, nstep), work.nbatch).states
+            after = workload.fields(work.model, states[:, nstep])
+            after.pop("ctrl", None)
+            if self.wrong == "nan":
+                after["qvel"][1] = np.nan
+            if self.wrong == "step" and nstep > 1:
+                after = workload.fields(work.model, states[:, nstep - 1])
+            return After(after, None)
+
+        return Compiled(_nothing, _nothing, lambda: States(work.initial_state), advance=advance)
+
+
+def _nothing() -> None:
+    pass
+
+
+def with_steps(work: workload.Workload, nstep: int) -> workload.Workload:
+    """Return a workload of as many steps, each with the control that it would have had."""
+    control = np.ascontiguousarray(work.step_control[:, :nstep])
+    return workload.Workload(work.model, work.initial_state, control, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [("control", "free step strays"), ("nan", "finite"), ("step", "free steps stray")],
+)
+def test_a_wrong_engine_is_refused(wrong: str, said: str) -> None:
+    work = made()
+    compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
+    found = agreement.failures(apart.check(work, compiled, "float64"))
+    assert any(said in line for line in found), found
+
+
+@pytest.mark.parametrize("model", ["cartpole", "humanoid"])
+def test_the_reference_engine_itself_passes(model: str) -> None:
+    work = made(model)
+    compiled = Pretender().compiled(work, {}, trajectory.Peaks(0, 0))
+    checked = apart.check(work, compiled, "float64")
+    assert agreement.failures(checked) == []
+    assert checked["final_difference"] == 0
+    assert checked["final_shadow"] > 0
+    assert bool(checked["contact_steps"]) == (model == "humanoid")
+    json.dumps(checked, allow_nan=False)
+
+
+def test_a_program_that_never_returns_is_a_row_that_says_timeout(tmp_path: Path) -> None:
+    """The run goes on: the paths before and after it have their speeds."""
+    (tmp_path / "hangs.py").write_text(
+        "import time\n"
+        "from tests.test_accelerated import Pretender\n"
+        "class Hangs(Pretender):\n"
+        "    name = 'hangs'\n"
+        "    def compiled(self, work, options, peaks):\n"
+        "        found = super().compiled(work, options, peaks)\n"
+        "        def run():\n"
+        "            while True: pass\n"
+        "        found.run = run\n"
+        "        return found\n"
+        "class Fine(Pretender):\n"
+        "    name = 'fine'\n"
+    )
+    plan = compare.Plan(
+        variants=(("python_loop", {}), ("hangs:Hangs", {}), ("hangs:Fine", {})),
+        nbatch=2,
+        nstep=4,
+        budget_s=0.0,
+        limit_s=3.0,
+        import_from=str(tmp_path),
+        named=("hangs:Hangs", "hangs:Fine"),
+    )
+    sys.path.insert(0, str(tmp_path))
+    try:
+        outcome = compare.compare_model(models.resolve(FREE), plan, lambda name, share: None)
+        found = {r["path"]: r for r in results.of_model(outcome.records)}
+    finally:
+        sys.path.remove(str(tmp_path))
+    assert found["hangs:Hangs"]["status"] == "timeout"
+    assert "timing hangs" in found["hangs:Hangs"]["detail"]
+    assert found["hangs:Hangs"]["step_ns"] is None
+    assert found["python_loop"]["step_ns"]
+    assert found["hangs:Fine"]["step_ns"]
+
+
+def test_a_child_that_takes_too_much_memory_is_killed_and_says_so() -> None:
+    ended = isolate.run(
+        "tests.isolated_tasks:hoard", {}, lambda m: None, limit_s=30, memory_bytes=300 * 2**20
+    )
+    assert ended.status == "failed"
+    assert "0.3 GiB of memory" in ended.detail
+
+
+def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjbench.paths.accelerated._installed", lambda name: False)
+    for name, extra in (("mjx", "mjx"), ("mjx64", "mjx"), ("mjx_warp", "warp"), ("warp", "warp")):
+        assert f"mjbench[{extra}]" in str(paths.find(name).unavailable())
+    assert not {"mjx", "mjx64"} & set(compare.expanded(["usual"]))
+
+
+def test_words_stand_for_several_paths() -> None:
+    c = compare.expanded(["c"])
+    assert "rollout" in c
+    assert "mjx" not in c
+    assert compare.expanded(["mjx", "c", "rollout"]) == ["mjx", *c]
+    assert compare.rivals(["mjx"])
+    assert compare.rivals(["mjx", "rollout"]) == []
+
+
+def test_a_model_that_mjx_does_not_take_is_told_with_its_own_reason(tmp_path: Path) -> None:
+    path = available("mjx")
+    run = mjbench("compare", "cloth", "--paths", path.name, "--budget", "0", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "MJX does not take this model" in run.stdout
+
+
+def row(path: str, nbatch: int, ns: float, **more: Any) -> dict[str, Any]:
+    common = {"model": "m", "path": path, "options": {}, "nbatch_asked": nbatch, "nbatch": nbatch}
+    return common | {"steps_per_s": 1e9 / ns, "step_ns": {"median": ns}} | more
+
+
+def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead() -> None:
+    rows = [
+        *(row("python_loop", n, 100.0) for n in (1, 16, 64, 256)),
+        *(row("rollout", n, 50.0) for n in (1, 16, 64, 256)),
+    ]
+    speeds = {1: 900.0, 16: 49.0, 64: 51.0, 256: 10.0}
+    rows += [row("mjx", n, ns, precision="float32") for n, ns in speeds.items()]
+    rows += [row("mjx64", n, 60.0, precision="float64") for n in speeds]
+    first, second = results.crossovers(rows)
+    assert (first["path"], first["nbatch"], first["rival"]["path"]) == ("mjx", 256, "rollout")
+    assert (second["path"], second["nbatch"], second["largest"]) == ("mjx64", None, 256)
+
+
+def test_results_that_differ_in_identity_are_not_compared_unless_asked() -> None:
+    old = stats.Measured([1.0] * 9, {"jax": "0.10.1", "device": "cpu"})
+    new = stats.Measured([2.0] * 9, {"jax": "0.10.2", "device": "cpu"})
+    with pytest.raises(InputError, match=r"differ in jax \(0.10.1, 0.10.2\)"):
+        stats.unpaired(new, old)
+    assert stats.unpaired(new, old, across=True).median == pytest.approx(2.0)
+    assert stats.unpaired(old, old).median == pytest.approx(1.0)
+
+
+def run_file(folder: Path, name: str, jax: str, seconds: float) -> Path:
+    machine = {"cpu": "c", "versions": {"jax": jax}, "flags": {}}
+    measurement = {
+        "type": "measurement",
+        "model": "m",
+        "path": "mjx",
+        "options": {},
+        "nbatch": 2,
+        "nstep": 5,
+        "status": "ok",
+        "agrees": True,
+        "precision": "float32",
+        "device": "cpu",
+        "workload_digest": "w",
+        "samples_s": [seconds] * 9,
+    }
+    head = {"type": "run", "schema": 1, "command": "compare", "machine": machine}
+    file = folder / name
+    file.write_text(f"{json.dumps(head)}\n{json.dumps(measurement)}\n")
+    return file
+
+
+def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
+    old = run_file(tmp_path, "old.jsonl", "1", 1.0)
+    new = run_file(tmp_path, "new.jsonl", "2", 1.5)
+    refused = mjbench("diff", str(old), str(new))
+    assert refused.returncode == 2
+    assert "they differ in jax (2, 1)" in refused.stdout
+    compared = mjbench("diff", str(old), str(new), "--across", "--json", "-")
+    assert compared.returncode == 0, compared.stderr
+    assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)
+
+
+def check_of(precision: str, **strays: float) -> dict[str, Any]:
+    kinds = ("free", "constrained", "contact")
+    return {"precision": precision} | {f"{k}_stray": strays.get(k) for k in kinds}
+
+
+def test_float64_tells_precision_from_algorithm() -> None:
+    coarse = check_of("float32", contact=1e-2)
+    assert agreement.cause(coarse, check_of("float64", contact=1e-9)).startswith("precision")
+    assert agreement.cause(coarse, check_of("float64", contact=9e-3)).startswith("algorithm")
