@@ -305,3 +305,25 @@ def test_float64_tells_precision_from_algorithm() -> None:
     coarse = check_of("float32", contact=1e-2)
     assert agreement.cause(coarse, check_of("float64", contact=1e-9)).startswith("precision")
     assert agreement.cause(coarse, check_of("float64", contact=9e-3)).startswith("algorithm")
+
+
+def test_a_sweep_measures_every_size_and_shows_it_again(tmp_path: Path) -> None:
+    words = ["--paths", "python_loop", "--nbatch", "2,3", "--nstep", "4", "--budget", "0"]
+    run = mjbench("compare", "cartpole", *words, "--json", "out.json", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    document = json.loads((tmp_path / "out.json").read_text())
+    assert [r["nbatch"] for r in document["results"]] == [2, 3]
+    assert [a["nbatch"] for a in document["advice"]] == [2, 2, 3, 3]
+    shown = mjbench("show", cwd=tmp_path)
+    assert "2 simulations × 4 steps" in shown.stdout
+    assert "3 simulations × 4 steps" in shown.stdout
+
+
+def test_sides_that_take_turns_cannot_be_compiled_ones() -> None:
+    for words in (
+        ["ab", "path=mjx", "path=rollout"],
+        ["versions", "3.3.0", "4.0.0", "--paths", "mjx"],
+    ):
+        run = mjbench(*words)
+        assert run.returncode == 2
+        assert "mjbench compare --paths mjx" in run.stderr

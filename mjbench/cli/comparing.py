@@ -100,7 +100,7 @@ def compare(
     choices = room.choices(chosen, asked)
     if chunk:
         choices["chunk"] = chunk
-    sweep = nbatch or [None]
+    sweep: list[int | None] = [*nbatch] if nbatch else [None]
     if asked and len(sweep) > 1:
         asked = [*asked, *room.rivals(asked)]
     variants = room.variants(asked, threads, choices)

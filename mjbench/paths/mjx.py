@@ -35,7 +35,7 @@ class Mjx(Accelerated):
     summary = "MJX: jit(vmap(loop of mjx.step)), float32"
     precision = "float32"
     extra = "mjx"
-    packages = ("jax", "mujoco.mjx")
+    packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx")
     usual = True
     impl: ClassVar[str] = "jax"
 
@@ -189,7 +189,7 @@ class MjxWarp(Mjx):
     summary = "MJX with impl=warp: MuJoCo Warp called from JAX, float32"
     extra = "warp"
     usual = False
-    packages = ("jax", "mujoco.mjx", "warp")
+    packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx", "warp")
     impl = "warp"
 
     def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:

@@ -164,7 +164,7 @@ class Warp(Accelerated):
 def _quiet() -> None:
     import warp as wp
 
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
 
 
 def _like(array: Any, values: np.ndarray) -> Any:

@@ -157,9 +157,11 @@ def differences(old: Sequence[Record], new: Sequence[Record], across: bool) -> l
         try:
             if row["workload_digest"] != other["workload_digest"]:
                 raise InputError("not comparable, they did other work")
-            sides = [stats.Measured(_per_step(r), identity(r, h)) for r, h in
-                     ((row, new[0]), (other, old[0]))]  # fmt: skip
-            faster = stats.unpaired(*sides, across=across)
+            faster = stats.unpaired(
+                stats.Measured(_per_step(row), identity(row, new[0])),
+                stats.Measured(_per_step(other), identity(other, old[0])),
+                across,
+            )
             ratio = {"estimate": faster.median, "low": faster.low, "high": faster.high}
             result["ratio"] = ratio
         except InputError as error:
@@ -230,7 +232,7 @@ def _result(row: Record, base: Record | None, timestep: float | None) -> Record:
     result["step_ns"] = {"median": 1e9 * median, "min": 1e9 * min(samples) / steps}
     result["realtime_factor"] = timestep / median if timestep else None
     if base and _compiles(row):
-        sides = [stats.Measured(r["samples_s"], {}) for r in (base, row)]
+        sides = (stats.Measured(base["samples_s"], {}), stats.Measured(samples, {}))
         result["speedup"] = asdict(stats.unpaired(*sides))
         gain = statistics.median(base["samples_s"]) / steps - median
         spent = (row["trace_s"] or 0.0) + row["compile_s"]
