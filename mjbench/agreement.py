@@ -202,9 +202,11 @@ def failures(check: Mapping[str, Any]) -> list[str]:
     many contacts as the reference) and `normal_degrees`, where there are any; for the run up to
     the first contact (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the
     reference and `…_shadow`, that of C with float32 states; `lost`, simulations that do not end
-    in finite numbers.
+    in finite numbers; `received`, whether the engine had the very start states and controls.
     """
     found, precision = [], check["precision"]
+    if not check["received"]:
+        found.append("it does not hold the start states or controls that it was given")
     stray, limit = check["free_stray"], FREE_LIMIT[precision]
     if stray is not None and not stray <= limit:
         found.append(f"a free step strays by {stray:.2g}, more than {limit:g}")

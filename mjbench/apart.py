@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mjbench import agreement, isolate, machine, models, paths, timing, trajectory, workload
+from mjbench import agreement, isolate, machine, models, paths, timing, trajectory, work, workload
 from mjbench.errors import InputError
 from mjbench.isolate import Channel, Message
 from mjbench.paths.accelerated import Accelerated, After, Compiled, start_fields
@@ -28,9 +28,10 @@ STEADY_S, LEAST_BLOCKS, MOST_BLOCKS = 2.0, 7, 100
 SHARE_OF_MEMORY = 0.8
 # A compiler may be silent for this many times the limit of anything else.
 COMPILER_PATIENCE = 5
-# Where a CPU runs it, MJX takes a model that starts in contact 10 to 1000 times longer a step than
-# one thread of C: not tried unless named.
+# On a CPU MJX takes a model that starts in contact 10 to 1000 times longer a step than one thread
+# of C, and compiles RK4, which has four of everything, for minutes: not tried unless named.
 CONTACT_REASON = "starts in contact, where it is slow on a CPU; name it with --paths to try it"
+RK4_REASON = "is integrated by RK4, which compiles for minutes; name it with --paths to try it"
 
 
 def run(
@@ -92,8 +93,8 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.where(f"preparing {path.name} on {name}")
     channel.expect(COMPILER_PATIENCE * request["limit_s"])
     reason = path.unavailable() or path.unsuited(made, request["options"])
-    if reason is None and not request["named"] and _on_cpu(path) and _in_contact(made):
-        reason = CONTACT_REASON
+    if reason is None and not request["named"] and path.device_kind() == "cpu":
+        reason = _hopeless(made)
     if reason:
         channel.send(**verdict | {"status": "unavailable", "detail": reason})
         return
@@ -131,6 +132,7 @@ def check(made: workload.Workload, compiled: Compiled, precision: str) -> dict[s
     followed = len(reference.states)
     shadow = trajectory.run(made, FOLLOWED, rounded=True)
     starts = start_fields(made)
+    found["received"] = _received(made, compiled, starts, rounded)
     for key, nstep in (("free", reference.free), ("final", made.nstep)):
         got = compiled.advance(starts, made.control, nstep).fields
         found[f"{key}_nstep"] = nstep
@@ -144,6 +146,22 @@ def check(made: workload.Workload, compiled: Compiled, precision: str) -> dict[s
             whole = np.isfinite(np.hstack([got[n] for n in COMPARED if n in got])).all(axis=1)
             found["lost"] = int((~whole).sum())
     return found
+
+
+def _received(
+    made: workload.Workload, compiled: Compiled, starts: Mapping[str, np.ndarray], rounded: bool
+) -> bool:
+    """Return whether the engine starts from the very states and applies the very controls."""
+
+    def exactly(values: np.ndarray) -> np.ndarray:
+        return trajectory.as_float32(values) if rounded else values
+
+    begun = compiled.advance(starts, made.control, 0).fields
+    same = [np.array_equal(begun[n], exactly(v)) for n, v in starts.items() if n in begun]
+    for k in (0, made.ncontrol - 1):
+        last = compiled.advance(starts, made.control, k * made.hold + 1).fields["ctrl"]
+        same.append(np.array_equal(last, exactly(made.control[:, k])))
+    return all(same)
 
 
 def _single_steps(compiled: Compiled, made: workload.Workload, taken: Singles) -> After:
@@ -215,8 +233,11 @@ def memory_bytes() -> int:
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
 
 
-def _on_cpu(path: Accelerated) -> bool:
-    return path.device_kind() == "cpu"
+def _hopeless(made: workload.Workload) -> str | None:
+    """Return why MJX on a CPU is not worth trying on a workload, or None."""
+    if work.describe(made.model)["integrator"] == "rk4":
+        return RK4_REASON
+    return CONTACT_REASON if _in_contact(made) else None
 
 
 def _in_contact(made: workload.Workload) -> bool:

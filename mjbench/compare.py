@@ -98,7 +98,8 @@ def expanded(words: Sequence[str]) -> list[str]:
 
 def rivals(names: Sequence[str]) -> list[str]:
     """Return the C paths that a sweep of compiled paths is to overtake, if it names none."""
-    if all(_compiles(name) or name == paths.BASE for name in names):
+    compiled = [name for name in names if _compiles(name)]
+    if compiled and not set(names) - {*compiled, paths.BASE}:
         return [n for n, p in paths.registry().items() if "threads" in {o.name for o in p.options}]
     return []
 

@@ -1,7 +1,6 @@
 """Tasks that the tests of `isolate` run in children."""
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -49,22 +48,6 @@ def hoard(request: Any, channel: Any) -> None:
     channel.expect(3600.0)
     while True:
         time.sleep(600)
-
-
-def states_received(request: Any, channel: Any) -> None:
-    """Send the states that a compiled path holds before its first step."""
-    import numpy as np
-
-    from mjbench import models, paths, workload
-    from mjbench.paths.accelerated import final, start_fields
-
-    model = models.load(models.resolve(request["model"]))
-    work = workload.restore(model, pickle.loads(bytes.fromhex(request["work"])))
-    channel.expect(3600.0)
-    compiled = paths.find(request["path"]).prepare(work, {}, paths.Resources(work))
-    states = final(work, compiled.advance(start_fields(work), work.control, 0).fields)
-    values = np.where(states.held, states.values, 0.0)
-    channel.send(values=values.tolist(), held=states.held.tolist())
 
 
 def ask_for_time(request: Any, channel: Any) -> None:

@@ -75,9 +75,10 @@ def _costs_its_row(model: str, found: list[dict[str, Any]]) -> Iterator[None]:
     try:
         yield
     except MjbenchError as error:
-        click.echo(f"mjbench: {model}: {error}", err=True)
+        detail = str(error).removeprefix(f"{model}: ")
+        click.echo(f"mjbench: {model}: {detail}", err=True)
         status = "input" if error.exit_code == 2 else "failed"
-        found.append({"model": model, "status": status, "detail": str(error)})
+        found.append({"model": model, "status": status, "detail": detail})
 
 
 @cli.command()

@@ -31,7 +31,8 @@ class After:
     """Where some steps led.
 
     Attributes:
-      fields: (nbatch, size) float64 arrays by MjData field, those that the engine keeps.
+      fields: (nbatch, size) float64 arrays by MjData field, those that the engine keeps, and the
+        last controls under `ctrl`.
       contacts: of the last step; None where the engine does not tell.
     """
 

@@ -84,19 +84,27 @@ class Mjx(Accelerated):
                 for name, values in kept.items()
             }
 
-        def rollout(start: Any, control: Any, nstep: Any) -> Any:
-            def step(k: Any, data: Any) -> Any:
-                return mjx.step(model, data.replace(ctrl=control[k // hold]))
+        def step(data: Any, ctrl: Any) -> Any:
+            return mjx.step(model, data.replace(ctrl=ctrl))
 
-            return jax.lax.fori_loop(0, nstep, step, empty.replace(**start))
+        def program(settled: Any) -> Any:
+            def rollout(start: Any, control: Any, nstep: Any) -> Any:
+                data = settled(empty.replace(**start))
+                return jax.lax.fori_loop(0, nstep, lambda k, d: step(d, control[k // hold]), data)
 
-        program = jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
+            return jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
+
         dtype = leaves["ctrl"].dtype
         origin = on_device(start_fields(workload))
         control = jax.device_put(workload.control.astype(dtype))
         nstep = jax.device_put(np.int32(workload.nstep))
         begin = time.perf_counter()
-        lowered = program.lower(origin, control, nstep)
+        try:
+            lowered = program(lambda data: data).lower(origin, control, nstep)
+        except TypeError:  # make_data's types are not those that a step gives back
+            settled = _settled(lambda data: step(data, data.ctrl), empty)
+            begin = time.perf_counter()
+            lowered = program(settled).lower(origin, control, nstep)
         traced = time.perf_counter()
         executable = lowered.compile()
         ready = time.perf_counter()
@@ -111,13 +119,13 @@ class Mjx(Accelerated):
 
         def final_states() -> States:
             _check_room(holder["data"])
-            return final(workload, _fields(holder["data"], leaves, origin))
+            return final(workload, _fields(holder["data"], origin))
 
         def advance(found: Mapping[str, np.ndarray], controls: np.ndarray, count: int) -> After:
             given = jax.device_put(controls.astype(dtype))
             data = executable(on_device(found), given, jax.device_put(np.int32(count)))
             _check_room(data)
-            return After(_fields(data, leaves, origin), _contacts(data))
+            return After(_fields(data, origin), _contacts(data))
 
         device = jax.devices()[0]
         name = device.platform if device.platform == "cpu" else device.device_kind
@@ -204,10 +212,25 @@ class MjxWarp(Mjx):
         )
 
 
-def _fields(data: Any, leaves: Mapping[str, Any], kept: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return batched Data as (nbatch, size) float64 arrays by field."""
+def _settled(step: Any, empty: Any) -> Any:
+    """Return a function that gives Data the types that a step gives it.
+
+    Those that make_data gives some integers differ in float64, and a loop needs types that stay.
+    """
+    import jax
+
+    after = jax.eval_shape(step, empty)
+
+    def settled(data: Any) -> Any:
+        return jax.tree.map(lambda value, kept: jax.numpy.asarray(value, kept.dtype), data, after)
+
+    return settled
+
+
+def _fields(data: Any, kept: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Return batched Data as (nbatch, size) float64 arrays by field: those kept, and controls."""
     found = {}
-    for name in kept:
+    for name in (*kept, "ctrl"):
         values = np.asarray(getattr(data, name), dtype=np.float64)
         found[name] = values.reshape(len(values), -1)
     return found

@@ -110,7 +110,7 @@ class Warp(Accelerated):
             check_overflow(data.overflow.numpy())
             return {
                 name: np.asarray(arrays[name].numpy(), dtype=np.float64).reshape(nbatch, -1)
-                for name in origin
+                for name in (*origin, "ctrl")
             }
 
         def final_states() -> States:
