@@ -196,7 +196,12 @@ def test_a_child_that_takes_too_much_memory_is_killed_and_says_so() -> None:
 
 def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjbench.paths.accelerated._installed", lambda name: False)
-    for name, extra in (("mjx", "mjx"), ("mjx64", "mjx"), ("mjx_warp", "warp"), ("warp", "warp")):
+    for name, extra in (
+        ("mjx", "mjx"),
+        ("mjx64", "mjx"),
+        ("mjx_warp", "mjx,warp"),
+        ("warp", "warp"),
+    ):
         assert f"mjbench[{extra}]" in str(paths.find(name).unavailable())
     assert not {"mjx", "mjx64"} & set(compare.expanded(["usual"]))
 

@@ -38,6 +38,7 @@ class Mjx(Accelerated):
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx")
     usual = True
     impl: ClassVar[str] = "jax"
+    compiles_at_first: ClassVar[bool] = False
 
     def environment(self) -> dict[str, str | None]:
         """Return variables that set the precision, and keep no compiled program between runs."""
@@ -107,6 +108,9 @@ class Mjx(Accelerated):
             lowered = program(settled).lower(origin, control, nstep)
         traced = time.perf_counter()
         executable = lowered.compile()
+        if self.compiles_at_first:
+            first = jax.tree.map(jax.numpy.copy, origin)
+            jax.block_until_ready(executable(first, control, jax.device_put(np.int32(1))))
         ready = time.perf_counter()
         holder: dict[str, Any] = {}
 
@@ -195,10 +199,18 @@ class MjxWarp(Mjx):
 
     name = "mjx_warp"
     summary = "MJX with impl=warp: MuJoCo Warp called from JAX, float32"
-    extra = "warp"
+    extra = "mjx,warp"
     usual = False
-    packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx", "warp")
+    packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx", "mujoco_warp", "warp")
     impl = "warp"
+    compiles_at_first = True  # Warp's kernels, when the program first calls them
+
+    def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
+        """Trace and compile the program, and Warp's kernels with it."""
+        from mjbench.paths.warp import quiet_and_uncached
+
+        quiet_and_uncached()
+        return super().compiled(workload, options, peaks)
 
     def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
         from mujoco import mjx

@@ -3,6 +3,7 @@
 import tempfile
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,9 +57,7 @@ class Warp(Accelerated):
         import mujoco_warp
         import warp as wp
 
-        _quiet()
-        # the compiler's figure is that of an empty cache
-        wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="warp-")
+        quiet_and_uncached()
         nbatch, hold = workload.nbatch, workload.hold
         begin = time.perf_counter()
         model = mujoco_warp.put_model(workload.model)
@@ -159,6 +158,17 @@ class Warp(Accelerated):
             f"    wp.copy(d.ctrl, ctrl[k]){times}mjw.step(m, d)  # on a GPU: wp.ScopedCapture\n"
             "wp.synchronize()"
         )
+
+
+def quiet_and_uncached() -> None:
+    """Have Warp print warnings alone, and compile anew: the figure is that of an empty cache.
+
+    Its cache is a folder where this process stands, which goes with it (see `isolate`).
+    """
+    import warp as wp
+
+    _quiet()
+    wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="warp-", dir=Path.cwd())
 
 
 def _quiet() -> None:

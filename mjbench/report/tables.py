@@ -211,9 +211,9 @@ def _speed_cells(result: Record) -> list[str]:
         return [""] * 6
     interval, factor = "", ""
     if speedup:
-        factor = f"{speedup['median']:.2f}"
+        factor = _factor(speedup["median"])
         if speedup["low"] is not None:
-            interval = f"{speedup['low']:.2f}–{speedup['high']:.2f}"
+            interval = f"{_factor(speedup['low'])}–{_factor(speedup['high'])}"
     realtime = result["realtime_factor"]
     return [
         f"{result['steps_per_s']:,.0f}",
@@ -223,6 +223,10 @@ def _speed_cells(result: Record) -> list[str]:
         interval,
         f"{realtime:,.0f}" if realtime and realtime >= 10 else f"{realtime:.2g}",
     ]
+
+
+def _factor(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.1g}"
 
 
 def _agrees(result: Record) -> str:
@@ -265,7 +269,7 @@ def _threaded(result: Record) -> bool:
 
 def _print_advice(out: Console, entry: Record) -> None:
     what = f"{entry['path']} {options_text(entry['options'])}".strip()
-    gain = f", {entry['speedup']:.2f}× the plain loop" if entry["speedup"] else ""
+    gain = f", {_factor(entry['speedup'])}× the plain loop" if entry["speedup"] else ""
     loop = "Open loop" if entry["loop"] == "open" else "Closed loop (a policy chooses controls)"
     out.print(f"[bold]{loop}: {escape(what)}[/bold]{gain}", soft_wrap=True)
     for line in entry["snippet"].splitlines():
