@@ -148,6 +148,7 @@ class _Progress:
     samples: dict[int, list[float]] = field(default_factory=dict)
     cores: list[float] = field(default_factory=list)
     compiled: dict[int, Record] = field(default_factory=dict)
+    finished: bool = False  # the C paths are timed to the end
     budget_s: float = 1.0
     spent_s: float = 0.0
 
@@ -253,7 +254,7 @@ class _Progress:
 
     def _outcome(self, index: int, ended: isolate.Ended | None) -> Record:
         """Return status, detail, agreement and snippet of one variant."""
-        verdict = self.verdicts.get(index, {})
+        verdict, name = self.verdicts.get(index, {}), self.plan.variants[index][0]
         status, detail = verdict.get("status"), verdict.get("detail", "")
         if status in (None, "ok") and not self.samples.get(index):
             if ended is None:
@@ -262,14 +263,14 @@ class _Progress:
                 status, detail = "failed", "never timed"
             else:
                 status, detail = ended.status, ended.detail
-        elif status == "ok" and ended is None:
+        elif status == "ok" and ended is None and not (self.finished and not _compiles(name)):
             detail = f"interrupted after {len(self.samples[index])} rounds"
         return {
             "status": status,
             "detail": detail,
             "agrees": verdict.get("agrees"),
             "agreement": verdict.get("agreement", ""),
-            "closed_loop": paths.find(self.plan.variants[index][0]).closed_loop,
+            "closed_loop": paths.find(name).closed_loop,
             "snippet": verdict.get("snippet", ""),
         }
 
@@ -309,7 +310,8 @@ def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outc
                     break
                 fatal[culprit] = {"status": ended.status, "detail": ended.detail}
                 known.restart(fatal)
-            if ended.status == "ok" and work is not None:
+            known.finished = ended.status == "ok"
+            if known.finished and work is not None:
                 for index in compiling:
                     _measure_apart(source, plan, index, work, known)
     except KeyboardInterrupt:

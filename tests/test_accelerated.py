@@ -16,6 +16,7 @@ from mjbench.paths.base import States
 from mjbench.report import results
 from tests.commands import mjbench
 
+RUNS = Path(__file__).parent.parent / "results/runs"
 FREE = "cartpole"
 NBATCH, NSTEP = 4, 20
 
@@ -277,6 +278,9 @@ def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Pat
     refused = mjbench("diff", str(old), str(new))
     assert refused.returncode == 2
     assert "they differ in jax (2, 1)" in refused.stdout
+    alone = mjbench("diff", str(old), str(RUNS / "reference-selfcheck-quiet.jsonl"))
+    assert alone.returncode == 2
+    assert "no timed row" in alone.stderr
     compared = mjbench("diff", str(old), str(new), "--across", "--json", "-")
     assert compared.returncode == 0, compared.stderr
     assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)

@@ -25,7 +25,7 @@ from mjbench.cli.shared import (
     output,
     progress,
 )
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
 
 if TYPE_CHECKING:
     from mjbench.compare import Plan
@@ -259,6 +259,8 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
 
     with output(json_file) as write_json:
         rows = derive.differences(runs.load(old), runs.load(new), across)
+        if not rows:
+            raise InputError(f"{old} and {new} have no timed row of `compare` in common")
         out = tables.console(stderr=json_file == "-")
         out.print(tables.differences_table(rows))
         write_json({"schema": 1, "results": rows})
