@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mjbench import agreement, apart, compare, isolate, models, paths, stats, trajectory, workload
-from mjbench.errors import InputError
-from mjbench.paths.accelerated import Accelerated, After, Compiled
+from mjbench.errors import InputError, MachineError
+from mjbench.paths.accelerated import Accelerated, After, Compiled, check_overflow
 from mjbench.paths.base import States
 from mjbench.report import results
 from tests.commands import mjbench
@@ -317,3 +317,31 @@ def test_sides_that_take_turns_cannot_be_compiled_ones() -> None:
         run = mjbench(*words)
         assert run.returncode == 2
         assert "mjbench compare --paths mjx" in run.stderr
+
+
+def test_a_buffer_of_warp_that_was_too_small_is_told() -> None:
+    overflow = pytest.importorskip("mujoco_warp").OverflowType
+    check_overflow(np.array([0, overflow.ITERATIONS, overflow.LS_ITERATIONS]))
+    flags = np.array([0, overflow.NEFC | overflow.ITERATIONS, overflow.NEFC | overflow.CCD])
+    with pytest.raises(MachineError, match="overflowed in 2 worlds: NEFC, CCD"):
+        check_overflow(flags)
+
+
+def test_buffers_are_sized_by_the_peak_of_the_reference_run() -> None:
+    work = made("cube_table", nbatch=3, nstep=10)
+    found = trajectory.peaks(work)
+    run = trajectory.run(work, work.nbatch)
+    singles = trajectory.singles(work, run, 10**6, rounded=False)
+    assert found.contacts == singles.contacts.counts(len(singles.state)).max() > 0
+    assert found.constraints == singles.constraints.max() > 0
+
+
+def test_contacts_of_two_engines_are_matched_by_geoms_and_nearest_normal() -> None:
+    ours = trajectory.Contacts.of([0, 0], [[3, 1], [1, 3]], [[0, 0, -1], [0, 1, 0]])
+    assert ours.geom.tolist() == [[1, 3], [1, 3]]
+    assert ours.normal.tolist() == [[0, 0, 1], [0, 1, 0]]
+    tilted = np.array([[0, np.sin(0.1), np.cos(0.1)]])
+    theirs = trajectory.Contacts.of([0], [[1, 3]], tilted)
+    assert agreement.normal_angle(ours, theirs) == pytest.approx(np.degrees(0.1))
+    elsewhere = trajectory.Contacts.of([1], [[1, 3]], tilted)
+    assert agreement.normal_angle(ours, elsewhere) is None
