@@ -32,6 +32,7 @@ class Mjx(Tracked):
     def setup(self, model: str, nbatch: int) -> None:
         """See whether this release of MJX, this JAX and the model go together."""
         _needed()
+        _measured(model, nbatch)
 
     def track_steady_ns_per_step(self, model: str, nbatch: int) -> float:
         """Time blocks of a compiled run."""
@@ -123,7 +124,8 @@ def _measured(model: str, nbatch: int) -> dict[str, Any]:
     """Return what a child measured of the path `mjx`.
 
     Raises:
-      NotImplementedError: this release of MJX and this JAX, or the model, do not go together.
+      NotImplementedError: this release of MJX, this JAX and the model do not go together.
+      MachineError: they do, and it crashed, hung or went wrong.
     """
     told: dict[str, Any] = {"samples": []}
 
@@ -136,6 +138,8 @@ def _measured(model: str, nbatch: int) -> dict[str, Any]:
         file = Path(folder) / "work.pickle"
         file.write_bytes(pickle.dumps(workload.portable(stored.stored_workload(model, nbatch))))
         ended = apart.run(models.resolve(model), "mjx", {}, file, take)
+    if told.get("status") == "unavailable" or (ended.status == "failed" and "trace_s" not in told):
+        raise NotImplementedError(told.get("detail") or ended.detail)
     if ended.status != "ok" or told.get("status") != "ok":
-        raise NotImplementedError(ended.detail or told.get("detail", "MJX gave no figure"))
+        raise MachineError(ended.detail or told.get("detail", "MJX gave no figure"))
     return told

@@ -28,6 +28,10 @@ SHADOW_FACTOR = 10.0
 FREE_RUN_LIMIT = 1e-10
 # Strays of float32 and float64 that differ by less than this factor have another cause.
 PRECISION_FACTOR = 10.0
+# What strays by more is not a number.
+FINITE = 1e300
+
+_KINDS = {"free": "free", "constrained": "constrained", "contact": "in contact"}
 
 
 @dataclass(frozen=True)
@@ -190,7 +194,8 @@ def normal_angle(reference: "Contacts", found: "Contacts") -> float | None:
             same = ours & (reference.geom == geom).all(axis=1)
             if same.any():
                 cosine = np.clip((reference.normal[same] @ normal).max(), -1.0, 1.0)
-                largest = max(largest or 0.0, float(np.degrees(np.arccos(cosine))))
+                angle = float(np.degrees(np.arccos(cosine))) if np.isfinite(cosine) else 180.0
+                largest = max(largest or 0.0, angle)
     return largest
 
 
@@ -199,8 +204,9 @@ def failures(check: Mapping[str, Any]) -> list[str]:
 
     Keys of a check: `precision`; for `free`, `constrained` and `contact` single steps `…_steps`
     and `…_stray` (the largest, None without any); `same_count` (share of steps in contact with as
-    many contacts as the reference) and `normal_degrees`, where there are any; for the run up to
-    the first contact (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the
+    many contacts as the reference) and `normal_degrees`, where there are any; `still`, whether
+    no single step led anywhere; for the run up to the first step that a constraint acted on
+    (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the
     reference and `…_shadow`, that of C with float32 states; `lost`, simulations that do not end
     in finite numbers; `received`, whether the engine had the very start states and controls.
     """
@@ -210,7 +216,14 @@ def failures(check: Mapping[str, Any]) -> list[str]:
     stray, limit = check["free_stray"], FREE_LIMIT[precision]
     if stray is not None and not stray <= limit:
         found.append(f"a free step strays by {stray:.2g}, more than {limit:g}")
-    if check["free_nstep"] and not check["constrained_steps"]:
+    found += [
+        f"a step {_KINDS[kind]} does not end in finite numbers"
+        for kind in ("constrained", "contact")
+        if check[f"{kind}_stray"] is not None and check[f"{kind}_stray"] > FINITE
+    ]
+    if check["still"]:
+        found.append("it stands still")
+    if check["free_nstep"]:
         allowed = FREE_RUN_LIMIT
         if precision == "float32":
             allowed = SHADOW_FACTOR * max(check["free_shadow"], float(np.finfo(np.float32).eps))
@@ -227,7 +240,7 @@ def failures(check: Mapping[str, Any]) -> list[str]:
 def words(check: Mapping[str, Any]) -> str:
     """Return in a line what another engine's check found (see `failures`)."""
     said = []
-    for kind, name in (("free", "free"), ("constrained", "constrained"), ("contact", "in contact")):
+    for kind, name in _KINDS.items():
         if check[f"{kind}_steps"]:
             said.append(f"{check[f'{kind}_steps']} single steps {name} within")
             said[-1] += f" {check[f'{kind}_stray']:.1g}"

@@ -148,7 +148,7 @@ class _Progress:
     samples: dict[int, list[float]] = field(default_factory=dict)
     cores: list[float] = field(default_factory=list)
     compiled: dict[int, Record] = field(default_factory=dict)
-    finished: bool = False  # the C paths are timed to the end
+    finished: set[int] = field(default_factory=set)  # variants that are timed to the end
     budget_s: float = 1.0
     spent_s: float = 0.0
 
@@ -263,7 +263,7 @@ class _Progress:
                 status, detail = "failed", "never timed"
             else:
                 status, detail = ended.status, ended.detail
-        elif status == "ok" and ended is None and not (self.finished and not _compiles(name)):
+        elif status == "ok" and ended is None and index not in self.finished:
             detail = f"interrupted after {len(self.samples[index])} rounds"
         return {
             "status": status,
@@ -310,8 +310,9 @@ def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outc
                     break
                 fatal[culprit] = {"status": ended.status, "detail": ended.detail}
                 known.restart(fatal)
-            known.finished = ended.status == "ok"
-            if known.finished and work is not None:
+            if ended.status == "ok":
+                known.finished = set(range(len(plan.variants))) - set(compiling)
+            if ended.status == "ok" and work is not None:
                 for index in compiling:
                     _measure_apart(source, plan, index, work, known)
     except KeyboardInterrupt:
@@ -334,6 +335,7 @@ def _measure_apart(
         limit_s=plan.limit_s,
         import_from=plan.import_from,
     )
+    known.finished.add(index)
     told = known.compiled.get(index, {}).get("workload_digest", known.about["workload_digest"])
     if ended.status != "ok":
         known.verdicts[index] = known.verdicts.get(index, {}) | {

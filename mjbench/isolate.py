@@ -141,16 +141,20 @@ def _messages(
     pending, descriptor, limit = b"", process.stdout.fileno(), limit_s
     with selectors.DefaultSelector() as selector:
         selector.register(descriptor, selectors.EVENT_READ)
-        deadline = time.monotonic() + limit
+        deadline, looked = time.monotonic() + limit, 0.0
         while True:
             left = max(0.0, deadline - time.monotonic())
             look = left if memory_bytes is None else min(left, _LOOK_S)
-            if not selector.select(look):
-                if memory_bytes is not None and child.memory_bytes(process.pid) > memory_bytes:
+            ready = selector.select(look)
+            now = time.monotonic()
+            if memory_bytes is not None and now - looked >= _LOOK_S:
+                looked = now
+                if child.memory_bytes(process.pid) > memory_bytes:
                     detail = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
                     yield {_END: "failed", "detail": detail}
                     return
-                if time.monotonic() < deadline:
+            if not ready:
+                if now < deadline:
                     continue
                 detail = f"no answer within {limit:.3g} s, killed (--time-limit)"
                 yield {_END: "timeout", "detail": detail}

@@ -22,9 +22,18 @@ _PACKAGES = (
     "scipy",
     "jax",
     "jaxlib",
+    "warp-lang",
 )
 # Environment variables that change how fast or what the engine computes.
-_FLAGS = ("OMP_NUM_THREADS", "XLA_FLAGS", "JAX_ENABLE_X64", "GLIBC_TUNABLES", "LD_PRELOAD")
+_FLAGS = (
+    "OMP_NUM_THREADS",
+    "XLA_FLAGS",
+    "JAX_ENABLE_X64",
+    "JAX_DEFAULT_MATMUL_PRECISION",
+    "NVIDIA_TF32_OVERRIDE",
+    "GLIBC_TUNABLES",
+    "LD_PRELOAD",
+)
 # XML of a body that costs about a microsecond a step and touches little memory.
 _SPINNER = (
     "<mujoco><option gravity='0 0 0'/><worldbody><body><joint type='hinge'/>"
@@ -75,7 +84,11 @@ def available_memory_bytes() -> int:
     try:
         root = Path("/sys/fs/cgroup")
         limit = int((root / "memory.max").read_text())
-        available = min(available, limit - int((root / "memory.current").read_text()))
+        used = int((root / "memory.current").read_text())
+        for line in (root / "memory.stat").read_text().splitlines():
+            if line.startswith("inactive_file "):  # files kept in memory, given back when asked
+                used -= int(line.split()[1])
+        available = min(available, limit - used)
     except (OSError, ValueError):
         pass
     return max(0, available)

@@ -27,7 +27,7 @@ LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
 # needs, and the rest for those that may be the fastest, judged anew every few rounds: advice has
 # to tell them apart.
 BUDGET_S = 8.0
-LEAST_ROUNDS, FINAL_ROUNDS, MOST_ROUNDS = 6, 4, 200
+LEAST_ROUNDS, FINAL_ROUNDS, MOST_ROUNDS = 7, 4, 200
 # A child may be silent for this many times as long as what it does should take.
 PATIENCE = 100
 # The model that stands in where a model starts without contact: a path that loses the warm-start

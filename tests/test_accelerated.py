@@ -1,7 +1,9 @@
 """MJX and Warp: the same workload, judged by tolerances, killed where they do not return."""
 
 import json
+import os
 import pickle
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,11 +13,19 @@ import pytest
 
 from mjbench import agreement, apart, compare, isolate, models, paths, stats, trajectory, workload
 from mjbench.errors import InputError, MachineError
-from mjbench.paths.accelerated import Accelerated, After, Compiled, check_overflow
+from mjbench.paths.accelerated import (
+    Accelerated,
+    After,
+    Compiled,
+    check_overflow,
+    final,
+    start_fields,
+)
 from mjbench.paths.base import States
 from mjbench.report import results
-from tests.commands import mjbench
+from tests.commands import PYTHONPATH, mjbench
 
+ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
 RUNS = Path(__file__).parent.parent / "results/runs"
 FREE = "cartpole"
 NBATCH, NSTEP = 4, 20
@@ -103,11 +113,17 @@ class Pretender(Accelerated):
             after["ctrl"] = given.step_control[:, max(nstep - 1, 0)]
             if self.wrong == "step" and nstep > 1:
                 after |= workload.fields(work.model, states[:, nstep - 1])
+            if self.wrong == "still":
+                after |= fields
             if self.wrong == "start":
                 after["qpos"] = after["qpos"] + 1e-16
             return After(after, None)
 
-        return Compiled(_nothing, _nothing, lambda: States(work.initial_state), advance=advance)
+        def final_states() -> States:
+            nstep = work.nstep - (1 if self.wrong == "block" else 0)
+            return final(work, advance(start_fields(work), work.control, nstep).fields)
+
+        return Compiled(_nothing, _nothing, final_states, device="cpu", advance=advance)
 
 
 def _nothing() -> None:
@@ -133,15 +149,49 @@ def with_steps(work: workload.Workload, nstep: int) -> workload.Workload:
 def test_a_wrong_engine_is_refused(wrong: str, said: str) -> None:
     work = made()
     compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
-    found = agreement.failures(apart.check(work, compiled, "float64"))
+    found = agreement.failures(apart.check(work, compiled, "float64")[0])
     assert any(said in line for line in found), found
+
+
+@pytest.mark.parametrize("wrong", ["still", "nan", "start"])
+def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
+    work = made("humanoid")
+    compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
+    assert agreement.failures(apart.check(work, compiled, "float64")[0])
+
+
+def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told() -> None:
+    for wrong, said in (("", ""), ("block", "timed blocks end")):
+        work = made()
+        compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
+        checked, reached = apart.check(work, compiled, "float64")
+        assert apart._other_end(work, compiled, reached, checked).startswith(said)
+        assert bool(apart._other_end(work, compiled, reached, checked)) == bool(said)
+
+
+def test_the_snippet_of_mjx_computes_what_c_computes(tmp_path: Path) -> None:
+    path, work = available("mjx64"), made()
+    np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
+    (tmp_path / "run.py").write_text(
+        "import numpy as np\n"
+        "from mjbench import models\n"
+        "model = models.load(models.resolve('cartpole'))\n"
+        "given = np.load('in.npz')\n"
+        "initial_state, control = given['state'], given['control']\n"
+        f"{path.snippet(work, {})}\n"
+        "np.save('out.npy', np.asarray(final.qpos))\n"
+    )
+    subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
+    want = trajectory.run(work, NBATCH).states[:, work.nstep]
+    qpos = workload.fields(work.model, want)["qpos"]
+    assert np.abs(np.load(tmp_path / "out.npy") - qpos).max() < 1e-12
 
 
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])
 def test_the_reference_engine_itself_passes(model: str) -> None:
     work = made(model)
     compiled = Pretender().compiled(work, {}, trajectory.Peaks(0, 0))
-    checked = apart.check(work, compiled, "float64")
+    checked, _ = apart.check(work, compiled, "float64")
     assert agreement.failures(checked) == []
     assert checked["final_difference"] == 0
     assert checked["final_shadow"] > 0

@@ -22,6 +22,8 @@ from mjbench.workload import Workload, fields
 
 # Room for contacts and constraints, as a multiple of the reference run's peak.
 ROOM = 2
+# Warp's contact buffers hold pairs that are merely near, too: no fewer than this for each world.
+_LEAST_CONTACTS = 48
 # Of MuJoCo Warp's overflow flags, those of iterations are no lack of room.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
 
@@ -121,6 +123,11 @@ def taken(found: Mapping[str, np.ndarray], known: Mapping[str, Any], engine: str
         elif values.any():
             raise InputError(f"{engine} keeps no {name}, which the start states have")
     return kept
+
+
+def room_for(peaks: Peaks) -> int:
+    """Return for how many contacts of each world Warp is given room."""
+    return max(_LEAST_CONTACTS, ROOM * peaks.contacts)
 
 
 def final(workload: Workload, found: Mapping[str, np.ndarray]) -> States:

@@ -20,6 +20,7 @@ from mjbench.paths.accelerated import (
     Compiled,
     check_overflow,
     final,
+    room_for,
     start_fields,
     taken,
 )
@@ -58,7 +59,8 @@ class Mjx(Accelerated):
         """Return MJX's own reason for not taking the model."""
         try:
             self._put(workload.model)
-            self._data(workload.model, Peaks(1, 1), 1)
+            empty = self._data(workload.model, Peaks(1, 1), 1)
+            taken(start_fields(workload), vars(empty), "MJX")
         except Exception as error:  # whatever MJX says of a model that it does not take
             said = one_line(error) or type(error).__name__
             return f"MJX does not take this model: {said}"
@@ -147,6 +149,12 @@ class Mjx(Accelerated):
         """Return the program, with scan: the number of steps is fixed there."""
         x64 = self.precision == "float64"
         config = 'jax.config.update("jax_enable_x64", True)\n' if x64 else ""
+        types = (  # some integers of make_data are not of the type that a step gives back
+            "kinds = jax.eval_shape(lambda d: mjx.step(mx, d), empty)\n"
+            "empty = jax.tree.map(lambda x, k: jax.numpy.asarray(x, k.dtype), empty, kinds)\n"
+            if x64
+            else ""
+        )
         impl = "" if self.impl == "jax" else f', impl="{self.impl}"'
         held = (
             "    data = data.replace(ctrl=ctrl)\n"
@@ -158,7 +166,7 @@ class Mjx(Accelerated):
         return (
             "import jax\nimport mujoco\nimport numpy as np\nfrom mujoco import mjx\n\n"
             f"{config}mx = mjx.put_model(model{impl})\n"
-            f"empty = mjx.make_data(model{impl})\n"
+            f"empty = mjx.make_data(model{impl})\n{types}"
             "datas = [mujoco.MjData(model) for _ in initial_state]\n"
             "for data, state in zip(datas, initial_state):\n"
             "    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)\n"
@@ -216,7 +224,7 @@ class MjxWarp(Mjx):
         from mujoco import mjx
 
         known = inspect.signature(mjx.make_data).parameters
-        contacts = max(1, ROOM * peaks.contacts) * nbatch
+        contacts = room_for(peaks) * nbatch
         room = {"naconmax": contacts, "nconmax": contacts}
         sizes = {name: size for name, size in room.items() if name in known}
         return mjx.make_data(

@@ -16,6 +16,7 @@ from mjbench.paths.accelerated import (
     Compiled,
     check_overflow,
     final,
+    room_for,
     start_fields,
     taken,
 )
@@ -47,6 +48,8 @@ class Warp(Accelerated):
         _quiet()
         try:
             mujoco_warp.put_model(workload.model)
+            empty = mujoco_warp.make_data(workload.model)
+            taken(start_fields(workload), vars(empty), "MuJoCo Warp")
         except Exception as error:  # whatever it says of a model that it does not take
             said = one_line(error) or type(error).__name__
             return f"MuJoCo Warp does not take this model: {said}"
@@ -64,7 +67,7 @@ class Warp(Accelerated):
         data = mujoco_warp.make_data(
             workload.model,
             nworld=nbatch,
-            naconmax=nbatch * max(1, ROOM * peaks.contacts),
+            naconmax=nbatch * room_for(peaks),
             njmax=max(1, ROOM * peaks.constraints),
         )
         wp.synchronize()

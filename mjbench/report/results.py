@@ -16,6 +16,8 @@ from mjbench.runs import SCHEMA, Record
 # Between paths this close to the fastest, advice prefers the one listed first: the simpler one.
 CLOSE_ENOUGH = 0.99
 # What is told of a path that compiles.
+_COMPILERS = ("jax", "jaxlib", "warp-lang")
+_COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
 COMPILED = ("precision", "device", "trace_s", "compile_s", "memory_bytes", "check")
 
 
@@ -38,13 +40,14 @@ def of_model(records: Sequence[Record]) -> list[Record]:
 def advice(results: Sequence[Record]) -> list[Record]:
     """Return what to use: the fastest path for open loop, and for closed loop.
 
+    Paths whose steps could not be judged do not stand for election (see `judged`).
     Only paths that were timed to the end stand for election: those that could not be the fastest
     were left out of the last rounds. Keys: model, nbatch, loop, path, options, speedup, snippet.
     """
     found = []
     for key in dict.fromkeys(map(group, results)):
         model = key[0]
-        timed = [r for r in results if group(r) == key and r["step_ns"]]
+        timed = [r for r in results if group(r) == key and r["step_ns"] and judged(r)]
         for loop in ("open", "closed"):
             able = [r for r in timed if loop == "open" or r["closed_loop"]]
             if not able:
@@ -115,8 +118,8 @@ def crossovers(results: Sequence[Record]) -> list[Record]:
             if len(own) < 2:
                 continue
             largest, ahead = max(own), None
-            for size in sorted(own, reverse=True):
-                if own[size] <= 1:
+            for size in sorted(best, reverse=True):
+                if own.get(size, 0) <= 1:  # slower there, or it failed
                     break
                 ahead = size
             rival = {key: best[largest][key] for key in ("path", "options")}
@@ -173,18 +176,25 @@ def differences(old: Sequence[Record], new: Sequence[Record], across: bool) -> l
 def identity(row: Record, header: Record) -> dict[str, Any]:
     """Return what results must share to be compared without being asked to.
 
-    Precision and device; for what JAX compiled also the versions of JAX and jaxlib, and XLA_FLAGS.
+    Precision and device (a CPU by its name); of what was compiled also the versions of what
+    compiled it, and the flags that change what it does.
     """
-    machine = header["machine"]
+    machine, device = header["machine"], row.get("device") or "cpu"
     found = {
         "precision": row.get("precision", "float64"),
-        "device": row.get("device") or machine["cpu"],
+        "device": machine["cpu"] if device == "cpu" else device,
     }
-    if row["path"].startswith("mjx"):
+    if _compiles(row):
         versions, flags = machine["versions"], machine["flags"]
-        found |= {name: versions.get(name) for name in ("jax", "jaxlib", "mujoco-mjx")}
-        found["XLA_FLAGS"] = flags.get("XLA_FLAGS")
+        found |= {name: versions.get(name) for name in _COMPILERS}
+        found |= {name: flags.get(name) for name in _COMPILER_FLAGS}
     return found
+
+
+def judged(result: Record) -> bool:
+    """Return whether a result was held to anything: an engine other than C, in free steps alone."""
+    check = result.get("check")
+    return check is None or bool(check["free_steps"])
 
 
 def _row_key(row: Record) -> str:

@@ -153,7 +153,7 @@ def _table(results: Sequence[Record]) -> Table:
 def _compiled_table(results: Sequence[Record]) -> Table:
     """Return what compiling cost, and after how many steps of the plain loop it has paid."""
     table = plain_table(
-        ["compiled", "precision", "device", "trace s", "compile s", "steady ns/step", "memory",
+        ["compiled", "precision", "device", "trace s", "compile s", "steady ns/step", "host memory",
          "pays after"],
         right=range(3, 7),
     )  # fmt: skip
@@ -163,7 +163,8 @@ def _compiled_table(results: Sequence[Record]) -> Table:
         pays = ""
         if r["step_ns"]:
             steps = r["overtakes_after_steps"]
-            pays = f"{steps:,.0f} steps" if steps else "never: the plain loop is faster"
+            never = "never: the plain loop is faster" if r["speedup"] else ""
+            pays = f"{steps:,.0f} steps" if steps else never
         table.add_row(
             *map(escape, [r["path"], r["precision"], r["device"]]),
             "" if r["trace_s"] is None else f"{r['trace_s']:.1f}",
@@ -230,6 +231,8 @@ def _factor(ratio: float) -> str:
 
 
 def _agrees(result: Record) -> str:
+    if result["status"] == "ok" and not derive.judged(result):
+        return "not judged"
     words = {"ok": "yes", "disagrees": "NO"}
     return words.get(result["status"], str(result["status"]))
 
@@ -255,7 +258,8 @@ def _notes(head: Record, results: Sequence[Record]) -> list[str]:
 
 def _causes(results: Sequence[Record]) -> list[str]:
     """Return why engines stray, where float32 and float64 can tell."""
-    checks = {r["precision"]: r for r in results if r["path"].startswith("mjx") and r.get("check")}
+    known = [r for r in results if r["path"] in ("mjx", "mjx64") and r.get("check")]
+    checks = {r["precision"]: r for r in known}
     if "float32" not in checks or "float64" not in checks:
         return []
     cause = agreement.cause(checks["float32"]["check"], checks["float64"]["check"])
