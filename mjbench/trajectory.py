@@ -95,12 +95,10 @@ class Run:
     Attributes:
       states: (n, nstep + 1, nstate) from the start on.
       free: steps before the first that a contact or another constraint acted on; nstep where none.
-      touching: whether the first step of any was in contact.
     """
 
     states: np.ndarray
     free: int
-    touching: bool
 
 
 def peaks(workload: Workload) -> Peaks:
@@ -131,7 +129,7 @@ def run(workload: Workload, nsim: int, rounded: bool = False) -> Run:
     spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
     nsim = min(nsim, workload.nbatch)
     states = np.empty((nsim, nstep + 1, workload.initial_state.shape[1]))
-    free, touching = nstep, False
+    free = nstep
     for i in range(nsim):
         mujoco.mj_resetData(model, data)
         states[i, 0] = workload.initial_state[i]
@@ -144,9 +142,8 @@ def run(workload: Workload, nsim: int, rounded: bool = False) -> Run:
             mujoco.mj_step(model, data)
             if data.nefc or data.ncon:
                 free = min(free, k)
-            touching |= k == 0 and data.ncon > 0
             compat.get_state(model, data, states[i, k + 1], spec)
-    return Run(states, free, touching)
+    return Run(states, free)
 
 
 def singles(workload: Workload, found: Run, most: int, rounded: bool) -> Singles:
