@@ -89,11 +89,14 @@ def variants(
 
 def expanded(words: Sequence[str]) -> list[str]:
     """Return the paths that words name; `c` is all C paths, `usual` those and MJX if installed."""
-    groups = {
-        "c": [name for name in paths.registry() if not _compiles(name)],
-        "usual": [name for name in paths.registry() if not _compiles(name) or _usual(name)],
-    }
-    return list(dict.fromkeys(name for word in words for name in groups.get(word, [word])))
+    found: list[str] = []
+    for word in words:
+        if word in ("c", "usual"):
+            found += [n for n in paths.registry() if not _compiles(n)]
+            found += [n for n in paths.registry() if word == "usual" and _usual(n)]
+        else:
+            found.append(word)
+    return list(dict.fromkeys(found))
 
 
 def rivals(names: Sequence[str]) -> list[str]:

@@ -195,7 +195,7 @@ def test_some_diverging_simulations_are_left_out_and_counted(tmp_path: Path) -> 
         (["compare", "."], 2, "is a folder"),
         (["compare", "no_such_package:ant"], 2, "pip install no_such_package"),
         (["compare", "cartpole", "--paths", "rolout"], 2, "did you mean rollout"),
-        (["compare", "cartpole", "--nbatch", "0"], 2, "0 is not in the range"),
+        (["compare", "cartpole", "--nbatch", "0"], 2, "0 is below 1"),
         (["compare", "cartpole", "--nstep", "-5"], 2, "-5 is not in the range"),
         (["compare", "cartpole", "--nstep", "10", "--hold", "3"], 2, "not a multiple"),
         (["compare", "cartpole", "--nbatch", "1000000000"], 2, "lower --nbatch"),
@@ -256,6 +256,7 @@ def test_ctrl_c_is_one_line_and_keeps_what_was_measured(
     tmp_path: Path, contact_file: str, when: str
 ) -> None:
     words = ["--paths", "python_loop_hold,wrong_paths:Tells,wrong_paths:Hangs", *QUICK]
+    os.mkfifo(tmp_path / "pipe")
     process = subprocess.Popen(
         [sys.executable, "-m", "mjbench", "compare", contact_file, *words],
         cwd=tmp_path,
@@ -264,10 +265,13 @@ def test_ctrl_c_is_one_line_and_keeps_what_was_measured(
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     if when == "while a path hangs":
-        os.mkfifo(tmp_path / "pipe")
         (tmp_path / "pipe").read_text()  # returns when the path before it was prepared
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
+    try:
+        out, err = process.communicate(timeout=30)
+    except subprocess.TimeoutExpired:  # an interpreter that starts may lose the first one
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
     assert "Traceback" not in out + err
     if when == "at once":
         assert process.returncode in (-signal.SIGINT, 130)
