@@ -239,11 +239,11 @@ def failures(check: Mapping[str, Any]) -> list[str]:
 
 def words(check: Mapping[str, Any]) -> str:
     """Return in a line what another engine's check found (see `failures`)."""
-    said = []
-    for kind, name in _KINDS.items():
-        if check[f"{kind}_steps"]:
-            said.append(f"{check[f'{kind}_steps']} single steps {name} within")
-            said[-1] += f" {check[f'{kind}_stray']:.1g}"
+    said = [
+        f"{check[f'{kind}_steps']} single steps {name} within {check[f'{kind}_stray']:.1g}"
+        for kind, name in _KINDS.items()
+        if check[f"{kind}_steps"]
+    ]
     if check.get("same_count") is not None:
         said.append(f"as many contacts as C in {100 * check['same_count']:.0f} %")
     if check.get("normal_degrees") is not None:

@@ -17,7 +17,7 @@ import numpy as np
 from mjbench import agreement, isolate, machine, models, paths, timing, trajectory, work, workload
 from mjbench.errors import InputError
 from mjbench.isolate import Channel, Message
-from mjbench.paths.accelerated import Accelerated, After, Compiled, start_fields
+from mjbench.paths.accelerated import Accelerated, After, Compiled, peaks, start_fields
 from mjbench.trajectory import COMPARED, Contacts, Singles
 
 # Simulations followed step by step, and the most single steps taken from their states.
@@ -28,8 +28,8 @@ STEADY_S, LEAST_BLOCKS, MOST_BLOCKS = 2.0, 7, 100
 SHARE_OF_MEMORY = 0.8
 # A compiler may be silent for this many times the limit of anything else.
 COMPILER_PATIENCE = 5
-# On a CPU MJX takes a model that makes contact 10 to 1000 times longer a step than one thread
-# of C, and compiles RK4, which has four of everything, for minutes: not tried unless named.
+# On a CPU MJX is slow on a model that makes contact (docs/method.md gives figures), and compiles
+# RK4, which has four of everything, for minutes: not tried unless named.
 CONTACT_REASON = "makes contact, where it is slow on a CPU; name it with --paths to try it"
 RK4_REASON = "is integrated by RK4, which compiles for minutes; name it with --paths to try it"
 
@@ -89,16 +89,16 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.where(f"loading {name}")
     model = models.load(models.Source(name, Path(request["model"]["path"])))
     made = workload.restore(model, pickle.loads(Path(request["work"]).read_bytes()))
+    resources = paths.Resources(made)
     verdict: dict[str, Any] = {"kind": "verdict", "status": "ok", "detail": ""}
     channel.where(f"preparing {path.name} on {name}")
     channel.expect(COMPILER_PATIENCE * request["limit_s"])
     reason = path.unavailable() or path.unsuited(made, request["options"])
     if reason is None and not request["named"] and path.device_kind() == "cpu":
-        reason = _hopeless(made)
+        reason = _hopeless(made, resources)
     if reason:
         channel.send(**verdict | {"status": "unavailable", "detail": reason})
         return
-    resources = paths.Resources(made)
     channel.where(f"compiling {path.name} for {name}")
     compiled = path.prepare(made, request["options"], resources)
     channel.send(
@@ -282,8 +282,8 @@ def memory_bytes() -> int:
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
 
 
-def _hopeless(made: workload.Workload) -> str | None:
+def _hopeless(made: workload.Workload, resources: paths.Resources) -> str | None:
     """Return why MJX on a CPU is not worth trying on a workload, or None."""
     if work.describe(made.model)["integrator"] == "rk4":
         return RK4_REASON
-    return CONTACT_REASON if trajectory.peaks(made).contacts else None
+    return CONTACT_REASON if peaks(made, resources).contacts else None

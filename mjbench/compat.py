@@ -125,6 +125,14 @@ def warning_names() -> list[str]:
     return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
 
 
+def known(function: Any, **given: Any) -> dict[str, Any]:
+    """Return those of the keywords given that a function has in this release."""
+    import inspect
+
+    names = inspect.signature(function).parameters
+    return {name: value for name, value in given.items() if name in names}
+
+
 def has_clock(model: Any) -> bool:
     """Return whether the engine's timers have a clock now, which nobody gave them.
 

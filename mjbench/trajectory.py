@@ -56,19 +56,6 @@ class Contacts:
         return cls(np.asarray(simulation, dtype=int), np.sort(pairs, axis=1), normals)
 
 
-@dataclass(frozen=True)
-class Peaks:
-    """The most that any step of the reference run had; buffers of a fixed size are made for it.
-
-    Attributes:
-      contacts: of one simulation.
-      constraints: scalar constraints of one simulation.
-    """
-
-    contacts: int
-    constraints: int
-
-
 @dataclass(frozen=True, eq=False)
 class Singles:
     """Single steps of the reference engine.
@@ -99,22 +86,6 @@ class Run:
 
     states: np.ndarray
     free: int
-
-
-def peaks(workload: Workload) -> Peaks:
-    """Run the workload; return the most contacts and constraints of any simulation at any step."""
-    model, data = workload.model, mujoco.MjData(workload.model)
-    contacts = constraints = 0
-    spec = compat.state_spec("INTEGRATION")
-    for start, control in zip(workload.initial_state, workload.control, strict=True):
-        mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, start, spec)
-        for ctrl in control:
-            data.ctrl[:] = ctrl
-            for _ in range(workload.hold):
-                mujoco.mj_step(model, data)
-                contacts, constraints = max(contacts, data.ncon), max(constraints, data.nefc)
-    return Peaks(int(contacts), int(constraints))
 
 
 def run(workload: Workload, nsim: int, rounded: bool = False) -> Run:

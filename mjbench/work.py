@@ -40,6 +40,19 @@ class Work:
         return asdict(self)
 
 
+@dataclass(frozen=True)
+class Peaks:
+    """The most that any step of the reference run had; buffers of a fixed size are made for it.
+
+    Attributes:
+      contacts: of one simulation.
+      constraints: scalar constraints of one simulation.
+    """
+
+    contacts: int
+    constraints: int
+
+
 @dataclass(frozen=True, eq=False)
 class Observation:
     """The reference run of a workload.
@@ -48,12 +61,14 @@ class Observation:
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       warnings: (nbatch, nwarning) how often each mjtWarning was raised.
       work: what a step did, averaged over the simulations without warnings.
+      peaks: the most that a step of any simulation did.
       start_contacts: contacts at the first simulation's start.
     """
 
     final_state: np.ndarray
     warnings: np.ndarray
     work: Work
+    peaks: Peaks
     start_contacts: int
 
     @property
@@ -75,6 +90,7 @@ def observe(workload: Workload) -> Observation:
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
     counts = np.zeros((workload.nbatch, 3))
+    most = np.zeros(2, dtype=int)
     start_contacts = 0
     for i in range(workload.nbatch):
         mujoco.mj_resetData(model, data)
@@ -83,12 +99,13 @@ def observe(workload: Workload) -> Observation:
             mujoco.mj_forward(model, data)
             start_contacts = int(data.ncon)
             compat.set_state(model, data, workload.initial_state[i], spec)
-        counts[i] = _step(model, data, workload.control[i], workload.hold)
+        counts[i] = _step(model, data, workload.control[i], workload.hold, most)
         warnings[i] = compat.warning_counts(data)
         compat.get_state(model, data, final_state[i], spec)
     healthy = ~warnings.any(axis=1)
     mean = counts[healthy].sum(axis=0) / max(1, int(healthy.sum()) * workload.nstep)
-    return Observation(final_state, warnings, Work(*map(float, mean)), start_contacts)
+    peaks = Peaks(*map(int, most))
+    return Observation(final_state, warnings, Work(*map(float, mean)), peaks, start_contacts)
 
 
 def healthy(workload: Workload) -> tuple[Workload, Observation]:
@@ -142,15 +159,22 @@ def step_s(model: Any) -> float:
     return max(best, 1e-8)
 
 
-def _step(model: Any, data: Any, control: np.ndarray, hold: int) -> tuple[int, int, int]:
-    """Step one simulation through its controls; return the three counters, summed."""
+def _step(
+    model: Any, data: Any, control: np.ndarray, hold: int, most: np.ndarray
+) -> tuple[int, int, int]:
+    """Step one simulation through its controls; return the three counters, summed.
+
+    `most`, contacts and constraints, is raised where a step had more.
+    """
     contacts = constraints = iterations = 0
     for ctrl in control:
         data.ctrl[:] = ctrl
         for _ in range(hold):
             mujoco.mj_step(model, data)
-            contacts += int(data.ncon)
-            constraints += int(data.nefc)
+            ncon, nefc = int(data.ncon), int(data.nefc)
+            contacts += ncon
+            constraints += nefc
+            most[:] = max(most[0], ncon), max(most[1], nefc)
             iterations += compat.solver_iterations(data)
     return contacts, constraints, iterations
 

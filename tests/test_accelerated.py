@@ -23,6 +23,7 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.base import States
 from mjbench.report import results
+from mjbench.work import Peaks, observe
 from tests.commands import PYTHONPATH, mjbench
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
@@ -96,6 +97,9 @@ class Pretender(Accelerated):
     def device_kind(self) -> str:
         return "cpu"
 
+    def fields(self, model: Any) -> Any:
+        return workload.fields(model, made().initial_state)
+
     def snippet(self, workload: Any, options: Any) -> str:
         return ""
 
@@ -148,7 +152,7 @@ def with_steps(work: workload.Workload, nstep: int) -> workload.Workload:
 )
 def test_a_wrong_engine_is_refused(wrong: str, said: str) -> None:
     work = made()
-    compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
+    compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
     found = agreement.failures(apart.check(work, compiled, "float64")[0])
     assert any(said in line for line in found), found
 
@@ -156,14 +160,14 @@ def test_a_wrong_engine_is_refused(wrong: str, said: str) -> None:
 @pytest.mark.parametrize("wrong", ["still", "nan", "start"])
 def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
     work = made("humanoid")
-    compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
+    compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
     assert agreement.failures(apart.check(work, compiled, "float64")[0])
 
 
 def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told() -> None:
     for wrong, said in (("", ""), ("block", "timed blocks end")):
         work = made()
-        compiled = Pretender(wrong).compiled(work, {}, trajectory.Peaks(0, 0))
+        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
         checked, reached = apart.check(work, compiled, "float64")
         assert apart._other_end(work, compiled, reached, checked).startswith(said)
         assert bool(apart._other_end(work, compiled, reached, checked)) == bool(said)
@@ -190,7 +194,7 @@ def test_the_snippet_of_mjx_computes_what_c_computes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])
 def test_the_reference_engine_itself_passes(model: str) -> None:
     work = made(model)
-    compiled = Pretender().compiled(work, {}, trajectory.Peaks(0, 0))
+    compiled = Pretender().compiled(work, {}, Peaks(0, 0))
     checked, _ = apart.check(work, compiled, "float64")
     assert agreement.failures(checked) == []
     assert checked["final_difference"] == 0
@@ -379,7 +383,7 @@ def test_a_buffer_of_warp_that_was_too_small_is_told() -> None:
 
 def test_buffers_are_sized_by_the_peak_of_the_reference_run() -> None:
     work = made("cube_table", nbatch=3, nstep=10)
-    found = trajectory.peaks(work)
+    found = observe(work).peaks
     run = trajectory.run(work, work.nbatch)
     singles = trajectory.singles(work, run, 10**6, rounded=False)
     assert found.contacts == singles.contacts.counts(len(singles.state)).max() > 0

@@ -14,10 +14,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mjbench import compat, trajectory
-from mjbench.errors import InputError, MachineError
+from mjbench import compat, work
+from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths.base import Options, Path, Prepared, Resources, States
-from mjbench.trajectory import Contacts, Peaks
+from mjbench.trajectory import Contacts
+from mjbench.work import Peaks
 from mjbench.workload import Workload, fields
 
 # Room for contacts and constraints, as a multiple of the reference run's peak.
@@ -69,6 +70,7 @@ class Accelerated(Path):
       precision: `float32` or `float64`.
       extra: of mjbench that installs what it needs.
       packages: modules that it needs.
+      engine: what people call it.
       usual: whether `--paths usual` has it.
     """
 
@@ -77,6 +79,7 @@ class Accelerated(Path):
     precision: ClassVar[str]
     extra: ClassVar[str]
     packages: ClassVar[tuple[str, ...]]
+    engine: ClassVar[str] = "the engine"
 
     def unavailable(self) -> str | None:
         """Return which extra to install where a package is missing."""
@@ -89,14 +92,26 @@ class Accelerated(Path):
     def device_kind(self) -> str:
         """Return the kind of device that it would run on, `cpu` or not."""
 
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """Return the engine's own reason for not taking the model or its start states."""
+        try:
+            taken(start_fields(workload), self.fields(workload.model), self.engine)
+        except Exception as error:  # whatever an engine says of a model that it does not take
+            said = one_line(error) or type(error).__name__
+            return f"{self.engine} does not take this model: {said}"
+        return None
+
+    @abstractmethod
+    def fields(self, model: Any) -> Mapping[str, Any]:
+        """Return the engine's Data of a model by field; any error says that it does not take it."""
+
     def environment(self) -> dict[str, str | None]:
         """Return environment variables for its process, set before it starts; None removes one."""
         return {}
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Compiled:
         """Return a compiled run, with buffers for what the reference run needs."""
-        peaks = resources.kept("peaks", lambda: trajectory.peaks(workload))
-        return self.compiled(workload, options, peaks)
+        return self.compiled(workload, options, peaks(workload, resources))
 
     @abstractmethod
     def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
@@ -123,6 +138,13 @@ def taken(found: Mapping[str, np.ndarray], known: Mapping[str, Any], engine: str
         elif values.any():
             raise InputError(f"{engine} keeps no {name}, which the start states have")
     return kept
+
+
+def peaks(workload: Workload, resources: Resources) -> Peaks:
+    """Return the most that a step of the reference run did; it is run once."""
+    made = resources.kept("peaks", lambda: work.observe(workload).peaks)
+    assert isinstance(made, Peaks)
+    return made
 
 
 def room_for(peaks: Peaks) -> int:

@@ -5,14 +5,14 @@ nothing that a step computes can be left out. The number of steps is an argument
 one that is timed also does the single steps by which it is judged.
 """
 
-import inspect
 import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
-from mjbench.errors import InputError, one_line
+from mjbench import compat
+from mjbench.errors import InputError
 from mjbench.paths.accelerated import (
     ROOM,
     Accelerated,
@@ -25,7 +25,8 @@ from mjbench.paths.accelerated import (
     taken,
 )
 from mjbench.paths.base import Options, States
-from mjbench.trajectory import Contacts, Peaks
+from mjbench.trajectory import Contacts
+from mjbench.work import Peaks
 from mjbench.workload import Workload
 
 
@@ -36,6 +37,7 @@ class Mjx(Accelerated):
     summary = "MJX: jit(vmap(loop of mjx.step)), float32"
     precision = "float32"
     extra = "mjx"
+    engine = "MJX"
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx")
     usual = True
     impl: ClassVar[str] = "jax"
@@ -55,16 +57,10 @@ class Mjx(Accelerated):
 
         return str(jax.devices()[0].platform)
 
-    def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """Return MJX's own reason for not taking the model."""
-        try:
-            self._put(workload.model)
-            empty = self._data(workload.model, Peaks(1, 1), 1)
-            taken(start_fields(workload), vars(empty), "MJX")
-        except Exception as error:  # whatever MJX says of a model that it does not take
-            said = one_line(error) or type(error).__name__
-            return f"MJX does not take this model: {said}"
-        return None
+    def fields(self, model: Any) -> Mapping[str, Any]:
+        """Return MJX's Data of a model."""
+        self._put(model)
+        return dict(vars(self._data(model, Peaks(1, 1), 1)))
 
     def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         """Trace and compile the program; see the module."""
@@ -79,7 +75,7 @@ class Mjx(Accelerated):
             raise InputError(f"JAX computes in {leaves['qpos'].dtype}, not {self.precision}")
 
         def on_device(found: Mapping[str, np.ndarray]) -> dict[str, Any]:
-            kept = taken(found, leaves, "MJX")
+            kept = taken(found, leaves, self.engine)
             return {
                 name: jax.device_put(
                     values.reshape(-1, *leaves[name].shape).astype(leaves[name].dtype)
@@ -182,16 +178,12 @@ class Mjx(Accelerated):
     def _put(self, model: Any) -> Any:
         from mujoco import mjx
 
-        return mjx.put_model(model, **self._impl(mjx.put_model))
+        return mjx.put_model(model, **compat.known(mjx.put_model, impl=self.impl))
 
     def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
         from mujoco import mjx
 
-        return mjx.make_data(model, **self._impl(mjx.make_data))
-
-    def _impl(self, function: Any) -> dict[str, Any]:
-        known = inspect.signature(function).parameters
-        return {"impl": self.impl} if "impl" in known else {}
+        return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl))
 
 
 class Mjx64(Mjx):
@@ -223,13 +215,11 @@ class MjxWarp(Mjx):
     def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
         from mujoco import mjx
 
-        known = inspect.signature(mjx.make_data).parameters
         contacts = room_for(peaks) * nbatch
-        room = {"naconmax": contacts, "nconmax": contacts}
-        sizes = {name: size for name, size in room.items() if name in known}
-        return mjx.make_data(
-            model, njmax=max(1, ROOM * peaks.constraints), **sizes, **self._impl(mjx.make_data)
-        )
+        sizes = compat.known(
+            mjx.make_data, impl=self.impl, naconmax=contacts, nconmax=contacts
+        )  # one of them, by release
+        return mjx.make_data(model, njmax=max(1, ROOM * peaks.constraints), **sizes)
 
 
 def _settled(step: Any, empty: Any) -> Any:

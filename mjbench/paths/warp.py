@@ -1,14 +1,12 @@
 """MuJoCo Warp: MuJoCo written in NVIDIA Warp, for a CUDA GPU; it runs on a CPU as well."""
 
-import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mjbench.errors import one_line
 from mjbench.paths.accelerated import (
     ROOM,
     Accelerated,
@@ -21,7 +19,8 @@ from mjbench.paths.accelerated import (
     taken,
 )
 from mjbench.paths.base import Options, States
-from mjbench.trajectory import Contacts, Peaks
+from mjbench.trajectory import Contacts
+from mjbench.work import Peaks
 from mjbench.workload import Workload
 
 
@@ -32,6 +31,7 @@ class Warp(Accelerated):
     summary = "MuJoCo Warp: mujoco_warp.step over all worlds, float32"
     precision = "float32"
     extra = "warp"
+    engine = "MuJoCo Warp"
     packages = ("warp", "mujoco_warp")
 
     def device_kind(self) -> str:
@@ -41,19 +41,13 @@ class Warp(Accelerated):
         _quiet()
         return "cpu" if wp.get_device().is_cpu else "cuda"
 
-    def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """Return MuJoCo Warp's own reason for not taking the model."""
+    def fields(self, model: Any) -> Mapping[str, Any]:
+        """Return MuJoCo Warp's Data of a model."""
         import mujoco_warp
 
         _quiet()
-        try:
-            mujoco_warp.put_model(workload.model)
-            empty = mujoco_warp.make_data(workload.model)
-            taken(start_fields(workload), vars(empty), "MuJoCo Warp")
-        except Exception as error:  # whatever it says of a model that it does not take
-            said = one_line(error) or type(error).__name__
-            return f"MuJoCo Warp does not take this model: {said}"
-        return None
+        mujoco_warp.put_model(model)
+        return dict(vars(mujoco_warp.make_data(model)))
 
     def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         """Compile the kernels anew by a first step; capture it on a GPU."""
@@ -80,7 +74,7 @@ class Warp(Accelerated):
         def on_device(found: Mapping[str, np.ndarray]) -> dict[str, Any]:
             return {
                 name: _like(arrays[name], values)
-                for name, values in taken(found, arrays, "MuJoCo Warp").items()
+                for name, values in taken(found, arrays, self.engine).items()
             }
 
         def controls_on_device(controls: np.ndarray) -> list[Any]:
@@ -89,17 +83,17 @@ class Warp(Accelerated):
         origin, controls = on_device(start_fields(workload)), controls_on_device(workload.control)
         step = _captured(wp, lambda: mujoco_warp.step(model, data))
 
-        def restore(start: Mapping[str, Any]) -> None:
+        def rollout(start: Mapping[str, Any], held: Sequence[Any], nstep: int) -> None:
             for name, values in start.items():
                 wp.copy(arrays[name], values)
+            for k in range(nstep):
+                if k % hold == 0:
+                    wp.copy(data.ctrl, held[k // hold])
+                step()
+            wp.synchronize()
 
         def run() -> None:
-            restore(origin)
-            for control in controls:
-                wp.copy(data.ctrl, control)
-                for _ in range(hold):
-                    step()
-            wp.synchronize()
+            rollout(origin, controls, workload.nstep)
 
         def clear() -> None:
             data.overflow.zero_()
@@ -120,12 +114,7 @@ class Warp(Accelerated):
 
         def advance(given: Mapping[str, np.ndarray], control: np.ndarray, count: int) -> After:
             data.overflow.zero_()
-            restore(on_device(given))
-            held = controls_on_device(control)
-            for k in range(count):
-                wp.copy(data.ctrl, held[k // hold])
-                step()
-            wp.synchronize()
+            rollout(on_device(given), controls_on_device(control), count)
             return After(found(), _contacts(data))
 
         device = wp.get_device()
@@ -168,6 +157,8 @@ def quiet_and_uncached() -> None:
 
     Its cache is a folder where this process stands, which goes with it (see `isolate`).
     """
+    import tempfile
+
     import warp as wp
 
     _quiet()

@@ -15,9 +15,10 @@ from mjbench.runs import SCHEMA, Record
 
 # Between paths this close to the fastest, advice prefers the one listed first: the simpler one.
 CLOSE_ENOUGH = 0.99
-# What is told of a path that compiles.
+# What must not differ where something was compiled: what compiled it, and with which flags.
 _COMPILERS = ("jax", "jaxlib", "warp-lang")
 _COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
+# What is told of a path that compiles.
 COMPILED = ("precision", "device", "trace_s", "compile_s", "memory_bytes", "check")
 
 
