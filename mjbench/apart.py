@@ -83,7 +83,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     `workload.portable`), `named` (whether the user asked for this path), `limit_s`.
 
     Messages: `verdict` (agreement), `compiled` (device, seconds of its stages), `sample` (seconds
-    of a steady block), `memory` (bytes at most).
+    of a steady block), `memory` (bytes at most, of the process and of a GPU).
     """
     name, path = request["model"]["name"], _accelerated(request["path"])
     channel.where(f"loading {name}")
@@ -129,7 +129,9 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
         if wrong:
             verdict |= {"status": "disagrees", "detail": wrong}
             channel.send(**verdict, agrees=False, agreement=wrong, check=checked)
-    channel.send(kind="memory", memory_bytes=memory_bytes())
+    channel.send(
+        kind="memory", memory_bytes=memory_bytes(), gpu_memory_bytes=compiled.gpu_memory_bytes()
+    )
     resources.close()
 
 

@@ -252,6 +252,7 @@ class _Progress:
             "trace_s": told.get("trace_s"),
             "compile_s": told.get("compile_s"),
             "memory_bytes": told.get("memory_bytes"),
+            "gpu_memory_bytes": told.get("gpu_memory_bytes"),
             "check": self.verdicts.get(index, {}).get("check"),
         }
 

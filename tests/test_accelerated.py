@@ -173,8 +173,14 @@ def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told() -> No
         assert bool(apart._other_end(work, compiled, reached, checked)) == bool(said)
 
 
-def test_the_snippet_of_mjx_computes_what_c_computes(tmp_path: Path) -> None:
-    path, work = available("mjx64"), made()
+@pytest.mark.parametrize(
+    ("name", "result", "within"),
+    [("mjx64", "[final.time, final.qpos]", 1e-12), ("warp", "[d.time, d.qpos]", 1e-5)],
+)
+def test_the_snippet_computes_what_c_computes(
+    name: str, result: str, within: float, tmp_path: Path
+) -> None:
+    path, work = available(name), made()
     np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
     (tmp_path / "run.py").write_text(
         "import numpy as np\n"
@@ -183,12 +189,14 @@ def test_the_snippet_of_mjx_computes_what_c_computes(tmp_path: Path) -> None:
         "given = np.load('in.npz')\n"
         "initial_state, control = given['state'], given['control']\n"
         f"{path.snippet(work, {})}\n"
-        "np.save('out.npy', np.asarray(final.qpos))\n"
+        f"rows = [np.asarray(x).reshape(len(initial_state), -1) for x in {result}]\n"
+        "np.save('out.npy', np.hstack(rows))\n"
     )
     subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
     want = trajectory.run(work, NBATCH).states[:, work.nstep]
-    qpos = workload.fields(work.model, want)["qpos"]
-    assert np.abs(np.load(tmp_path / "out.npy") - qpos).max() < 1e-12
+    fields = workload.fields(work.model, want)
+    got = np.load(tmp_path / "out.npy")
+    assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
 
 
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])
@@ -343,6 +351,26 @@ def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Pat
 def check_of(precision: str, **strays: float) -> dict[str, Any]:
     kinds = ("free", "constrained", "contact")
     return {"precision": precision} | {f"{k}_stray": strays.get(k) for k in kinds}
+
+
+@pytest.mark.parametrize(
+    ("precision", "shadow", "stray", "difference", "passes"),
+    [
+        ("float32", 1e-6, 1e-8, 9e-6, True),
+        ("float32", 1e-6, 1e-8, 1.1e-5, False),
+        ("float32", 1e-9, 2e-6, 1.9e-5, True),  # a lucky shadow of one step
+        ("float32", 1e-9, 2e-6, 2.1e-5, False),
+        ("float64", 1e-6, 1e-13, 0.9e-10, True),
+        ("float64", 1e-6, 1e-13, 1.1e-10, False),
+    ],
+)
+def test_a_free_run_is_held_to_the_shadow_or_to_single_steps(
+    precision: str, shadow: float, stray: float, difference: float, passes: bool
+) -> None:
+    run = {"received": True, "still": False, "lost": 0, "free_nstep": 3}
+    strays = {"free_shadow": shadow, "free_difference": difference}
+    found = agreement.failures(check_of(precision, free=stray) | run | strays)
+    assert found == [] if passes else "3 free steps stray" in found[0]
 
 
 def test_float64_tells_precision_from_algorithm() -> None:

@@ -51,6 +51,8 @@ class Compiled(Prepared):
       device: what it runs on, such as `cpu` or `NVIDIA H200`.
       trace_s: seconds from Python to what the compiler takes; None where there is no such stage.
       compile_s: seconds of the compiler.
+      gpu_memory_bytes: () → the most memory of the GPU that was taken; None on a CPU, or where the
+        engine does not tell.
       advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) → After:
         the very program that is timed, from other states and for as many steps as one likes.
     """
@@ -58,6 +60,7 @@ class Compiled(Prepared):
     device: str = ""
     trace_s: float | None = None
     compile_s: float = 0.0
+    gpu_memory_bytes: Callable[[], int | None] = lambda: None
     advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], After] = field(
         default=None  # type: ignore[assignment]
     )

@@ -49,6 +49,8 @@ class Mjx(Accelerated):
             "JAX_ENABLE_X64": "1" if self.precision == "float64" else "0",
             "JAX_COMPILATION_CACHE_DIR": None,
             "JAX_ENABLE_COMPILATION_CACHE": "0",
+            "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # else a GPU's memory is no figure, and
+            # Warp, called from JAX, has what is left
         }
 
     def device_kind(self) -> str:
@@ -138,6 +140,7 @@ class Mjx(Accelerated):
             device=name,
             trace_s=traced - begin,
             compile_s=ready - traced,
+            gpu_memory_bytes=lambda: (device.memory_stats() or {}).get("peak_bytes_in_use"),
             advance=advance,
         )
 
@@ -166,7 +169,7 @@ class Mjx(Accelerated):
             "datas = [mujoco.MjData(model) for _ in initial_state]\n"
             "for data, state in zip(datas, initial_state):\n"
             "    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)\n"
-            'names = ("qpos", "qvel", "act", "qacc_warmstart")\n'
+            'names = ("time", "qpos", "qvel", "act", "qacc_warmstart")\n'
             "start = {n: np.array([getattr(d, n) for d in datas]) for n in names}\n\n\n"
             "def step(data, ctrl):\n"
             f"{held}\n\n"

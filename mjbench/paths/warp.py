@@ -25,10 +25,10 @@ from mjbench.workload import Workload
 
 
 class Warp(Accelerated):
-    """MuJoCo Warp by itself; on a GPU a step is a captured graph."""
+    """MuJoCo Warp by itself; a step is a captured graph, on a GPU and on a CPU."""
 
     name = "warp"
-    summary = "MuJoCo Warp: mujoco_warp.step over all worlds, float32"
+    summary = "MuJoCo Warp: mujoco_warp.step over all worlds as a captured graph, float32"
     precision = "float32"
     extra = "warp"
     engine = "MuJoCo Warp"
@@ -50,7 +50,7 @@ class Warp(Accelerated):
         return dict(vars(mujoco_warp.make_data(model)))
 
     def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Compile the kernels anew by a first step; capture it on a GPU."""
+        """Compile the kernels anew by a first step, then capture one as a graph."""
         import mujoco_warp
         import warp as wp
 
@@ -67,6 +67,8 @@ class Warp(Accelerated):
         wp.synchronize()
         made = time.perf_counter()
         mujoco_warp.step(model, data)
+        with wp.ScopedCapture() as capture:
+            mujoco_warp.step(model, data)
         wp.synchronize()
         compiled = time.perf_counter()
         arrays = {n: v for n, v in vars(data).items() if isinstance(v, wp.array)}
@@ -81,7 +83,6 @@ class Warp(Accelerated):
             return [_like(data.ctrl, controls[:, k]) for k in range(controls.shape[1])]
 
         origin, controls = on_device(start_fields(workload)), controls_on_device(workload.control)
-        step = _captured(wp, lambda: mujoco_warp.step(model, data))
 
         def rollout(start: Mapping[str, Any], held: Sequence[Any], nstep: int) -> None:
             for name, values in start.items():
@@ -89,7 +90,7 @@ class Warp(Accelerated):
             for k in range(nstep):
                 if k % hold == 0:
                     wp.copy(data.ctrl, held[k // hold])
-                step()
+                wp.capture_launch(capture.graph)
             wp.synchronize()
 
         def run() -> None:
@@ -125,11 +126,12 @@ class Warp(Accelerated):
             device="cpu" if device.is_cpu else device.name,
             trace_s=made - begin,
             compile_s=compiled - made,
+            gpu_memory_bytes=lambda: _most_memory(device),
             advance=advance,
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return the loop; a GPU user captures the step."""
+        """Return the loop over a captured step."""
         spec = "mujoco.mjtState.mjSTATE_INTEGRATION"
         times = (
             f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
@@ -139,15 +141,18 @@ class Warp(Accelerated):
             "m = mjw.put_model(model)\n"
             "# naconmax= and njmax= make room for contacts\n"
             "d = mjw.make_data(model, nworld=len(initial_state))\n"
+            "mjw.step(m, d)  # compiles\n"
+            "with wp.ScopedCapture() as capture:\n"
+            "    mjw.step(m, d)\n"
             "datas = [mujoco.MjData(model) for _ in initial_state]\n"
             "for data, state in zip(datas, initial_state):\n"
             f"    mujoco.mj_setState(model, data, state, {spec})\n"
-            'for name in ("qpos", "qvel", "act", "qacc_warmstart"):\n'
+            'for name in ("time", "qpos", "qvel", "act", "qacc_warmstart"):\n'
             "    values = np.array([getattr(x, name) for x in datas], dtype=np.float32)\n"
             "    getattr(d, name).assign(values)\n"
             "ctrl = wp.array(control.transpose(1, 0, 2), dtype=wp.float32)\n"
             "for k in range(control.shape[1]):\n"
-            f"    wp.copy(d.ctrl, ctrl[k]){times}mjw.step(m, d)  # on a GPU: wp.ScopedCapture\n"
+            f"    wp.copy(d.ctrl, ctrl[k]){times}wp.capture_launch(capture.graph)\n"
             "wp.synchronize()"
         )
 
@@ -180,13 +185,13 @@ def _like(array: Any, values: np.ndarray) -> Any:
     return made
 
 
-def _captured(wp: Any, step: Any) -> Any:
-    """Return the step as a captured graph where the device has them."""
-    if wp.get_device().is_cpu:
-        return step
-    with wp.ScopedCapture() as capture:
-        step()
-    return lambda: wp.capture_launch(capture.graph)
+def _most_memory(device: Any) -> int | None:
+    """Return the most bytes that were taken of a GPU's pool of memory."""
+    import warp as wp
+
+    if device.is_cpu or not wp.is_mempool_enabled(device):
+        return None
+    return int(wp.get_mempool_used_mem_high(device))
 
 
 def _contacts(data: Any) -> Contacts:

@@ -19,7 +19,15 @@ CLOSE_ENOUGH = 0.99
 _COMPILERS = ("jax", "jaxlib", "warp-lang")
 _COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
 # What is told of a path that compiles.
-COMPILED = ("precision", "device", "trace_s", "compile_s", "memory_bytes", "check")
+COMPILED = (
+    "precision",
+    "device",
+    "trace_s",
+    "compile_s",
+    "memory_bytes",
+    "gpu_memory_bytes",
+    "check",
+)
 
 
 def of_model(records: Sequence[Record]) -> list[Record]:
@@ -28,8 +36,8 @@ def of_model(records: Sequence[Record]) -> list[Record]:
     Keys: model, path, options, status, detail, agrees, agreement, closed_loop, nbatch, nstep,
     hold, diverged, steps_per_s, step_ns (median, min), realtime_factor, speedup (median, low,
     high), work, rounds, snippet, nbatch_asked; for a path that compiles also precision, device,
-    trace_s, compile_s, memory_bytes, check and overtakes_after_steps (steps of the plain loop after
-    which its own compilation is made up for). What cannot be said is None.
+    trace_s, compile_s, memory_bytes, gpu_memory_bytes, check and overtakes_after_steps (steps of
+    the plain loop after which its own compilation is made up for). What cannot be said is None.
     """
     head = next((r for r in records if r["type"] == "model"), {})
     rows = [r for r in records if r["type"] == "measurement"]
@@ -234,7 +242,7 @@ def _result(row: Record, base: Record | None, timestep: float | None) -> Record:
     result |= {"work": row["work"], "rounds": len(row["samples_s"]), "snippet": row["snippet"]}
     result["nbatch_asked"] = row.get("nbatch_asked")
     if _compiles(row):
-        result |= {key: row[key] for key in COMPILED} | {"overtakes_after_steps": None}
+        result |= {key: row.get(key) for key in COMPILED} | {"overtakes_after_steps": None}
     if not _timed(row):
         return result
     steps, samples = row["nbatch"] * row["nstep"], row["samples_s"]

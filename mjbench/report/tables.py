@@ -153,7 +153,7 @@ def _table(results: Sequence[Record]) -> Table:
 def _compiled_table(results: Sequence[Record]) -> Table:
     """Return what compiling cost, and after how many steps of the plain loop it has paid."""
     table = plain_table(
-        ["compiled", "precision", "device", "trace s", "compile s", "steady ns/step", "host memory",
+        ["compiled", "precision", "device", "trace s", "compile s", "steady ns/step", "memory",
          "pays after"],
         right=range(3, 7),
     )  # fmt: skip
@@ -170,10 +170,16 @@ def _compiled_table(results: Sequence[Record]) -> Table:
             "" if r["trace_s"] is None else f"{r['trace_s']:.1f}",
             f"{r['compile_s']:.1f}",
             f"{r['step_ns']['median']:,.0f}" if r["step_ns"] else "",
-            f"{r['memory_bytes'] / 2**20:,.0f} MiB" if r["memory_bytes"] else "",
+            _memory(r),
             pays,
         )
     return table
+
+
+def _memory(result: Record) -> str:
+    """Return the most memory that the process had, and that of the GPU."""
+    kinds = {"": result["memory_bytes"], "GPU ": result.get("gpu_memory_bytes")}
+    return ", ".join(f"{kind}{n / 2**20:,.0f} MiB" for kind, n in kinds.items() if n)
 
 
 def print_crossovers(out: Console, results: Sequence[Record]) -> None:
