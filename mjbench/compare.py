@@ -7,13 +7,12 @@ each, after all others and alone (see `apart`).
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mjbench import apart, child, isolate, machine, measure, models, paths
-from mjbench.errors import InputError
+from mjbench import apart, child, isolate, machine, measure, models, paths, selection
 from mjbench.paths.accelerated import Accelerated
 from mjbench.runs import Record
 
@@ -51,93 +50,6 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as JSON-ready values."""
         return dataclasses.asdict(self)
-
-
-def default_threads() -> list[int]:
-    """Return the thread counts tried by default: one, and every usable core."""
-    return sorted({1, machine.usable_cores()})
-
-
-def variants(
-    names: Sequence[str],
-    threads: Sequence[int] | None = None,
-    choices: Mapping[str, Sequence[Any]] | None = None,
-) -> tuple[tuple[str, dict[str, Any]], ...]:
-    """Return the variants of the named paths, the base path first (added if missing).
-
-    Args:
-      names: path names, or words for several (see `expanded`); empty for the C paths.
-      threads: thread counts for every path that has them; None for the default ones.
-      choices: further option values by option name.
-
-    Raises:
-      InputError: an unknown path.
-    """
-    counts = list(threads or default_threads())
-    # Python threads and processes at one worker are the plain loop with a detour
-    workers = counts if threads else [max(counts)]
-    asked = expanded(names or ["c"])
-    found = []
-    for name in [paths.BASE, *(n for n in asked if n != paths.BASE)]:
-        path = paths.find(name)
-        values = dict(choices or {})
-        values["threads"] = workers if name == "threads" else counts
-        values["processes"] = workers
-        found += [(name, options) for options in path.variants(values)]
-    return tuple(found)
-
-
-def expanded(words: Sequence[str]) -> list[str]:
-    """Return the paths that words name; `c` is all C paths, `usual` those and MJX if installed."""
-    found: list[str] = []
-    for word in words:
-        if word in ("c", "usual"):
-            found += [n for n in paths.registry() if not _compiles(n)]
-            found += [n for n in paths.registry() if word == "usual" and _usual(n)]
-        else:
-            found.append(word)
-    return list(dict.fromkeys(found))
-
-
-def rivals(names: Sequence[str]) -> list[str]:
-    """Return the C paths that a sweep of compiled paths is to overtake, if it names none."""
-    compiled = [name for name in names if _compiles(name)]
-    if compiled and not set(names) - {*compiled, paths.BASE}:
-        return [n for n, p in paths.registry().items() if "threads" in {o.name for o in p.options}]
-    return []
-
-
-def _compiles(name: str) -> bool:
-    return isinstance(paths.find(name), Accelerated)
-
-
-def _usual(name: str) -> bool:
-    path = paths.find(name)
-    return isinstance(path, Accelerated) and path.usual and path.unavailable() is None
-
-
-def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """Return option values by option name from words such as `pool=new,kept`.
-
-    Args:
-      words: of the command line.
-      names: of paths that may be the user's own.
-
-    Raises:
-      InputError: no such option, or a value that it cannot have.
-    """
-    known = {
-        option.name: option
-        for name in [*paths.registry(), *names]
-        for option in paths.find(name).options
-    }
-    found = {}
-    for word in words:
-        name, equals, values = word.partition("=")
-        if not equals or name not in known:
-            raise InputError(f"--option {word}: give NAME=VALUE, NAME one of {', '.join(known)}")
-        found[name] = [known[name].value(value) for value in values.split(",")]
-    return found
 
 
 @dataclass
@@ -297,7 +209,7 @@ def compare_model(source: models.Source, plan: Plan, progress: Progress) -> Outc
         progress(source.name, known.done())
 
     ended: isolate.Ended | None = None
-    compiling = [i for i, (name, _) in enumerate(plan.variants) if _compiles(name)]
+    compiling = [i for i, (name, _) in enumerate(plan.variants) if selection.compiles(name)]
     try:
         with child.scratch() as folder:
             work = folder / "work.pickle" if compiling else None

@@ -11,7 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjbench import agreement, apart, compare, isolate, models, paths, stats, trajectory, workload
+from mjbench import (
+    agreement,
+    apart,
+    compare,
+    isolate,
+    models,
+    paths,
+    selection,
+    stats,
+    trajectory,
+    workload,
+)
 from mjbench.errors import InputError, MachineError
 from mjbench.paths.accelerated import (
     Accelerated,
@@ -266,16 +277,16 @@ def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.Monke
         ("warp", "warp"),
     ):
         assert f"mjbench[{extra}]" in str(paths.find(name).unavailable())
-    assert not {"mjx", "mjx64"} & set(compare.expanded(["usual"]))
+    assert not {"mjx", "mjx64"} & set(selection.expanded(["usual"]))
 
 
 def test_words_stand_for_several_paths() -> None:
-    c = compare.expanded(["c"])
+    c = selection.expanded(["c"])
     assert "rollout" in c
     assert "mjx" not in c
-    assert compare.expanded(["mjx", "c", "rollout"]) == ["mjx", *c]
-    assert compare.rivals(["mjx"])
-    assert compare.rivals(["mjx", "rollout"]) == []
+    assert selection.expanded(["mjx", "c", "rollout"]) == ["mjx", *c]
+    assert selection.rivals(["mjx"])
+    assert selection.rivals(["mjx", "rollout"]) == []
 
 
 def test_a_model_that_mjx_does_not_take_is_told_with_its_own_reason(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def compare(
     results/runs; `mjbench show` prints it again.
     """
     from mjbench import compare as room
-    from mjbench import measure, models
+    from mjbench import measure, models, selection
 
     check_sizes(nstep, hold)
     sources = [models.resolve(name) for name in names or models.shipped()]
@@ -96,14 +96,14 @@ def compare(
     own = any(":" in name for name in path_names or ())
     if own:
         sys.path.insert(0, str(Path.cwd()))
-    asked = room.expanded(path_names or [])
-    choices = room.choices(chosen, asked)
+    asked = selection.expanded(path_names or [])
+    choices = selection.choices(chosen, asked)
     if chunk:
         choices["chunk"] = chunk
     sweep: list[int | None] = [*nbatch] if nbatch else [None]
     if asked and len(sweep) > 1:
-        asked = [*asked, *room.rivals(asked)]
-    variants = room.variants(asked, threads, choices)
+        asked = [*asked, *selection.rivals(asked)]
+    variants = selection.variants(asked, threads, choices)
     largest = max(max(o.get("threads", 1), o.get("processes", 1)) for _, o in variants)
     plan = room.Plan(
         variants=variants,
