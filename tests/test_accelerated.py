@@ -175,10 +175,12 @@ def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
     assert agreement.failures(apart.check(work, compiled, "float64")[0])
 
 
-def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told() -> None:
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told(exact: bool) -> None:
     for wrong, said in (("", ""), ("block", "timed blocks end")):
         work = made()
         compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
+        compiled.exact = exact
         checked, reached = apart.check(work, compiled, "float64")
         assert apart._other_end(work, compiled, reached, checked).startswith(said)
         assert bool(apart._other_end(work, compiled, reached, checked)) == bool(said)
@@ -208,6 +210,24 @@ def test_the_snippet_computes_what_c_computes(
     fields = workload.fields(work.model, want)
     got = np.load(tmp_path / "out.npy")
     assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
+
+
+def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As it is for a GPU."""
+    available("mjx64")
+    (tmp_path / "fixed.py").write_text(
+        "from mjbench.paths.mjx import Mjx64\n"
+        "class Fixed(Mjx64):\n"
+        "    name = 'fixed:Fixed'\n"
+        "    def counts_on_host(self): return True\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    ended, told = measured(available("fixed:Fixed"), made(), tmp_path, import_from=str(tmp_path))
+    assert ended.status == "ok", ended.detail
+    assert told["agrees"] is True, told["agreement"]
+    assert len(told["samples"]) >= apart.LEAST_BLOCKS
 
 
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])

@@ -51,6 +51,8 @@ class Compiled(Prepared):
       device: what it runs on, such as `cpu` or `NVIDIA H200`.
       trace_s: seconds from Python to what the compiler takes; None where there is no such stage.
       compile_s: seconds of the compiler.
+      exact: whether a timed run repeats the checked one to the last bit: one program, on a CPU. A
+        GPU adds in any order.
       gpu_memory_bytes: () → the most memory of the GPU that was taken; None on a CPU, or where the
         engine does not tell.
       advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) → After:
@@ -60,6 +62,7 @@ class Compiled(Prepared):
     device: str = ""
     trace_s: float | None = None
     compile_s: float = 0.0
+    exact: bool = True
     gpu_memory_bytes: Callable[[], int | None] = lambda: None
     advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], After] = field(
         default=None  # type: ignore[assignment]

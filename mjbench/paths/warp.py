@@ -126,6 +126,7 @@ class Warp(Accelerated):
             device="cpu" if device.is_cpu else device.name,
             trace_s=made - begin,
             compile_s=compiled - made,
+            exact=device.is_cpu,
             gpu_memory_bytes=lambda: _most_memory(device),
             advance=advance,
         )
