@@ -5,7 +5,6 @@ mujoco-mjx has an asv configuration of its own, with JAX pinned: benchmarks/asv.
 """
 
 import functools
-import pickle
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,9 @@ import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench import apart, isolate, models, paths, timing, workload
+from mjbench import apart, isolate, models, paths, timing, work, workload
 from mjbench.errors import MachineError
+from mjbench.paths.accelerated import hand_over
 
 NBATCH, NSTEP = 1024, 100
 # Of the contest with the program by hand: steps of a block, and pairs of blocks. A pair of a 2-core
@@ -137,7 +137,8 @@ def _measured(model: str, nbatch: int) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "work.pickle"
-        file.write_bytes(pickle.dumps(workload.portable(stored.stored_workload(model, nbatch))))
+        made = stored.stored_workload(model, nbatch)
+        hand_over(made, work.observe(made).peaks, file)
         ended = apart.run(models.resolve(model), "mjx", {}, file, take)
     if told.get("status") == "unavailable" or (ended.status == "failed" and "trace_s" not in told):
         raise NotImplementedError(told.get("detail") or ended.detail)

@@ -4,7 +4,6 @@ The order is: load, choose sizes, reference run, then for each variant prepare a
 only then time those that agree, in turns. Every block's final states are compared again.
 """
 
-import pickle
 import statistics
 import time
 from collections.abc import Sequence
@@ -15,11 +14,13 @@ from typing import Any
 from mjbench import agreement, compat, machine, models, paths, stats, timing, work
 from mjbench.errors import InputError
 from mjbench.isolate import Channel
-from mjbench.workload import Workload, make, portable
+from mjbench.paths.accelerated import hand_over
+from mjbench.workload import Workload, make
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S they shrink until it takes about BLOCK_S, first the steps, then the simulations, to
-# no fewer than the least; where that is still too long the steps shrink again, to one if need be.
+# no fewer than the least; where that is still too long the steps shrink again, to one if need be,
+# unless paths that compile take part: one step alone would time what their program begins with.
 NBATCH, NSTEP = 64, 200
 LEAST_NSTEP, LEAST_NBATCH = 10, 8
 LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
@@ -93,7 +94,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.expect(patience_s)
     workload, observed, spread = work.borne(model, nbatch, nstep, request["hold"], request["seed"])
     if request["work"]:
-        Path(request["work"]).write_bytes(pickle.dumps(portable(workload)))
+        hand_over(workload, observed.peaks, Path(request["work"]))
     bench = Bench.of(workload, observed)
     channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
     contact = None if bench.observed.start_contacts else _contact_bench(request)
@@ -318,7 +319,7 @@ def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
     if free_nbatch and nbatch * nstep > steps:
         nbatch = min(nbatch, max(least_nbatch, steps // nstep))
     most = max(1, int(LONG_BLOCK_S / step_s))
-    if free_nstep and nbatch * nstep > most:
+    if free_nstep and nbatch * nstep > most and not request.get("work"):
         nstep = min(nstep, _multiple(max(1, most // nbatch), hold))
     return nbatch, nstep, (nbatch, nstep) != asked
 

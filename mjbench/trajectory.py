@@ -37,14 +37,18 @@ class Contacts:
         """(nbatch,) contacts of each simulation."""
         return np.bincount(self.simulation, minlength=nbatch)
 
+    def first(self, nbatch: int) -> "Contacts":
+        """Return the contacts of the first simulations."""
+        kept = self.simulation < nbatch
+        return Contacts(self.simulation[kept], self.geom[kept], self.normal[kept])
+
     @classmethod
-    def joined(cls, parts: Sequence["Contacts"], nbatch: int, count: int) -> "Contacts":
-        """Return the contacts of batches that follow each other, of the first `count` alone."""
+    def joined(cls, parts: Sequence["Contacts"], nbatch: int) -> "Contacts":
+        """Return the contacts of batches that follow each other."""
         simulation = np.concatenate([p.simulation + i * nbatch for i, p in enumerate(parts)])
-        kept = simulation < count
         geom = np.concatenate([part.geom for part in parts])
         normal = np.concatenate([part.normal for part in parts])
-        return cls(simulation[kept], geom[kept], normal[kept])
+        return cls(simulation, geom, normal)
 
     @classmethod
     def of(cls, simulation: Any, geom: Any, normal: Any) -> "Contacts":
@@ -77,44 +81,46 @@ class Singles:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run of the first simulations.
+    """A run of some simulations, spread over the batch.
 
     Attributes:
+      simulation: (n,) which.
       states: (n, nstep + 1, nstate) from the start on.
       free: steps before the first that a contact or another constraint acted on; nstep where none.
     """
 
+    simulation: np.ndarray
     states: np.ndarray
     free: int
 
 
 def run(workload: Workload, nsim: int, rounded: bool = False) -> Run:
-    """Run the first `nsim` simulations, keeping every state.
+    """Run `nsim` simulations, the first and the last among them, keeping every state.
 
     Args:
       workload: whose they are.
-      nsim: how many.
+      nsim: how many; all where there are fewer.
       rounded: round state and controls to float32 before every step: the shadow.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
-    nsim = min(nsim, workload.nbatch)
-    states = np.empty((nsim, nstep + 1, workload.initial_state.shape[1]))
+    chosen = _spread(workload.nbatch, nsim)
+    states = np.empty((len(chosen), nstep + 1, workload.initial_state.shape[1]))
     free = nstep
-    for i in range(nsim):
+    for i, simulation in enumerate(chosen):
         mujoco.mj_resetData(model, data)
-        states[i, 0] = workload.initial_state[i]
+        states[i, 0] = workload.initial_state[simulation]
         for k in range(nstep):
             if k == 0 or rounded:
                 before = as_float32(states[i, k]) if rounded else states[i, k]
                 compat.set_state(model, data, before, spec)
-            ctrl = workload.control[i, k // workload.hold]
+            ctrl = workload.control[simulation, k // workload.hold]
             data.ctrl[:] = as_float32(ctrl) if rounded else ctrl
             mujoco.mj_step(model, data)
             if data.nefc or data.ncon:
                 free = min(free, k)
             compat.get_state(model, data, states[i, k + 1], spec)
-    return Run(states, free)
+    return Run(chosen, states, free)
 
 
 def singles(workload: Workload, found: Run, most: int, rounded: bool) -> Singles:
@@ -128,10 +134,11 @@ def singles(workload: Workload, found: Run, most: int, rounded: bool) -> Singles
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     spec = compat.state_spec("INTEGRATION")
-    nsim, nstep = len(found.states), workload.nstep
-    chosen = np.unique(np.linspace(0, nsim * nstep - 1, min(most, nsim * nstep)).astype(int))
-    state = found.states[chosen // nstep, chosen % nstep]
-    control = workload.control[chosen // nstep, chosen % nstep // workload.hold]
+    nstep = workload.nstep
+    chosen = _spread(len(found.states) * nstep, most)
+    row, step = chosen // nstep, chosen % nstep
+    state = found.states[row, step]
+    control = workload.control[found.simulation[row], step // workload.hold]
     if rounded:
         state, control = as_float32(state), as_float32(control)
     state = np.ascontiguousarray(state)
@@ -140,9 +147,9 @@ def singles(workload: Workload, found: Run, most: int, rounded: bool) -> Singles
     rows: list[int] = []
     geoms: list[np.ndarray] = []
     normals: list[np.ndarray] = []
-    for i, row in enumerate(state):
+    for i in range(len(chosen)):
         mujoco.mj_resetData(model, data)
-        compat.set_state(model, data, row, spec)
+        compat.set_state(model, data, state[i], spec)
         data.ctrl[:] = control[i]
         mujoco.mj_step(model, data)
         compat.get_state(model, data, after[i], spec)
@@ -152,6 +159,11 @@ def singles(workload: Workload, found: Run, most: int, rounded: bool) -> Singles
             geoms.append(np.array([contact.geom1, contact.geom2]))
             normals.append(np.array(contact.frame[:3]))
     return Singles(state, control, after, Contacts.of(rows, geoms, normals), constraints)
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """Return at most `most` of `count` indices, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
 
 
 def as_float32(values: np.ndarray) -> np.ndarray:

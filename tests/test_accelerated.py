@@ -2,7 +2,6 @@
 
 import json
 import os
-import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +29,7 @@ from mjbench.paths.accelerated import (
     Compiled,
     check_overflow,
     final,
+    hand_over,
     start_fields,
 )
 from mjbench.paths.base import States
@@ -61,7 +61,7 @@ def measured(
 ) -> tuple[isolate.Ended, dict[str, Any]]:
     """Return how a child ended, and all it told."""
     file = folder / "work.pickle"
-    file.write_bytes(pickle.dumps(workload.portable(work)))
+    hand_over(work, observe(work).peaks, file)
     told: dict[str, Any] = {"samples": []}
 
     def take(message: isolate.Message) -> None:
@@ -69,7 +69,8 @@ def measured(
             told["samples"].append(message["seconds"])
         told.update(message)
 
-    return apart.run(models.resolve(FREE), path.name, {}, file, take, **more), told
+    source = models.resolve(more.pop("model", FREE))
+    return apart.run(source, path.name, {}, file, take, **more), told
 
 
 @pytest.mark.parametrize(("name", "nstep"), [("mjx", NSTEP), ("mjx64", 500), ("warp", NSTEP)])
@@ -91,6 +92,31 @@ def test_the_cart_pole_keeps_to_the_tolerances(name: str, nstep: int, tmp_path: 
     if name == "mjx64":
         assert check["free_stray"] <= 1e-12
         assert check["final_difference"] <= 1e-10
+
+
+BALL = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body pos="0 0 0.099"><freejoint/><geom type="sphere" size="0.1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_warp_called_by_mjx_has_room_and_tells_its_contacts(tmp_path: Path) -> None:
+    (tmp_path / "ball.xml").write_text(BALL)
+    work = made(str(tmp_path / "ball.xml"), nbatch=8, nstep=10)
+    contacts = observe(work).peaks.contacts
+    model = str(tmp_path / "ball.xml")
+    ended, told = measured(available("mjx_warp"), work, tmp_path, model=model, limit_s=120.0)
+    assert ended.status == "ok", ended.detail
+    assert told["agrees"] is True, told["detail"]
+    assert contacts == 1
+    assert told["check"]["contact_steps"] > 0
+    assert told["check"]["same_count"] == 1.0
+    assert told["check"]["normal_degrees"] < 1e-3
+    assert "naconmax=384, njmax=8" in told["snippet"]  # 48 of each world; twice 4 of the cone
 
 
 class Pretender(Accelerated):
@@ -125,6 +151,8 @@ class Pretender(Accelerated):
             after.pop("ctrl", None)
             if self.wrong == "nan":
                 after["qvel"][1] = np.nan
+            if self.wrong == "many" and len(rows) > 256:  # as if a buffer ended there
+                after["qpos"][256:] = fields["qpos"][256:]
             after["ctrl"] = given.step_control[:, max(nstep - 1, 0)]
             if self.wrong == "step" and nstep > 1:
                 after |= workload.fields(work.model, states[:, nstep - 1])
@@ -135,7 +163,7 @@ class Pretender(Accelerated):
             return After(after, None)
 
         def final_states() -> States:
-            nstep = work.nstep - (1 if self.wrong == "block" else 0)
+            nstep = work.nstep - {"block": 1, "idle": work.nstep}.get(self.wrong, 0)
             return final(work, advance(start_fields(work), work.control, nstep).fields)
 
         return Compiled(_nothing, _nothing, final_states, device="cpu", advance=advance)
@@ -173,6 +201,23 @@ def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
     work = made("humanoid")
     compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
     assert agreement.failures(apart.check(work, compiled, "float64")[0])
+
+
+def test_every_simulation_of_a_large_batch_takes_a_step_that_is_judged() -> None:
+    work = made(nbatch=300, nstep=4)
+    for wrong in ("", "many"):
+        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
+        found = agreement.failures(apart.check(work, compiled, "float64")[0])
+        assert any("a free step strays" in line for line in found) == bool(wrong), found
+
+
+def test_timed_blocks_that_do_nothing_are_told_in_contact_on_a_gpu_too() -> None:
+    work = made("humanoid", nbatch=8)
+    for wrong in ("", "idle"):
+        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
+        compiled.exact = False
+        checked, reached = apart.check(work, compiled, "float64")
+        assert bool(apart._other_end(work, compiled, reached, checked)) == bool(wrong)
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -300,6 +345,22 @@ def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.Monke
     assert not {"mjx", "mjx64"} & set(selection.expanded(["usual"]))
 
 
+def test_a_jax_without_a_device_is_not_said_to_be_the_models_fault(tmp_path: Path) -> None:
+    available("mjx")
+    words = ["--paths", "mjx", "--nbatch", "2", "--nstep", "4", "--budget", "0"]
+    run = mjbench("compare", "cartpole", *words, cwd=tmp_path, env={"JAX_PLATFORMS": "abacus"})
+    assert run.returncode == 3
+    assert "JAX finds no device" in run.stdout
+    assert "does not take" not in run.stdout
+
+
+def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
+    path = available("warp")
+    asleep = BALL.replace("<mujoco>", '<mujoco><option><flag sleep="enable"/></option>')
+    (tmp_path / "asleep.xml").write_text(asleep)
+    assert "sleep" in str(path.unsuited(made(str(tmp_path / "asleep.xml")), {}))
+
+
 def test_words_stand_for_several_paths() -> None:
     c = selection.expanded(["c"])
     assert "rollout" in c
@@ -332,6 +393,9 @@ def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead() -> None:
     first, second = results.crossovers(rows)
     assert (first["path"], first["nbatch"], first["rival"]["path"]) == ("mjx", 256, "rollout")
     assert (second["path"], second["nbatch"], second["largest"]) == ("mjx64", None, 256)
+    for found in rows:
+        found["check"] = {"free_steps": 0} if "precision" in found else None
+    assert results.crossovers(rows) == []  # held to nothing
 
 
 def test_results_that_differ_in_identity_are_not_compared_unless_asked() -> None:

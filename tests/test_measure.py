@@ -1,6 +1,8 @@
 import random
 
-from mjbench import measure
+import pytest
+
+from mjbench import measure, work
 
 
 def rounds(*means: float, count: int = 8) -> list[dict[int, float]]:
@@ -26,3 +28,12 @@ def test_the_base_stays_whatever_its_speed() -> None:
 
 def test_too_few_rounds_leave_nobody_out() -> None:
     assert measure.finalists(rounds(2.0, 1.0, count=3), [[0, 1]], []) == [0, 1]
+
+
+@pytest.mark.parametrize(("handed_over", "nstep"), [(None, 1), ("work.pickle", 10)])
+def test_a_large_batch_has_few_steps_but_not_one_where_paths_compile(
+    handed_over: str | None, nstep: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(work, "step_s", lambda model: 1e-5)
+    request = {"nbatch": 65536, "nstep": None, "hold": 1, "largest": 2, "work": handed_over}
+    assert measure.sizes(None, request) == (65536, nstep, True)

@@ -6,6 +6,8 @@ is held to tolerances and not to the last bit (see `agreement.judge`).
 """
 
 import importlib.util
+import pathlib
+import pickle
 import sys
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -19,8 +21,10 @@ from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths.base import Options, Path, Prepared, Resources, States
 from mjbench.trajectory import Contacts
 from mjbench.work import Peaks
-from mjbench.workload import Workload, fields
+from mjbench.workload import Workload, fields, portable, restore
 
+# What make_data calls the sizes of its buffers: contacts of all worlds, constraints of each.
+BUFFERS = ("naconmax", "nconmax", "njmax")
 # Room for contacts and constraints, as a multiple of the reference run's peak.
 ROOM = 2
 # Warp's contact buffers hold pairs that are merely near, too: no fewer than this for each world.
@@ -53,6 +57,7 @@ class Compiled(Prepared):
       compile_s: seconds of the compiler.
       exact: whether a timed run repeats the checked one to the last bit: one program, on a CPU. A
         GPU adds in any order.
+      room: sizes of buffers, by the engine's names for them.
       gpu_memory_bytes: () → the most memory of the GPU that was taken; None on a CPU, or where the
         engine does not tell.
       advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) → After:
@@ -63,6 +68,7 @@ class Compiled(Prepared):
     trace_s: float | None = None
     compile_s: float = 0.0
     exact: bool = True
+    room: Mapping[str, int] = field(default_factory=dict)
     gpu_memory_bytes: Callable[[], int | None] = lambda: None
     advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], After] = field(
         default=None  # type: ignore[assignment]
@@ -96,12 +102,21 @@ class Accelerated(Path):
 
     @abstractmethod
     def device_kind(self) -> str:
-        """Return the kind of device that it would run on, `cpu` or not."""
+        """Return the kind of device that it would run on, `cpu` or not.
+
+        Raises:
+          MachineError: there is none.
+        """
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """Return the engine's own reason for not taking the model or its start states."""
         try:
             taken(start_fields(workload), self.fields(workload.model), self.engine)
+        except NotImplementedError as error:
+            said = one_line(error) or "not implemented"
+            return f"{self.engine} does not take this model: {said}"
+        except (RuntimeError, MemoryError, OSError):  # the machine's fault, or the installation's
+            raise
         except Exception as error:  # whatever an engine says of a model that it does not take
             said = one_line(error) or type(error).__name__
             return f"{self.engine} does not take this model: {said}"
@@ -146,8 +161,22 @@ def taken(found: Mapping[str, np.ndarray], known: Mapping[str, Any], engine: str
     return kept
 
 
+def hand_over(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
+    """Leave a workload, and the most that a step of its reference run did, for another process."""
+    file.write_bytes(pickle.dumps({"workload": portable(workload), "peaks": peaks}))
+
+
+def taken_over(model: Any, file: pathlib.Path) -> tuple[Workload, Resources]:
+    """Return the workload that `hand_over` left, bit by bit, and resources that know its peaks."""
+    given = pickle.loads(file.read_bytes())
+    made = restore(model, given["workload"])
+    resources = Resources(made)
+    resources.kept("peaks", lambda: given["peaks"])
+    return made, resources
+
+
 def peaks(workload: Workload, resources: Resources) -> Peaks:
-    """Return the most that a step of the reference run did; it is run once."""
+    """Return the most that a step of the reference run did, which is made where none was yet."""
     made = resources.kept("peaks", lambda: work.observe(workload).peaks)
     assert isinstance(made, Peaks)
     return made
@@ -156,6 +185,27 @@ def peaks(workload: Workload, resources: Resources) -> Peaks:
 def room_for(peaks: Peaks) -> int:
     """Return for how many contacts of each world Warp is given room."""
     return max(_LEAST_CONTACTS, ROOM * peaks.contacts)
+
+
+def listed_contacts(
+    count: Any, world: Any, geom: Any, frame: Any, distance: Any, margin: Any
+) -> Contacts:
+    """Return those of Warp's contacts that are close enough to count.
+
+    Args:
+      count: how many of the rows below there are.
+      world: (n,) whose they are.
+      geom: (n, 2) ids of geoms.
+      frame: (n, 3, 3) the normal first.
+      distance: (n,) between the geoms, in m.
+      margin: (n,) below which they count, in m.
+    """
+    filled = slice(min(int(np.ravel(count)[0]), len(distance)))
+    near = np.asarray(distance)[filled] < np.asarray(margin)[filled]
+    frames = np.asarray(frame)[filled].reshape(-1, 9)
+    return Contacts.of(
+        np.asarray(world)[filled][near], np.asarray(geom)[filled][near], frames[near, :3]
+    )
 
 
 def final(workload: Workload, found: Mapping[str, np.ndarray]) -> States:

@@ -6,6 +6,7 @@ one that is timed also does the single steps by which it is judged. On a GPU, wh
 host before each step of such a loop, the number is compiled into the one that is timed.
 """
 
+import os
 import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -13,14 +14,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench import compat
-from mjbench.errors import InputError
+from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths.accelerated import (
+    BUFFERS,
     ROOM,
     Accelerated,
     After,
     Compiled,
     check_overflow,
     final,
+    listed_contacts,
     room_for,
     start_fields,
     taken,
@@ -29,6 +32,8 @@ from mjbench.paths.base import Options, States
 from mjbench.trajectory import Contacts
 from mjbench.work import Peaks
 from mjbench.workload import Workload
+
+_MATMUL = "JAX_DEFAULT_MATMUL_PRECISION"
 
 
 class Mjx(Accelerated):
@@ -50,15 +55,21 @@ class Mjx(Accelerated):
             "JAX_ENABLE_X64": "1" if self.precision == "float64" else "0",
             "JAX_COMPILATION_CACHE_DIR": None,
             "JAX_ENABLE_COMPILATION_CACHE": "0",
-            "XLA_PYTHON_CLIENT_PREALLOCATE": "false",  # else a GPU's memory is no figure, and
-            # Warp, called from JAX, has what is left
+            # Else a GPU's memory is no figure, and Warp, called from JAX, has what is left.
+            "XLA_PYTHON_CLIENT_PREALLOCATE": "false",
+            # Else a GPU multiplies in TF32, which has a thousandth of float32's precision.
+            _MATMUL: os.environ.get(_MATMUL, "highest"),
         }
 
     def device_kind(self) -> str:
         """Return the platform of JAX's first device."""
         import jax
 
-        return str(jax.devices()[0].platform)
+        try:
+            return str(jax.devices()[0].platform)
+        except Exception as error:  # an assertion without a word, where a plug-in is missing
+            said = one_line(error) or type(error).__name__
+            raise MachineError(f"JAX finds no device: {said}") from error
 
     def counts_on_host(self) -> bool:
         """Return whether a loop as often as an argument says goes by way of the host."""
@@ -67,7 +78,7 @@ class Mjx(Accelerated):
     def fields(self, model: Any) -> Mapping[str, Any]:
         """Return MJX's Data of a model."""
         self._put(model)
-        return dict(vars(self._data(model, Peaks(1, 1), 1)))
+        return dict(vars(self._data(model, self._room(Peaks(1, 1), 1))))
 
     def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
         """Trace and compile the program; see the module."""
@@ -76,7 +87,8 @@ class Mjx(Accelerated):
 
         jax.config.update("jax_enable_x64", self.precision == "float64")
         model, hold = self._put(workload.model), workload.hold
-        empty = self._data(workload.model, peaks, workload.nbatch)
+        room = self._room(peaks, workload.nbatch)
+        empty = self._data(workload.model, room)
         leaves = {name: value for name, value in vars(empty).items() if hasattr(value, "dtype")}
         if leaves["qpos"].dtype != self.precision:
             raise InputError(f"JAX computes in {leaves['qpos'].dtype}, not {self.precision}")
@@ -153,7 +165,8 @@ class Mjx(Accelerated):
             trace_s=lowered - begin,
             compile_s=compile_s,
             exact=not fixed,
-            gpu_memory_bytes=lambda: (device.memory_stats() or {}).get("peak_bytes_in_use"),
+            room=room,
+            gpu_memory_bytes=lambda: None if name == "cpu" else self._most_memory(device),
             advance=advance,
         )
 
@@ -168,6 +181,7 @@ class Mjx(Accelerated):
             else ""
         )
         impl = "" if self.impl == "jax" else f', impl="{self.impl}"'
+        room = "".join(f", {n}={options[n]}" for n in BUFFERS if n in options)
         held = (
             "    data = data.replace(ctrl=ctrl)\n"
             f"    return jax.lax.fori_loop(0, {workload.hold}, lambda _, d: mjx.step(mx, d), data),"
@@ -178,7 +192,7 @@ class Mjx(Accelerated):
         return (
             "import jax\nimport mujoco\nimport numpy as np\nfrom mujoco import mjx\n\n"
             f"{config}mx = mjx.put_model(model{impl})\n"
-            f"empty = mjx.make_data(model{impl})\n{types}"
+            f"empty = mjx.make_data(model{impl}{room})\n{types}"
             "datas = [mujoco.MjData(model) for _ in initial_state]\n"
             "for data, state in zip(datas, initial_state):\n"
             "    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)\n"
@@ -196,10 +210,19 @@ class Mjx(Accelerated):
 
         return mjx.put_model(model, **compat.known(mjx.put_model, impl=self.impl))
 
-    def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
+    def _data(self, model: Any, room: Mapping[str, int]) -> Any:
         from mujoco import mjx
 
-        return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl))
+        return mjx.make_data(model, **compat.known(mjx.make_data, impl=self.impl), **room)
+
+    def _room(self, peaks: Peaks, nbatch: int) -> dict[str, int]:
+        """Return sizes of buffers, as make_data names them."""
+        return {}
+
+    def _most_memory(self, device: Any) -> int | None:
+        """Return the most bytes that were taken of a GPU."""
+        most = (device.memory_stats() or {}).get("peak_bytes_in_use")
+        return None if most is None else int(most)
 
 
 class Mjx64(Mjx):
@@ -228,14 +251,18 @@ class MjxWarp(Mjx):
         quiet_and_uncached()
         return super().compiled(workload, options, peaks)
 
-    def _data(self, model: Any, peaks: Peaks, nbatch: int) -> Any:
+    def _room(self, peaks: Peaks, nbatch: int) -> dict[str, int]:
         from mujoco import mjx
 
-        contacts = room_for(peaks) * nbatch
-        sizes = compat.known(
-            mjx.make_data, impl=self.impl, naconmax=contacts, nconmax=contacts
-        )  # one of them, by release
-        return mjx.make_data(model, njmax=max(1, ROOM * peaks.constraints), **sizes)
+        contacts = room_for(peaks) * nbatch  # of all simulations; called one or the other
+        sizes = compat.known(mjx.make_data, naconmax=contacts, nconmax=contacts)
+        return {**sizes, "njmax": max(1, ROOM * peaks.constraints)}
+
+    def _most_memory(self, device: Any) -> int | None:
+        from mjbench.paths.warp import most_memory
+
+        parts = (super()._most_memory(device), most_memory())
+        return sum(part for part in parts if part) or None
 
 
 def _settled(step: Any, empty: Any) -> Any:
@@ -264,21 +291,23 @@ def _fields(data: Any, kept: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 def _check_room(data: Any) -> None:
     """Refuse a result for which a buffer of Warp's was too small."""
-    overflow = getattr(getattr(data, "_impl", data), "overflow", None)
-    if overflow is not None:
-        check_overflow(np.asarray(overflow))
+    inner = getattr(data, "_impl", data)
+    if hasattr(inner, "overflow"):
+        check_overflow(np.asarray(inner.overflow))
+    elif hasattr(inner, "nacon"):
+        raise MachineError("this MJX does not tell whether a buffer of Warp's was too small")
 
 
 def _contacts(data: Any) -> Contacts | None:
     """Return the contacts of batched Data that are close enough to count."""
     inner = getattr(data, "_impl", data)
+    if hasattr(inner, "nacon"):  # of Warp: those of all simulations in one list
+        names = ("worldid", "geom", "frame", "dist", "includemargin")
+        return listed_contacts(inner.nacon, *(getattr(inner, f"contact__{n}") for n in names))
     contact = getattr(inner, "contact", None)
     if contact is None:
         return None
-    distance = np.asarray(contact.dist)
-    near = distance < np.asarray(contact.includemargin)
-    if near.ndim != 2:
-        return None
+    near = np.asarray(contact.dist) < np.asarray(contact.includemargin)
     simulation, slot = np.nonzero(near)
     frame = np.asarray(contact.frame).reshape(*near.shape, 9)
     return Contacts.of(simulation, np.asarray(contact.geom)[near], frame[simulation, slot, :3])

@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from mjbench import compat
 from mjbench.paths.accelerated import (
+    BUFFERS,
     ROOM,
     Accelerated,
     After,
     Compiled,
     check_overflow,
     final,
+    listed_contacts,
     room_for,
     start_fields,
     taken,
@@ -41,6 +44,12 @@ class Warp(Accelerated):
         _quiet()
         return "cpu" if wp.get_device().is_cpu else "cuda"
 
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """Return also that Warp keeps asleep from one run to the next what slept at its end."""
+        if compat.has_sleep(workload.model):
+            return "which trees sleep is not part of a state, and stays from run to run"
+        return super().unsuited(workload, options)
+
     def fields(self, model: Any) -> Mapping[str, Any]:
         """Return MuJoCo Warp's Data of a model."""
         import mujoco_warp
@@ -58,12 +67,11 @@ class Warp(Accelerated):
         nbatch, hold = workload.nbatch, workload.hold
         begin = time.perf_counter()
         model = mujoco_warp.put_model(workload.model)
-        data = mujoco_warp.make_data(
-            workload.model,
-            nworld=nbatch,
-            naconmax=nbatch * room_for(peaks),
-            njmax=max(1, ROOM * peaks.constraints),
-        )
+        room = {
+            "naconmax": nbatch * room_for(peaks),
+            "njmax": max(1, ROOM * peaks.constraints),
+        }
+        data = mujoco_warp.make_data(workload.model, nworld=nbatch, **room)
         wp.synchronize()
         made = time.perf_counter()
         mujoco_warp.step(model, data)
@@ -127,7 +135,8 @@ class Warp(Accelerated):
             trace_s=made - begin,
             compile_s=compiled - made,
             exact=device.is_cpu,
-            gpu_memory_bytes=lambda: _most_memory(device),
+            room=room,
+            gpu_memory_bytes=most_memory,
             advance=advance,
         )
 
@@ -137,11 +146,11 @@ class Warp(Accelerated):
         times = (
             f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
         )
+        room = "".join(f", {n}={options[n]}" for n in BUFFERS if n in options)
         return (
             "import mujoco\nimport mujoco_warp as mjw\nimport numpy as np\nimport warp as wp\n\n"
             "m = mjw.put_model(model)\n"
-            "# naconmax= and njmax= make room for contacts\n"
-            "d = mjw.make_data(model, nworld=len(initial_state))\n"
+            f"d = mjw.make_data(model, nworld=len(initial_state){room})\n"
             "mjw.step(m, d)  # compiles\n"
             "with wp.ScopedCapture() as capture:\n"
             "    mjw.step(m, d)\n"
@@ -186,10 +195,11 @@ def _like(array: Any, values: np.ndarray) -> Any:
     return made
 
 
-def _most_memory(device: Any) -> int | None:
-    """Return the most bytes that were taken of a GPU's pool of memory."""
+def most_memory() -> int | None:
+    """Return the most bytes that Warp took of a GPU's pool of memory; None on a CPU."""
     import warp as wp
 
+    device = wp.get_device()
     if device.is_cpu or not wp.is_mempool_enabled(device):
         return None
     return int(wp.get_mempool_used_mem_high(device))
@@ -197,11 +207,6 @@ def _most_memory(device: Any) -> int | None:
 
 def _contacts(data: Any) -> Contacts:
     """Return the contacts of the last step that are close enough to count."""
-    count = min(int(data.nacon.numpy()[0]), data.contact.dist.shape[0])
-    contact = data.contact
-    near = contact.dist.numpy()[:count] < contact.includemargin.numpy()[:count]
-    return Contacts.of(
-        contact.worldid.numpy()[:count][near],
-        contact.geom.numpy()[:count][near],
-        contact.frame.numpy()[:count].reshape(-1, 9)[near, :3],
-    )
+    of = data.contact
+    arrays = (data.nacon, of.worldid, of.geom, of.frame, of.dist, of.includemargin)
+    return listed_contacts(*(array.numpy() for array in arrays))

@@ -104,13 +104,13 @@ def group(row: Record) -> tuple[str, int | None]:
 def crossovers(results: Sequence[Record]) -> list[Record]:
     """Return from which number of simulations on each compiled path overtakes the best C path.
 
-    Of the sizes that were measured: the least from which on it is faster at every one. Keys: model,
-    path, options, nbatch (None: at none), largest (size at which both were timed), rival (path and
-    options of the best C path there), share (of the rival's speed, at the largest).
+    Of the sizes that were measured and judged: the least from which on it is faster at every one.
+    Keys: model, path, options, nbatch (None: at none), largest (size at which both were timed),
+    rival (path and options of the best C path there), share (of the rival's speed, at the largest).
     """
     found = []
     for model in dict.fromkeys(r["model"] for r in results):
-        timed = [r for r in results if r["model"] == model and r["steps_per_s"]]
+        timed = [r for r in results if r["model"] == model and r["steps_per_s"] and judged(r)]
         best: dict[int, Record] = {}
         for row in timed:
             size = row["nbatch_asked"]
