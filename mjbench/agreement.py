@@ -209,7 +209,8 @@ def failures(check: Mapping[str, Any]) -> list[str]:
     no single step led anywhere; for the run up to the first step that a constraint acted on
     (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the reference, `…_shadow`, that
     of C with float32 states, and `…_shadow_median`, over simulations; `lost`, simulations that do
-    not end in finite numbers; `received`, whether the engine had the very start states and controls.
+    not end in finite numbers; `received`, whether the engine had the very start states and
+    controls.
     """
     found, precision = [], check["precision"]
     if not check["received"]:
