@@ -124,7 +124,10 @@ class Accelerated(Path):
 
     @abstractmethod
     def fields(self, model: Any) -> Mapping[str, Any]:
-        """Return the engine's Data of a model by field; any error says that it does not take it."""
+        """Return the engine's Data of a model by field.
+
+        An error that is not the machine's says that it does not take the model.
+        """
 
     def environment(self) -> dict[str, str | None]:
         """Return environment variables for its process, set before it starts; None removes one."""

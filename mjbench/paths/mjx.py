@@ -58,7 +58,7 @@ class Mjx(Accelerated):
             # Else a GPU's memory is no figure, and Warp, called from JAX, has what is left.
             "XLA_PYTHON_CLIENT_PREALLOCATE": "false",
             # Else a GPU multiplies in TF32, which has a thousandth of float32's precision.
-            _MATMUL: os.environ.get(_MATMUL, "highest"),
+            _MATMUL: _matmul(),
         }
 
     def device_kind(self) -> str:
@@ -173,7 +173,11 @@ class Mjx(Accelerated):
     def snippet(self, workload: Workload, options: Options) -> str:
         """Return the program, with scan: the number of steps is fixed there."""
         x64 = self.precision == "float64"
-        config = 'jax.config.update("jax_enable_x64", True)\n' if x64 else ""
+        config = (
+            'jax.config.update("jax_enable_x64", True)\n'
+            if x64
+            else f'jax.config.update("jax_default_matmul_precision", "{_matmul()}")\n'
+        )
         types = (  # some integers of make_data are not of the type that a step gives back
             "kinds = jax.eval_shape(lambda d: mjx.step(mx, d), empty)\n"
             "empty = jax.tree.map(lambda x, k: jax.numpy.asarray(x, k.dtype), empty, kinds)\n"
@@ -263,6 +267,11 @@ class MjxWarp(Mjx):
 
         parts = (super()._most_memory(device), most_memory())
         return sum(part for part in parts if part) or None
+
+
+def _matmul() -> str:
+    """Return the precision of products of matrices in float32, unless the user names another."""
+    return os.environ.get(_MATMUL, "highest")
 
 
 def _settled(step: Any, empty: Any) -> Any:
