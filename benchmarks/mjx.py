@@ -65,7 +65,7 @@ class ByHand(Tracked):
         path = paths.find("mjx")
         ended = isolate.run(
             "benchmarks.mjx:contest",
-            {},
+            {"rounds": ROUNDS},
             lambda message: found.append(message["ratio"]),
             limit_s=self.timeout,
             environment=path.environment(),  # type: ignore[attr-defined]
@@ -78,8 +78,8 @@ class ByHand(Tracked):
     track_throughput_over_handwritten.pretty_name = "MJX: throughput over a program by hand"
 
 
-def contest(request: Any, channel: isolate.Channel) -> None:
-    """Send the ratio of throughputs; runs in a child."""
+def contest(request: dict[str, int], channel: isolate.Channel) -> None:
+    """Send the ratio of throughputs, the median of so many `rounds`; runs in a child."""
     import jax
     from mujoco import mjx
 
@@ -106,7 +106,8 @@ def contest(request: Any, channel: isolate.Channel) -> None:
         timing.Contender(prepared.clear, prepared.run, _nothing),
         timing.Contender(_nothing, by_hand, _nothing),
     ]
-    rounds = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
+    most = 1 + request["rounds"]
+    rounds = list(timing.rounds(contenders, 0.0, most, most))[1:]
     channel.send(ratio=float(np.median([hand / path for path, hand in rounds])))
 
 
