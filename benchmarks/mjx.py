@@ -18,8 +18,9 @@ from mjbench.errors import MachineError
 from mjbench.paths.accelerated import hand_over
 
 NBATCH, NSTEP = 1024, 100
-# Of the contest with the program by hand: steps of a block, and pairs of blocks. A pair of a 2-core
-# virtual machine strays by 8 %, so the median of 240 is known to within about 0.7 % (one sigma).
+# Of the contest with the program by hand: steps of a block, and pairs of blocks. The ratios of the
+# pairs of one run had a standard deviation of 8 % (2-core virtual machine), which the median of 240
+# brings down to about 0.7 %.
 CONTEST_NSTEP, ROUNDS = 20, 240
 
 

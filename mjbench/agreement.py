@@ -207,9 +207,9 @@ def failures(check: Mapping[str, Any]) -> list[str]:
     and `…_stray` (the largest, None without any); `same_count` (share of steps in contact with as
     many contacts as the reference) and `normal_degrees`, where there are any; `still`, whether
     no single step led anywhere; for the run up to the first step that a constraint acted on
-    (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the reference, `…_shadow`, that
-    of C with float32 states, and `…_shadow_median`, over simulations; `lost`, simulations that do
-    not end in finite numbers; `received`, whether the engine had the very start states and
+    (`free`) and to the end (`final`) `…_nstep`, `…_difference` from the reference and `…_shadow`,
+    that of C with float32 states; `final_shadow_median`, over simulations; `lost`, simulations that
+    do not end in finite numbers; `received`, whether the engine had the very start states and
     controls.
     """
     found, precision = [], check["precision"]

@@ -165,16 +165,13 @@ def check(
         if nstep < made.nstep:
             got = compiled.advance(starts, made.control, nstep).fields
         found[f"{key}_nstep"] = nstep
-        found[f"{key}_difference"] = _largest(
-            made, {n: v[followed] for n, v in got.items()}, reference.states[:, nstep]
-        )
-        strayed = agreement.strays(
-            workload.fields(made.model, shadow.states[:, nstep]),
-            workload.fields(made.model, reference.states[:, nstep]),
-            COMPARED,
-        )
-        found[f"{key}_shadow"] = float(strayed.max())
-        found[f"{key}_shadow_median"] = float(np.median(strayed))
+        want = workload.fields(made.model, reference.states[:, nstep])
+        rounding = workload.fields(made.model, shadow.states[:, nstep])
+        reached = {name: values[followed] for name, values in got.items()}
+        shaded = agreement.strays(rounding, want, COMPARED)
+        found[f"{key}_difference"] = float(agreement.strays(reached, want, COMPARED).max())
+        found[f"{key}_shadow"] = float(shaded.max())
+    found["final_shadow_median"] = float(np.median(shaded))
     whole = np.isfinite(np.hstack([final[n] for n in COMPARED if n in final])).all(axis=1)
     found["lost"] = int((~whole).sum())
     return found, final
@@ -278,13 +275,6 @@ def _judged_singles(made: workload.Workload, taken: Singles, after: After) -> di
         found[f"{kind}_steps"] = int(rows[:count].sum())
         found[f"{kind}_stray"] = float(stray[rows].max()) if rows.any() else None
     return found
-
-
-def _largest(
-    made: workload.Workload, got: Mapping[str, np.ndarray], want_states: np.ndarray
-) -> float:
-    want = workload.fields(made.model, want_states)
-    return float(agreement.strays(got, want, COMPARED).max())
 
 
 def _time(compiled: Compiled, channel: Channel, limit_s: float) -> None:

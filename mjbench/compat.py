@@ -133,6 +133,11 @@ def known(function: Any, **given: Any) -> dict[str, Any]:
     return {name: value for name, value in given.items() if name in names}
 
 
+def mjx_own(data: Any) -> Any:
+    """Return where an MJX Data keeps what its implementation alone has: once, in itself."""
+    return getattr(data, "_impl", data)
+
+
 def has_clock(model: Any) -> bool:
     """Return whether the engine's timers have a clock now, which nobody gave them.
 

@@ -319,7 +319,7 @@ def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
     if free_nbatch and nbatch * nstep > steps:
         nbatch = min(nbatch, max(least_nbatch, steps // nstep))
     most = max(1, int(LONG_BLOCK_S / step_s))
-    if free_nstep and nbatch * nstep > most and not request.get("work"):
+    if free_nstep and nbatch * nstep > most and not request["work"]:
         nstep = min(nstep, _multiple(max(1, most // nbatch), hold))
     return nbatch, nstep, (nbatch, nstep) != asked
 

@@ -18,11 +18,10 @@ from mjbench import (
     models,
     paths,
     selection,
-    stats,
     trajectory,
     workload,
 )
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import MachineError
 from mjbench.paths.accelerated import (
     Accelerated,
     After,
@@ -361,117 +360,11 @@ def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
     assert "sleep" in str(path.unsuited(made(str(tmp_path / "asleep.xml")), {}))
 
 
-def test_words_stand_for_several_paths() -> None:
-    c = selection.expanded(["c"])
-    assert "rollout" in c
-    assert "mjx" not in c
-    assert selection.expanded(["mjx", "c", "rollout"]) == ["mjx", *c]
-    assert selection.rivals(["mjx"])
-    assert selection.rivals(["mjx", "rollout"]) == []
-
-
 def test_a_model_that_mjx_does_not_take_is_told_with_its_own_reason(tmp_path: Path) -> None:
     path = available("mjx")
     run = mjbench("compare", "cloth", "--paths", path.name, "--budget", "0", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "MJX does not take this model" in run.stdout
-
-
-def row(path: str, nbatch: int, ns: float, **more: Any) -> dict[str, Any]:
-    common = {"model": "m", "path": path, "options": {}, "nbatch_asked": nbatch, "nbatch": nbatch}
-    return common | {"steps_per_s": 1e9 / ns, "step_ns": {"median": ns}} | more
-
-
-def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead() -> None:
-    rows = [
-        *(row("python_loop", n, 100.0) for n in (1, 16, 64, 256)),
-        *(row("rollout", n, 50.0) for n in (1, 16, 64, 256)),
-    ]
-    speeds = {1: 900.0, 16: 49.0, 64: 51.0, 256: 10.0}
-    rows += [row("mjx", n, ns, precision="float32") for n, ns in speeds.items()]
-    rows += [row("mjx64", n, 60.0, precision="float64") for n in speeds]
-    first, second = results.crossovers(rows)
-    assert (first["path"], first["nbatch"], first["rival"]["path"]) == ("mjx", 256, "rollout")
-    assert (second["path"], second["nbatch"], second["largest"]) == ("mjx64", None, 256)
-    for found in rows:
-        found["check"] = {"free_steps": 0} if "precision" in found else None
-    assert results.crossovers(rows) == []  # held to nothing
-
-
-def test_results_that_differ_in_identity_are_not_compared_unless_asked() -> None:
-    old = stats.Measured([1.0] * 9, {"jax": "0.10.1", "device": "cpu"})
-    new = stats.Measured([2.0] * 9, {"jax": "0.10.2", "device": "cpu"})
-    with pytest.raises(InputError, match=r"differ in jax \(0.10.2, 0.10.1\)"):
-        stats.unpaired(new, old)
-    assert stats.unpaired(new, old, across=True).median == pytest.approx(2.0)
-    assert stats.unpaired(old, old).median == pytest.approx(1.0)
-
-
-def run_file(folder: Path, name: str, jax: str, seconds: float) -> Path:
-    machine = {"cpu": "c", "versions": {"jax": jax}, "flags": {}}
-    measurement = {
-        "type": "measurement",
-        "model": "m",
-        "path": "mjx",
-        "options": {},
-        "nbatch": 2,
-        "nstep": 5,
-        "status": "ok",
-        "agrees": True,
-        "precision": "float32",
-        "device": "cpu",
-        "workload_digest": "w",
-        "samples_s": [seconds] * 9,
-    }
-    head = {"type": "run", "schema": 1, "command": "compare", "machine": machine}
-    file = folder / name
-    file.write_text(f"{json.dumps(head)}\n{json.dumps(measurement)}\n")
-    return file
-
-
-def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
-    old = run_file(tmp_path, "old.jsonl", "1", 1.0)
-    new = run_file(tmp_path, "new.jsonl", "2", 1.5)
-    refused = mjbench("diff", str(old), str(new))
-    assert refused.returncode == 2
-    assert "they differ in jax (2, 1)" in refused.stdout
-    alone = mjbench("diff", str(old), str(RUNS / "reference-selfcheck-quiet.jsonl"))
-    assert alone.returncode == 2
-    assert "no timed row" in alone.stderr
-    compared = mjbench("diff", str(old), str(new), "--across", "--json", "-")
-    assert compared.returncode == 0, compared.stderr
-    assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)
-
-
-def check_of(precision: str, **strays: float) -> dict[str, Any]:
-    kinds = ("free", "constrained", "contact")
-    return {"precision": precision} | {f"{k}_stray": strays.get(k) for k in kinds}
-
-
-@pytest.mark.parametrize(
-    ("precision", "shadow", "stray", "difference", "passes"),
-    [
-        ("float32", 1e-6, 1e-8, 9e-6, True),
-        ("float32", 1e-6, 1e-8, 1.1e-5, False),
-        ("float32", 1e-9, 2e-6, 1.9e-5, True),  # a lucky shadow of one step
-        ("float32", 1e-9, 2e-6, 2.1e-5, False),
-        ("float64", 1e-6, 1e-13, 0.9e-10, True),
-        ("float64", 1e-6, 1e-13, 1.1e-10, False),
-    ],
-)
-def test_a_free_run_is_held_to_the_shadow_or_to_single_steps(
-    precision: str, shadow: float, stray: float, difference: float, passes: bool
-) -> None:
-    run = {"received": True, "still": False, "lost": 0, "free_nstep": 3}
-    strays = {"free_shadow": shadow, "free_difference": difference}
-    found = agreement.failures(check_of(precision, free=stray) | run | strays)
-    assert found == [] if passes else "3 free steps stray" in found[0]
-
-
-def test_float64_tells_precision_from_algorithm() -> None:
-    coarse = check_of("float32", contact=1e-2)
-    assert agreement.cause(coarse, check_of("float64", contact=1e-9)).startswith("precision")
-    assert agreement.cause(coarse, check_of("float64", contact=9e-3)).startswith("algorithm")
 
 
 def test_a_sweep_measures_every_size_and_shows_it_again(tmp_path: Path) -> None:
@@ -502,23 +395,3 @@ def test_a_buffer_of_warp_that_was_too_small_is_told() -> None:
     flags = np.array([0, overflow.NEFC | overflow.ITERATIONS, overflow.NEFC | overflow.CCD])
     with pytest.raises(MachineError, match="overflowed in 2 worlds: NEFC, CCD"):
         check_overflow(flags)
-
-
-def test_buffers_are_sized_by_the_peak_of_the_reference_run() -> None:
-    work = made("cube_table", nbatch=3, nstep=10)
-    found = observe(work).peaks
-    run = trajectory.run(work, work.nbatch)
-    singles = trajectory.singles(work, run, 10**6, rounded=False)
-    assert found.contacts == singles.contacts.counts(len(singles.state)).max() > 0
-    assert found.constraints == singles.constraints.max() > 0
-
-
-def test_contacts_of_two_engines_are_matched_by_geoms_and_nearest_normal() -> None:
-    ours = trajectory.Contacts.of([0, 0], [[3, 1], [1, 3]], [[0, 0, -1], [0, 1, 0]])
-    assert ours.geom.tolist() == [[1, 3], [1, 3]]
-    assert ours.normal.tolist() == [[0, 0, 1], [0, 1, 0]]
-    tilted = np.array([[0, np.sin(0.1), np.cos(0.1)]])
-    theirs = trajectory.Contacts.of([0], [[1, 3]], tilted)
-    assert agreement.normal_angle(ours, theirs) == pytest.approx(np.degrees(0.1))
-    elsewhere = trajectory.Contacts.of([1], [[1, 3]], tilted)
-    assert agreement.normal_angle(ours, elsewhere) is None

@@ -58,3 +58,24 @@ def test_advice_prefers_the_simpler_of_two_equally_fast_paths() -> None:
 def test_the_cores_a_run_had_are_the_median_of_its_calibrations() -> None:
     assert results.cores_had(records()[0]) == pytest.approx(1.7)
     assert results.cores_had({"cores_had": []}) is None
+
+
+def swept(path: str, nbatch: int, ns: float, **more: Any) -> dict[str, Any]:
+    common = {"model": "m", "path": path, "options": {}, "nbatch_asked": nbatch, "nbatch": nbatch}
+    return common | {"steps_per_s": 1e9 / ns, "step_ns": {"median": ns}} | more
+
+
+def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead() -> None:
+    rows = [
+        *(swept("python_loop", n, 100.0) for n in (1, 16, 64, 256)),
+        *(swept("rollout", n, 50.0) for n in (1, 16, 64, 256)),
+    ]
+    speeds = {1: 900.0, 16: 49.0, 64: 51.0, 256: 10.0}
+    rows += [swept("mjx", n, ns, precision="float32") for n, ns in speeds.items()]
+    rows += [swept("mjx64", n, 60.0, precision="float64") for n in speeds]
+    first, second = results.crossovers(rows)
+    assert (first["path"], first["nbatch"], first["rival"]["path"]) == ("mjx", 256, "rollout")
+    assert (second["path"], second["nbatch"], second["largest"]) == ("mjx64", None, 256)
+    for found in rows:
+        found["check"] = {"free_steps": 0} if "precision" in found else None
+    assert results.crossovers(rows) == []  # held to nothing

@@ -3,7 +3,7 @@ from typing import Any
 import mujoco
 import pytest
 
-from mjbench import work, workload
+from mjbench import models, trajectory, work, workload
 
 
 def test_the_counters_are_those_of_the_engine(model: Any) -> None:
@@ -41,3 +41,12 @@ def test_facts_of_a_model_are_told_by_name(model: Any) -> None:
     assert (facts["integrator"], facts["solver"]) == ("euler", "newton")
     assert facts["contacts"] == 4
     assert facts["timestep"] == pytest.approx(0.002)
+
+
+def test_peaks_are_the_most_of_any_step() -> None:
+    made = workload.make(models.load(models.resolve("cube_table")), 3, 10, hold=2)
+    found = work.observe(made).peaks
+    run = trajectory.run(made, made.nbatch)
+    singles = trajectory.singles(made, run, 10**6, rounded=False)
+    assert found.contacts == singles.contacts.counts(len(singles.state)).max() > 0
+    assert found.constraints == singles.constraints.max() > 0

@@ -23,11 +23,10 @@ from mjbench.trajectory import Contacts
 from mjbench.work import Peaks
 from mjbench.workload import Workload, fields, portable, restore
 
-# What make_data calls the sizes of its buffers: contacts of all worlds, constraints of each.
-BUFFERS = ("naconmax", "nconmax", "njmax")
-# Room for contacts and constraints, as a multiple of the reference run's peak.
-ROOM = 2
-# Warp's contact buffers hold pairs that are merely near, too: no fewer than this for each world.
+# Room for contacts and constraints in Warp's buffers, as a multiple of the reference run's peak.
+_ROOM = 2
+# They hold pairs that are merely near, too: no fewer for each world than MuJoCo Warp's own guess
+# for a model of plain geoms (make_data without nconmax).
 _LEAST_CONTACTS = 48
 # Of MuJoCo Warp's overflow flags, those of iterations are no lack of room.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
@@ -112,12 +111,9 @@ class Accelerated(Path):
         """Return the engine's own reason for not taking the model or its start states."""
         try:
             taken(start_fields(workload), self.fields(workload.model), self.engine)
-        except NotImplementedError as error:
-            said = one_line(error) or "not implemented"
-            return f"{self.engine} does not take this model: {said}"
-        except (RuntimeError, MemoryError, OSError):  # the machine's fault, or the installation's
-            raise
         except Exception as error:  # whatever an engine says of a model that it does not take
+            if _of_machine(error):
+                raise
             said = one_line(error) or type(error).__name__
             return f"{self.engine} does not take this model: {said}"
         return None
@@ -185,9 +181,17 @@ def peaks(workload: Workload, resources: Resources) -> Peaks:
     return made
 
 
-def room_for(peaks: Peaks) -> int:
-    """Return for how many contacts of each world Warp is given room."""
-    return max(_LEAST_CONTACTS, ROOM * peaks.contacts)
+def room_for(peaks: Peaks, nbatch: int) -> dict[str, int]:
+    """Return sizes of Warp's buffers by make_data's names: contacts of all, constraints of each."""
+    return {
+        "naconmax": nbatch * max(_LEAST_CONTACTS, _ROOM * peaks.contacts),
+        "njmax": max(1, _ROOM * peaks.constraints),
+    }
+
+
+def keywords(sizes: Mapping[str, int]) -> str:
+    """Return sizes as they follow other arguments in a call, for a snippet."""
+    return "".join(f", {name}={size}" for name, size in sizes.items())
 
 
 def listed_contacts(
@@ -245,6 +249,13 @@ def check_overflow(flags: np.ndarray) -> None:
         worlds = int(np.count_nonzero(flags & sum(f.value for f in small)))
         names = ", ".join(str(f.name) for f in small)
         raise MachineError(f"buffers of Warp overflowed in {worlds} worlds: {names}")
+
+
+def _of_machine(error: Exception) -> bool:
+    """Return whether an error is the machine's or the installation's rather than a model's."""
+    if isinstance(error, NotImplementedError):  # a RuntimeError, too
+        return False
+    return isinstance(error, RuntimeError | MemoryError | OSError)
 
 
 def _installed(name: str) -> bool:

@@ -16,13 +16,12 @@ import numpy as np
 from mjbench import compat
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths.accelerated import (
-    BUFFERS,
-    ROOM,
     Accelerated,
     After,
     Compiled,
     check_overflow,
     final,
+    keywords,
     listed_contacts,
     room_for,
     start_fields,
@@ -112,30 +111,31 @@ class Mjx(Accelerated):
 
             return jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
 
-        def traced(count: int | None) -> tuple[Any, float]:
+        def lowered(count: int | None) -> tuple[Any, float]:
             begin = time.perf_counter()
             try:
-                return program(lambda data: data, count).lower(origin, control, nstep), begin
+                found = program(lambda data: data, count).lower(origin, control, nstep)
             except TypeError:  # make_data's types are not those that a step gives back
                 settled = _settled(lambda data: step(data, data.ctrl), empty)
                 begin = time.perf_counter()
-                return program(settled, count).lower(origin, control, nstep), begin
+                found = program(settled, count).lower(origin, control, nstep)
+            return found, time.perf_counter() - begin
 
         dtype = leaves["ctrl"].dtype
         origin = on_device(start_fields(workload))
         control = jax.device_put(workload.control.astype(dtype))
         nstep = jax.device_put(np.int32(workload.nstep))
         fixed = self.counts_on_host()
-        program_timed, begin = traced(workload.nstep if fixed else None)
-        lowered = time.perf_counter()
-        timed = program_timed.compile()
-        compile_s = time.perf_counter() - lowered
-        checked = traced(None)[0].compile() if fixed else timed
+        to_compile, trace_s = lowered(workload.nstep if fixed else None)
+        begin = time.perf_counter()
+        timed = to_compile.compile()
+        compile_s = time.perf_counter() - begin
+        checked = lowered(None)[0].compile() if fixed else timed
         if self.compiles_at_first:
             first = jax.tree.map(jax.numpy.copy, origin)
-            called = time.perf_counter()
+            begin = time.perf_counter()
             jax.block_until_ready(checked(first, control, jax.device_put(np.int32(1))))
-            compile_s += time.perf_counter() - called
+            compile_s += time.perf_counter() - begin
         holder: dict[str, Any] = {}
 
         def clear() -> None:
@@ -162,7 +162,7 @@ class Mjx(Accelerated):
             clear,
             final_states,
             device=name,
-            trace_s=lowered - begin,
+            trace_s=trace_s,
             compile_s=compile_s,
             exact=not fixed,
             room=room,
@@ -171,7 +171,12 @@ class Mjx(Accelerated):
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return the program, with scan: the number of steps is fixed there."""
+        """Return the program, with scan: the number of steps is fixed there.
+
+        Args:
+          workload: to run.
+          options: sizes of buffers (see `Compiled.room`).
+        """
         x64 = self.precision == "float64"
         config = (
             'jax.config.update("jax_enable_x64", True)\n'
@@ -185,7 +190,6 @@ class Mjx(Accelerated):
             else ""
         )
         impl = "" if self.impl == "jax" else f', impl="{self.impl}"'
-        room = "".join(f", {n}={options[n]}" for n in BUFFERS if n in options)
         held = (
             "    data = data.replace(ctrl=ctrl)\n"
             f"    return jax.lax.fori_loop(0, {workload.hold}, lambda _, d: mjx.step(mx, d), data),"
@@ -196,7 +200,7 @@ class Mjx(Accelerated):
         return (
             "import jax\nimport mujoco\nimport numpy as np\nfrom mujoco import mjx\n\n"
             f"{config}mx = mjx.put_model(model{impl})\n"
-            f"empty = mjx.make_data(model{impl}{room})\n{types}"
+            f"empty = mjx.make_data(model{impl}{keywords(options)})\n{types}"
             "datas = [mujoco.MjData(model) for _ in initial_state]\n"
             "for data, state in zip(datas, initial_state):\n"
             "    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)\n"
@@ -258,9 +262,8 @@ class MjxWarp(Mjx):
     def _room(self, peaks: Peaks, nbatch: int) -> dict[str, int]:
         from mujoco import mjx
 
-        contacts = room_for(peaks) * nbatch  # of all simulations; called one or the other
-        sizes = compat.known(mjx.make_data, naconmax=contacts, nconmax=contacts)
-        return {**sizes, "njmax": max(1, ROOM * peaks.constraints)}
+        room = room_for(peaks, nbatch)
+        return compat.known(mjx.make_data, nconmax=room["naconmax"], **room)  # one, by release
 
     def _most_memory(self, device: Any) -> int | None:
         from mjbench.paths.warp import most_memory
@@ -300,7 +303,7 @@ def _fields(data: Any, kept: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 def _check_room(data: Any) -> None:
     """Refuse a result for which a buffer of Warp's was too small."""
-    inner = getattr(data, "_impl", data)
+    inner = compat.mjx_own(data)
     if hasattr(inner, "overflow"):
         check_overflow(np.asarray(inner.overflow))
     elif hasattr(inner, "nacon"):
@@ -309,7 +312,7 @@ def _check_room(data: Any) -> None:
 
 def _contacts(data: Any) -> Contacts | None:
     """Return the contacts of batched Data that are close enough to count."""
-    inner = getattr(data, "_impl", data)
+    inner = compat.mjx_own(data)
     if hasattr(inner, "nacon"):  # of Warp: those of all simulations in one list
         names = ("worldid", "geom", "frame", "dist", "includemargin")
         return listed_contacts(inner.nacon, *(getattr(inner, f"contact__{n}") for n in names))

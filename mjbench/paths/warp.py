@@ -9,13 +9,12 @@ import numpy as np
 
 from mjbench import compat
 from mjbench.paths.accelerated import (
-    BUFFERS,
-    ROOM,
     Accelerated,
     After,
     Compiled,
     check_overflow,
     final,
+    keywords,
     listed_contacts,
     room_for,
     start_fields,
@@ -67,10 +66,7 @@ class Warp(Accelerated):
         nbatch, hold = workload.nbatch, workload.hold
         begin = time.perf_counter()
         model = mujoco_warp.put_model(workload.model)
-        room = {
-            "naconmax": nbatch * room_for(peaks),
-            "njmax": max(1, ROOM * peaks.constraints),
-        }
+        room = room_for(peaks, nbatch)
         data = mujoco_warp.make_data(workload.model, nworld=nbatch, **room)
         wp.synchronize()
         made = time.perf_counter()
@@ -141,16 +137,20 @@ class Warp(Accelerated):
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return the loop over a captured step."""
+        """Return the loop over a captured step.
+
+        Args:
+          workload: to run.
+          options: sizes of buffers (see `Compiled.room`).
+        """
         spec = "mujoco.mjtState.mjSTATE_INTEGRATION"
         times = (
             f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
         )
-        room = "".join(f", {n}={options[n]}" for n in BUFFERS if n in options)
         return (
             "import mujoco\nimport mujoco_warp as mjw\nimport numpy as np\nimport warp as wp\n\n"
             "m = mjw.put_model(model)\n"
-            f"d = mjw.make_data(model, nworld=len(initial_state){room})\n"
+            f"d = mjw.make_data(model, nworld=len(initial_state){keywords(options)})\n"
             "mjw.step(m, d)  # compiles\n"
             "with wp.ScopedCapture() as capture:\n"
             "    mjw.step(m, d)\n"
