@@ -12,7 +12,7 @@ from pathlib import Path
 # mjbench is always the checkout's, also in an environment where another one is installed
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from mjbench import guard
+from mjbench.releases import install_check
 
 
 def _meant() -> str | None:
@@ -24,6 +24,6 @@ def _meant() -> str | None:
     return found.group(1) if found else None
 
 
-_problem = guard.imported_problem(_meant())
+_problem = install_check.imported_problem(_meant())
 if _problem:
     raise RuntimeError(f"not measured: {_problem}")

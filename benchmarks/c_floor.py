@@ -29,8 +29,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import agreement, compat, isolate, measure, models, paths, stats, timing, workload
+from mjbench import paths
+from mjbench.comparison import measure
 from mjbench.errors import MachineError, MjbenchError, one_line
+from mjbench.instrument import isolate, stats, timing
+from mjbench.simulation import agreement, compat, models, workload
 
 # Steps that each control of python_loop_hold is held.
 LONG_HOLD = 50
@@ -128,7 +131,7 @@ def launch(library: Path, name: str, contest: Contest, budget_s: float) -> tuple
 def measure_launch(request: dict[str, Any], channel: isolate.Channel) -> None:
     """Measure one launch and send it; runs in a child process."""
     contest = Contest(**request["contest"])
-    model = models.load(models.Source(contest.label, Path(request["path"])))
+    model = models.load(models.ModelSource(contest.label, Path(request["path"])))
     sizes = {"nbatch": None, "nstep": None, "hold": contest.hold, "largest": 1}
     nbatch, nstep, _ = measure.sizes(model, sizes)
     work = workload.make(model, nbatch, nstep, contest.hold)

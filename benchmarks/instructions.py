@@ -1,7 +1,7 @@
 """Instructions of a step, counted by Callgrind: exact, whatever else the machine does.
 
 One process under Callgrind counts all models of a release, each over its stored start states and
-controls (see mjbench.instructions).
+controls (see mjbench.counts.instructions).
 """
 
 import pickle
@@ -10,8 +10,9 @@ from pathlib import Path
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench import installs, models, workload
-from mjbench import instructions as room
+from mjbench.counts import instructions as room
+from mjbench.releases import installs
+from mjbench.simulation import models, workload
 
 # Simulations of each model; Callgrind runs some fifty times slower than the processor.
 NBATCH = 2
@@ -42,7 +43,7 @@ class Instructions(Tracked):
                     sources.append(source)
                 except NotImplementedError as reason:
                     found[name] = ("unable", str(reason))
-            for count in counter.count(installs.wanted(installs.HERE), sources):
+            for count in counter.count(installs.parse_release(installs.INSTALLED), sources):
                 if count.instructions_per_step is None:
                     found[count.model] = ("failed", count.detail)
                 else:

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Timed
-from mjbench import models, workload
+from mjbench.simulation import models, workload
 
 SMALL, BIG = "cartpole", "pile"
 GEOMS, NRAY = 2000, 500

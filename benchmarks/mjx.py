@@ -13,9 +13,12 @@ import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench import apart, isolate, models, paths, timing, work, workload
+from mjbench import paths
+from mjbench.comparison import accelerated_run
 from mjbench.errors import MachineError
-from mjbench.paths.accelerated import hand_over
+from mjbench.instrument import isolate, timing
+from mjbench.paths.accelerated import save_workload
+from mjbench.simulation import models, work, workload
 
 NBATCH, NSTEP = 1024, 100
 # Of the contest with the program by hand: steps of a block, and pairs of blocks. The ratios of the
@@ -140,8 +143,8 @@ def _measured(model: str, nbatch: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "work.pickle"
         made = stored.stored_workload(model, nbatch)
-        hand_over(made, work.observe(made).peaks, file)
-        ended = apart.run(models.resolve(model), "mjx", {}, file, take)
+        save_workload(made, work.observe(made).peaks, file)
+        ended = accelerated_run.run(models.resolve(model), "mjx", {}, file, take)
     if told.get("status") == "unavailable" or (ended.status == "failed" and "trace_s" not in told):
         raise NotImplementedError(told.get("detail") or ended.detail)
     if ended.status != "ok" or told.get("status") != "ok":

@@ -9,7 +9,8 @@ import numpy as np
 import mjbench
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench import timing, workload
+from mjbench.instrument import timing
+from mjbench.simulation import workload
 
 MODEL, NSTEP = "humanoid", 200
 FIELDS = ["qpos", "qvel", "sensordata"]

@@ -2,16 +2,18 @@
 
 asv's times are those of a machine on a day; this ratio is not bent by the machine's drift, so that
 releases measured months apart can be compared. The reference is installed beside, in mjbench's
-cache (see mjbench.installs).
+cache (see mjbench.releases.installs).
 """
 
 import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench import installs, models, stats
-from mjbench.fleet import Fleet
-from mjbench.paired import Pair, Side
+from mjbench.instrument import stats
+from mjbench.paired.protocol import Target, TargetPair
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.simulation import models
 
 REFERENCE = "4.0.0"
 # Launches vary by 0.5 to 0.9 %: the mean of these by about a quarter of a percent.
@@ -33,10 +35,10 @@ class Reference(Tracked):
     def track_ratio_to_reference(self, model: str) -> float:
         """Compare."""
         source = models.resolve(model)
-        reference = Side(installs.wanted(REFERENCE), source)
-        here = Side(installs.wanted(installs.HERE), source)
-        with Fleet() as fleet:
-            pair = Pair(fleet, reference, here)
+        reference = Target(installs.parse_release(REFERENCE), source)
+        here = Target(installs.parse_release(installs.INSTALLED), source)
+        with WorkerPool() as pool:
+            pair = TargetPair(pool, reference, here)
             values = [pair.launch().value for _ in range(LAUNCHES)]
             pair.close()
         return float(np.exp(stats.anytime_interval(values, 0.99).mean))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from benchmarks import stored
 from benchmarks.settings import Timed, Tracked
-from mjbench import models, work
+from mjbench.simulation import models, work
 
 
 class Step(Timed):

@@ -17,7 +17,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import agreement, models, paths, releases, work, workload
+from mjbench import paths
+from mjbench.releases import catalogue
+from mjbench.simulation import agreement, models, work, workload
 
 FILE = Path(__file__).with_name("stored.npz")
 # Simulations and steps of each; every control is held for ten steps.
@@ -43,7 +45,7 @@ def load(name: str) -> Any:
       NotImplementedError: this release lacks what the model needs.
     """
     since = SINCE.get(name)
-    if since and releases.key(mujoco.__version__) < releases.key(since):
+    if since and catalogue.key(mujoco.__version__) < catalogue.key(since):
         raise NotImplementedError(f"{name} needs MuJoCo {since}")
     return models.load(models.resolve(name))
 

@@ -4,26 +4,9 @@ from typing import Any
 
 import mujoco
 import pytest
+from example_models import CONTACT_XML
 
-from mjbench import workload
-
-# A box resting on the floor, a motor-driven arm, and a mocap body away from its default pose.
-CONTACT_XML = """
-<mujoco>
-  <worldbody>
-    <geom type="plane" size="1 1 1"/>
-    <body name="target" mocap="true" pos="0 0 2"/>
-    <body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
-    <body pos="1 0 .5">
-      <joint name="arm" type="hinge" axis="0 1 0"/>
-      <geom type="capsule" size=".05" fromto="0 0 0 .3 0 0"/>
-    </body>
-  </worldbody>
-  <actuator><motor joint="arm" ctrlrange="-1 1" ctrllimited="true"/></actuator>
-  <sensor><jointpos joint="arm"/></sensor>
-  <keyframe><key qpos="0 0 .098 1 0 0 0 .1" ctrl=".2" mpos="0 0 3"/></keyframe>
-</mujoco>
-"""
+from mjbench.simulation import workload
 
 
 def pytest_configure(config: pytest.Config) -> None:

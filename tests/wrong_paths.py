@@ -9,12 +9,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import compat, paths
+from mjbench import paths
 from mjbench.paths.base import fill_from_array, simulate
-from mjbench.workload import Workload
+from mjbench.simulation import compat
+from mjbench.simulation.workload import Workload
 
 
-class _Wrong(paths.Path):
+class _Wrong(paths.SteppingPath):
     summary = "wrong on purpose"
     closed_loop = True
 

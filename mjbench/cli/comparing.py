@@ -28,8 +28,8 @@ from mjbench.cli.shared import (
 from mjbench.errors import InputError, MachineError
 
 if TYPE_CHECKING:
-    from mjbench.compare import Plan
-    from mjbench.models import Source
+    from mjbench.comparison.compare import ComparisonPlan
+    from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
@@ -87,8 +87,9 @@ def compare(
     tolerances and timed alone, in a process each. Raw samples go to a run file in
     results/runs; `mjbench show` prints it again.
     """
-    from mjbench import compare as room
-    from mjbench import measure, models, selection
+    from mjbench.comparison import compare as room
+    from mjbench.comparison import measure, selection
+    from mjbench.simulation import models
 
     check_sizes(nstep, hold)
     sources = [models.resolve(name) for name in names or models.shipped()]
@@ -105,7 +106,7 @@ def compare(
         asked = [*asked, *selection.rivals(asked)]
     variants = selection.variants(asked, threads, choices)
     largest = max(max(o.get("threads", 1), o.get("processes", 1)) for _, o in variants)
-    plan = room.Plan(
+    plan = room.ComparisonPlan(
         variants=variants,
         nstep=nstep,
         hold=hold,
@@ -121,13 +122,16 @@ def compare(
 
 
 def _compare(
-    sources: Sequence["Source"], plans: Sequence["Plan"], folder: Path, json_file: str | None
+    sources: Sequence["ModelSource"],
+    plans: Sequence["ComparisonPlan"],
+    folder: Path,
+    json_file: str | None,
 ) -> int:
-    from mjbench import compare as room
-    from mjbench import machine
+    from mjbench.comparison import compare as room
+    from mjbench.instrument import machine
+    from mjbench.instrument.runs import RunFile
     from mjbench.report import results as derive
     from mjbench.report import tables
-    from mjbench.runs import RunFile
 
     about = machine.describe()
     with output(json_file) as write_json:
@@ -169,7 +173,8 @@ def _compare(
 @JSON
 def show(file: Path | None, results: Path, json_file: str | None) -> None:
     """Print a run FILE again (default: the newest in results/runs)."""
-    from mjbench import runs, selfcheck
+    from mjbench.instrument import runs
+    from mjbench.paired import selfcheck
     from mjbench.report import results as derive
     from mjbench.report import tables, verdicts
 
@@ -203,9 +208,9 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
 @JSON
 def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> None:
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver."""
-    from mjbench import listing
-    from mjbench import models as room
+    from mjbench.comparison import listing
     from mjbench.report import tables
+    from mjbench.simulation import models as room
 
     sources = [room.resolve(name) for name in names or room.shipped()]
     with output(json_file) as write_json:
@@ -253,7 +258,7 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     They were taken at different times, which no statistics mends: for releases, models and
     options `mjbench versions` and `mjbench ab` alternate both sides instead.
     """
-    from mjbench import runs
+    from mjbench.instrument import runs
     from mjbench.report import results as derive
     from mjbench.report import tables
 

@@ -45,15 +45,17 @@ def instructions(
 
     Needs valgrind. Every release does the work that the first one named drew.
     """
-    from mjbench import installs, models, paired
-    from mjbench import instructions as room
+    from mjbench.counts import instructions as room
+    from mjbench.paired import protocol
+    from mjbench.releases import installs
     from mjbench.report import counts, tables
+    from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or models.shipped()]
-    releases = [installs.wanted(word) for word in words or (installs.HERE,)]
+    releases = [installs.parse_release(word) for word in words or (installs.INSTALLED,)]
     out = tables.console(stderr=json_file == "-")
     found = []
-    with output(json_file) as write_json, room.Counter(paired.Sizes(seed=seed)) as counter:
+    with output(json_file) as write_json, room.Counter(protocol.Sizes(seed=seed)) as counter:
         with progress(out, len(releases)) as advance:
             for number, release in enumerate(releases):
                 advance(number, f"MuJoCo {release.version}", 0.0)
@@ -77,17 +79,19 @@ def explain(
     to the difference; beside them the work done and the paired wall-clock ratio, of the same
     simulations.
     """
-    from mjbench import explain as derive
-    from mjbench import installs, models, verdict
-    from mjbench import instructions as room
-    from mjbench.fleet import Fleet
-    from mjbench.paired import Side
+    from mjbench.counts import explain as derive
+    from mjbench.counts import instructions as room
+    from mjbench.paired import verdict
+    from mjbench.paired.protocol import Target
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.releases import installs
     from mjbench.report import counts, tables
+    from mjbench.simulation import models
 
     named = [word for word in words if installs.is_release(word)]
     if len(named) != 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
-    releases = [installs.wanted(word) for word in named]
+    releases = [installs.parse_release(word) for word in named]
     given = [word for word in words if word not in named]
     sources = [models.resolve(name) for name in given or models.shipped()]
     plan = plan_of(**chosen)
@@ -95,13 +99,13 @@ def explain(
     results, statuses = [], []
     with (
         output(json_file) as write_json,
-        Fleet() as fleet,
+        WorkerPool() as pool,
         room.Counter(plan.sizes) as counter,
     ):
-        outcomes: list[verdict.Outcome | None] = []
+        outcomes: list[verdict.PairedResult | None] = []
         for source in sources:
-            before, after = (Side(release, source) for release in releases)
-            outcome = verdict.decide(fleet, before, after, plan) if clock else None
+            before, after = (Target(release, source) for release in releases)
+            outcome = verdict.decide(pool, before, after, plan) if clock else None
             if outcome and outcome.status == "interrupted":
                 raise KeyboardInterrupt
             if outcome and outcome.work:

@@ -30,7 +30,7 @@ def releases(ctx: click.Context) -> None:
 @JSON
 def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
     """List releases: on the package index, in the history, installed here."""
-    from mjbench import releases as room
+    from mjbench.releases import catalogue as room
     from mjbench.report import tables
 
     with output(json_file) as write_json:
@@ -46,7 +46,7 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
 @HISTORY
 def update_releases(history: Path | None) -> None:
     """Append to the history what the package index has beyond it."""
-    from mjbench import releases as room
+    from mjbench.releases import catalogue as room
 
     bundle = history or room.bundle_path()
     appended = room.update(bundle, room.index())
@@ -60,7 +60,7 @@ def update_releases(history: Path | None) -> None:
 @HISTORY
 def verify_releases(history: Path | None) -> None:
     """Make the history again and compare every hash; exit 1 if one differs."""
-    from mjbench import releases as room
+    from mjbench.releases import catalogue as room
 
     bundle = history or room.bundle_path()
     known, problem = None, ""
@@ -83,17 +83,17 @@ def verify_releases(history: Path | None) -> None:
 @click.argument("names", nargs=-1, required=True, metavar="RELEASE…")
 def install_releases(names: tuple[str, ...]) -> None:
     """Install releases, each alone in the cache folder, for `mjbench versions`."""
-    from mjbench import installs
+    from mjbench.releases import installs
 
     interruptible()
-    for release in [installs.wanted(name) for name in names]:
+    for release in [installs.parse_release(name) for name in names]:
         click.echo(installs.install(release))
 
 
 @releases.command("installs")
 def list_installs() -> None:
     """List the releases that are installed in the cache folder."""
-    from mjbench import installs
+    from mjbench.releases import installs
 
     click.echo(f"In {installs.cache()}:")
     for name in installs.installed():
@@ -105,7 +105,7 @@ def list_installs() -> None:
 @click.option("--all", "every", is_flag=True, help="Remove every install.")
 def remove_releases(names: tuple[str, ...], every: bool) -> None:
     """Remove installs from the cache folder, by their names there or by version."""
-    from mjbench import installs
+    from mjbench.releases import installs
 
     there = installs.installed()
     if not names and not every:
@@ -156,8 +156,8 @@ def history(
     The page is Markdown, on the terminal or in the file that -o names; docs/history.md is
     written by this command.
     """
-    from mjbench import history as room
-    from mjbench import releases as known
+    from mjbench.releases import catalogue as known
+    from mjbench.releases import history as room
     from mjbench.report import history as report
 
     bundle = history or known.bundle_path()

@@ -80,8 +80,10 @@ def versions(
     Ratios are new over old: above 1 is slower. A verdict of a release that does other work says
     so beside it.
     """
-    from mjbench import installs, models, sides
-    from mjbench.paired import Side
+    from mjbench.paired import targets
+    from mjbench.paired.protocol import Target
+    from mjbench.releases import installs
+    from mjbench.simulation import models
 
     named = [word for word in words if installs.is_release(word)]
     olds = [old] if old else named[:1]
@@ -91,14 +93,14 @@ def versions(
     given = [word for word in words if word not in named]
     sources = [models.resolve(name) for name in given or models.shipped()]
     ways = path_names or ["python_loop"]
-    before, *after = [installs.wanted(word) for word in [*olds, *new_words]]
+    before, *after = [installs.parse_release(word) for word in [*olds, *new_words]]
     if metric == "instructions":
         if ways != ["python_loop"]:
             raise InputError("instructions are counted of python_loop alone: leave out --paths")
         sys.exit(_count(before, after, sources, fail_on, **chosen))
-    options = {name: sides.way(name).complete({}) for name in ways}
+    options = {name: targets.way(name).complete({}) for name in ways}
     pairs = [
-        (Side(before, source, name, options[name]), Side(release, source, name, options[name]))
+        (Target(before, source, name, options[name]), Target(release, source, name, options[name]))
         for release in after
         for source in sources
         for name in ways
@@ -122,9 +124,9 @@ def ab(old: str, new: str, fail_on: list[str], **chosen: Any) -> None:
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg
     """
-    from mjbench import sides
+    from mjbench.paired import targets
 
-    sys.exit(_decide("ab", [sides.parse(old, new)], fail_on, **chosen))
+    sys.exit(_decide("ab", [targets.parse(old, new)], fail_on, **chosen))
 
 
 @cli.command()
@@ -154,11 +156,13 @@ def selfcheck(
     false alarms, power, error of the estimate, seconds for a verdict. MODEL is cartpole and
     humanoid unless named.
     """
-    from mjbench import machine, models, verdict
-    from mjbench import selfcheck as room
-    from mjbench.fleet import Fleet
+    from mjbench.instrument import machine
+    from mjbench.instrument.runs import RunFile
+    from mjbench.paired import selfcheck as room
+    from mjbench.paired import verdict
+    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report import tables, verdicts
-    from mjbench.runs import RunFile
+    from mjbench.simulation import models
 
     try:
         sizes = [float(word.removesuffix("%")) / 100 for word in slowdowns.split(",")]
@@ -169,7 +173,9 @@ def selfcheck(
     for arm in arms:
         _ = arm.sizes  # each must be possible
     plan_keys = ("min_effect", "confidence", "precision")
-    plan = verdict.Plan(**{k: chosen[k] for k in plan_keys}, time_limit_s=chosen["time_limit"])
+    plan = verdict.VerdictPlan(
+        **{k: chosen[k] for k in plan_keys}, time_limit_s=chosen["time_limit"]
+    )
     about: dict[str, Any] = machine.describe()
     found: list[dict[str, Any]] = []
     code = 0
@@ -184,9 +190,9 @@ def selfcheck(
                 found.append(record)
                 advance(len(found), f"{record['model']} {100 * record['slowdown']:g} %", 0.0)
 
-            with room.neighbour(busy), Fleet() as fleet:
+            with room.neighbour(busy), WorkerPool() as pool:
                 try:
-                    room.run(fleet, arms, trials, plan, on_trial)
+                    room.run(pool, arms, trials, plan, on_trial)
                 except KeyboardInterrupt:
                     click.echo("mjbench: interrupted; what was measured is kept", err=True)
                     code = INTERRUPTED
@@ -207,21 +213,22 @@ def _decide(
     json_file: str | None,
     **chosen: Any,
 ) -> int:
-    from mjbench import machine, verdict
-    from mjbench.fleet import Fleet
+    from mjbench.instrument import machine
+    from mjbench.instrument.runs import RunFile
+    from mjbench.paired import verdict
+    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report import tables, verdicts
-    from mjbench.runs import RunFile
 
     plan = plan_of(**chosen)
     about, found = machine.describe(), []
     with output(json_file) as write_json:
         run_file = RunFile(results, command, {"machine": about, "arguments": plan.as_dict()})
         out = tables.console(stderr=json_file == "-")
-        with progress(out, len(pairs)) as advance, Fleet() as fleet:
+        with progress(out, len(pairs)) as advance, WorkerPool() as pool:
             for number, (old, new) in enumerate(pairs):
                 name = f"{new.model.name} {new.release.version}"
                 shown = functools.partial(_show_launch, advance, number, name)
-                outcome = verdict.decide(fleet, old, new, plan, shown)
+                outcome = verdict.decide(pool, old, new, plan, shown)
                 run_file.append(outcome.as_record())
                 found.append(outcome.as_result())
                 if outcome.status == "interrupted":
@@ -243,9 +250,10 @@ def _count(
     json_file: str | None,
     **chosen: Any,
 ) -> int:
-    from mjbench import explain, instructions, machine
+    from mjbench.counts import explain, instructions
+    from mjbench.instrument import machine
+    from mjbench.instrument.runs import RunFile
     from mjbench.report import tables, verdicts
-    from mjbench.runs import RunFile
 
     plan, about = plan_of(**chosen), machine.describe()
     with output(json_file) as write_json, instructions.Counter(plan.sizes) as counter:
@@ -282,12 +290,12 @@ def plan_of(
     hold: int,
     seed: int,
 ) -> Any:
-    """Return the verdict.Plan that options ask for."""
-    from mjbench import paired, verdict
+    """Return the verdict.VerdictPlan that options ask for."""
+    from mjbench.paired import protocol, verdict
 
     check_sizes(nstep, hold)
-    sizes = paired.Sizes(nbatch, nstep, hold, seed)
-    return verdict.Plan(min_effect, confidence, precision, time_limit, sizes)
+    sizes = protocol.Sizes(nbatch, nstep, hold, seed)
+    return verdict.VerdictPlan(min_effect, confidence, precision, time_limit, sizes)
 
 
 def _show_launch(advance: Any, number: int, name: str, judged: Any) -> None:

@@ -25,9 +25,11 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
     """
     from dataclasses import asdict
 
-    from mjbench import habits, machine, models
+    from mjbench.instrument import machine
+    from mjbench.loop import overhead
     from mjbench.report import habits as report
     from mjbench.report import tables
+    from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
     out = tables.console(stderr=json_file == "-")
@@ -35,7 +37,7 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
     with output(json_file) as write_json:
         for source in sources:
             with _costs_its_row(source.name, found):
-                table = habits.measure(source, time_limit)
+                table = overhead.measure(source, time_limit)
                 report.print_table(out, table, code)
                 found.append({"status": "ok", "detail": "", **asdict(table)})
         write_json({"schema": 1, "machine": machine.describe(), "results": found})
@@ -51,10 +53,11 @@ def profile(names: tuple[str, ...], time_limit: float, json_file: str | None) ->
 
     Stages are MuJoCo's own timers. Rendering is tried by EGL and OSMesa.
     """
-    from mjbench import machine, models
-    from mjbench import profile as room
+    from mjbench.instrument import machine
+    from mjbench.loop import profile as room
     from mjbench.report import profile as report
     from mjbench.report import tables
+    from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
     out = tables.console(stderr=json_file == "-")
@@ -95,8 +98,8 @@ def falls(
     The pole is left alone from random starts around each angle; it has fallen when it passes
     0.5 rad within a second. All paths must count the same falls; then their times are compared.
     """
-    from mjbench import falls as room
-    from mjbench import machine
+    from mjbench.instrument import machine
+    from mjbench.loop import pole_example as room
     from mjbench.report import falls as report
     from mjbench.report import tables
 
@@ -124,7 +127,7 @@ def lint(names: tuple[str, ...], json_file: str | None) -> None:
     """
     from dataclasses import asdict
 
-    from mjbench import lint as room
+    from mjbench.loop import lint as room
 
     found, broken = [], []
     with output(json_file) as write_json:

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from mjbench.errors import InputError, MachineError
-from mjbench.runs import FOLDER
+from mjbench.instrument.runs import FOLDER
 
 INTERRUPTED = 130
 

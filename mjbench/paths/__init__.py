@@ -8,7 +8,7 @@ import difflib
 import importlib
 
 from mjbench.errors import InputError, one_line
-from mjbench.paths.base import Option, Options, Path, Prepared, Resources, States
+from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
 
 # The path that every speed-up is a speed-up over.
 BASE = "python_loop"
@@ -17,16 +17,16 @@ __all__ = [
     "BASE",
     "Option",
     "Options",
-    "Path",
     "Prepared",
     "Resources",
     "States",
+    "SteppingPath",
     "find",
     "registry",
 ]
 
 
-def registry() -> dict[str, Path]:
+def registry() -> dict[str, SteppingPath]:
     """Return every path by name, each a new object."""
     from mjbench.paths.batch import BatchRollout, BatchStep
     from mjbench.paths.mjx import Mjx, Mjx64, MjxWarp
@@ -43,7 +43,7 @@ def registry() -> dict[str, Path]:
     return {kind.name: kind() for kind in kinds}
 
 
-def find(name: str) -> Path:
+def find(name: str) -> SteppingPath:
     """Return the path called `name`, or an object of the class that `module:Class` names.
 
     Raises:
@@ -58,9 +58,9 @@ def find(name: str) -> Path:
             kind = getattr(importlib.import_module(module), attribute)
         except (ImportError, AttributeError, ValueError) as error:
             raise InputError(f"path {name}: {one_line(error)}") from error
-        if isinstance(kind, type) and issubclass(kind, Path):
+        if isinstance(kind, type) and issubclass(kind, SteppingPath):
             return kind()
-        raise InputError(f"path {name}: not a subclass of mjbench.paths.Path")
+        raise InputError(f"path {name}: not a subclass of mjbench.paths.SteppingPath")
     near = difflib.get_close_matches(name, paths, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     raise InputError(f"no path {name!r}{hint}; there are {', '.join(paths)}")

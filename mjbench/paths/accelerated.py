@@ -16,12 +16,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mjbench import compat, work
 from mjbench.errors import InputError, MachineError, one_line
-from mjbench.paths.base import Options, Path, Prepared, Resources, States
-from mjbench.trajectory import Contacts
-from mjbench.work import Peaks
-from mjbench.workload import Workload, fields, portable, restore
+from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
+from mjbench.simulation import compat, work
+from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.work import Peaks
+from mjbench.simulation.workload import Workload, fields, portable, restore
 
 # Room for contacts and constraints in Warp's buffers, as a multiple of the reference run's peak.
 _ROOM = 2
@@ -33,7 +33,7 @@ _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
 
 
 @dataclass(frozen=True, eq=False)
-class After:
+class StepOutcome:
     """Where some steps led.
 
     Attributes:
@@ -59,8 +59,8 @@ class Compiled(Prepared):
       room: sizes of buffers, by the engine's names for them.
       gpu_memory_bytes: () → the most memory of the GPU that was taken; None on a CPU, or where the
         engine does not tell.
-      advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) → After:
-        the very program that is timed, from other states and for as many steps as one likes.
+      advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) →
+        StepOutcome: the very program that is timed, from other states and for as many steps as one likes.
     """
 
     device: str = ""
@@ -69,12 +69,12 @@ class Compiled(Prepared):
     exact: bool = True
     room: Mapping[str, int] = field(default_factory=dict)
     gpu_memory_bytes: Callable[[], int | None] = lambda: None
-    advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], After] = field(
+    advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome] = field(
         default=None  # type: ignore[assignment]
     )
 
 
-class Accelerated(Path):
+class AcceleratedPath(SteppingPath):
     """A path that compiles first.
 
     Class attributes:
@@ -160,23 +160,23 @@ def taken(found: Mapping[str, np.ndarray], known: Mapping[str, Any], engine: str
     return kept
 
 
-def hand_over(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
+def save_workload(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
     """Leave a workload, and the most that a step of its reference run did, for another process."""
     file.write_bytes(pickle.dumps({"workload": portable(workload), "peaks": peaks}))
 
 
-def taken_over(model: Any, file: pathlib.Path) -> tuple[Workload, Resources]:
-    """Return the workload that `hand_over` left, bit by bit, and resources that know its peaks."""
+def load_workload(model: Any, file: pathlib.Path) -> tuple[Workload, Resources]:
+    """Return the workload that `save_workload` wrote, and resources that hold its peaks."""
     given = pickle.loads(file.read_bytes())
     made = restore(model, given["workload"])
     resources = Resources(made)
-    resources.kept("peaks", lambda: given["peaks"])
+    resources.get_or_create("peaks", lambda: given["peaks"])
     return made, resources
 
 
 def peaks(workload: Workload, resources: Resources) -> Peaks:
     """Return the most that a step of the reference run did, which is made where none was yet."""
-    made = resources.kept("peaks", lambda: work.observe(workload).peaks)
+    made = resources.get_or_create("peaks", lambda: work.observe(workload).peaks)
     assert isinstance(made, Peaks)
     return made
 

@@ -1,6 +1,6 @@
 """What every way of stepping promises.
 
-A `Path` says what it is called, what it can do, why it is unavailable here, and makes a
+A `SteppingPath` says what it is called, what it can do, why it is unavailable here, and makes a
 `Prepared` run of a workload. `Prepared.run()` is exactly the timed region: it starts from the
 workload's start states, does all its steps, and leaves the final states where `final_states()`
 can read them afterwards. Every allocation, thread pool and worker is made in `prepare`.
@@ -16,9 +16,9 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench import compat
 from mjbench.errors import InputError
-from mjbench.workload import Workload
+from mjbench.simulation import compat
+from mjbench.simulation.workload import Workload
 
 Options = Mapping[str, Any]
 
@@ -90,15 +90,15 @@ class Resources:
             self._datas.append(mujoco.MjData(self.workload.model))
         return self._datas[:count]
 
-    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what `make` made when `key` was first asked for."""
+    def get_or_create(self, key: Any, create: Callable[[], Any]) -> Any:
+        """Return what `create` returned when `key` was first asked for."""
         if key not in self._kept:
-            self._kept[key] = make()
+            self._kept[key] = create()
         return self._kept[key]
 
     def final_state(self) -> np.ndarray:
         """Return the (nbatch, nstate) array that runs write their final states to."""
-        return self.kept(  # type: ignore[no-any-return]
+        return self.get_or_create(  # type: ignore[no-any-return]
             "final_state", lambda: np.empty_like(self.workload.initial_state)
         )
 
@@ -141,7 +141,7 @@ class Prepared:
         return self.final_states()
 
 
-class Path(ABC):
+class SteppingPath(ABC):
     """One way of stepping a workload.
 
     Class attributes:

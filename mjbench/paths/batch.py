@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench import compat, machine
-from mjbench.paths.base import Option, Options, Path, Prepared, Resources, States
-from mjbench.workload import Workload
+from mjbench.instrument import machine
+from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.simulation import compat
+from mjbench.simulation.workload import Workload
 
 _THREADS = Option("threads", "threads, the caller's included", (), int)
 _DATA = Option(
@@ -22,15 +23,15 @@ _DATA = Option(
 _SHARE_OF_MEMORY = 0.5
 
 
-class _BatchPath(Path):
+class _BatchPath(SteppingPath):
     """What stepping and rolling out a Batch have in common."""
 
     def unavailable(self) -> str | None:
-        """See `Path.unavailable`."""
+        """See `SteppingPath.unavailable`."""
         return compat.batch_unavailable()
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `Path.unsuited`: sleep needs, and big batches forbid, an MjData per simulation."""
+        """See `SteppingPath.unsuited`: sleep needs an MjData per simulation, memory limits it."""
         if options["data"] == "shared":
             if compat.has_sleep(workload.model):
                 return "a model with sleep enabled needs data=persistent"
@@ -45,7 +46,7 @@ class _BatchPath(Path):
         return None
 
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-        """See `Path.variants`: unless asked, only the most threads get an MjData per simulation."""
+        """See `SteppingPath.variants`: by default only the most threads try data=persistent."""
         found = super().variants(choices)
         most = max(options["threads"] for options in found)
         if "data" in choices:
@@ -53,7 +54,7 @@ class _BatchPath(Path):
         return [o for o in found if o["data"] == "shared" or o["threads"] == most]
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `Path.prepare`."""
+        """See `SteppingPath.prepare`."""
         batch = _batch(workload, options, resources)
         start, state = workload.initial_state, batch.state
         advance = self.advance(batch, workload, options, resources)
@@ -91,7 +92,7 @@ class BatchStep(_BatchPath):
     )
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `Path.simplified`."""
+        """See `SteppingPath.simplified`."""
         if options["stage"] == "none":
             options = {**options, "stage": None}
         return super().simplified(options)
@@ -100,7 +101,7 @@ class BatchStep(_BatchPath):
         self, batch: Any, workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         """See `_BatchPath.advance`."""
-        by_control = resources.kept(
+        by_control = resources.get_or_create(
             "control by step", lambda: np.ascontiguousarray(workload.control.swapaxes(0, 1))
         )
         ctrl, hold, step = batch.bind("ctrl"), workload.hold, batch.step
@@ -116,7 +117,7 @@ class BatchStep(_BatchPath):
         return advance
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         words = f"nstep={workload.hold}" if workload.hold > 1 else ""
         if options.get("stage") == "vel":
             words += (", " if words else "") + "stage=mujoco.mjtStage.mjSTAGE_VEL.value"
@@ -142,7 +143,7 @@ class BatchRollout(_BatchPath):
     )
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `Path.simplified`."""
+        """See `SteppingPath.simplified`."""
         if options["record"] == "none":
             options = {**options, "record": None}
         return super().simplified(options)
@@ -154,13 +155,15 @@ class BatchRollout(_BatchPath):
         control = workload.step_control if workload.model.nu else None
         items = _record_items(options)
         out = {
-            item: resources.kept(("batch record", item), functools.partial(_buffer, workload, item))
+            item: resources.get_or_create(
+                ("batch record", item), functools.partial(_buffer, workload, item)
+            )
             for item in items
         }
         return lambda: batch.rollout(workload.nstep, control, record=items, out=out)
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         record = {
             "none": "()",
             "qpos": "('qpos',)",
@@ -179,7 +182,7 @@ def _batch(workload: Workload, options: Options, resources: Resources) -> Any:
     from mujoco import batch
 
     threads, persistent = options["threads"], options["data"] == "persistent"
-    return resources.kept(
+    return resources.get_or_create(
         ("batch", threads, persistent),
         lambda: batch.Batch(workload.model, workload.nbatch, threads, persistent),
     )

@@ -13,12 +13,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mjbench import compat
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths.accelerated import (
-    Accelerated,
-    After,
+    AcceleratedPath,
     Compiled,
+    StepOutcome,
     check_overflow,
     final,
     keywords,
@@ -28,14 +27,15 @@ from mjbench.paths.accelerated import (
     taken,
 )
 from mjbench.paths.base import Options, States
-from mjbench.trajectory import Contacts
-from mjbench.work import Peaks
-from mjbench.workload import Workload
+from mjbench.simulation import compat
+from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.work import Peaks
+from mjbench.simulation.workload import Workload
 
 _MATMUL = "JAX_DEFAULT_MATMUL_PRECISION"
 
 
-class Mjx(Accelerated):
+class Mjx(AcceleratedPath):
     """MJX in float32, which is how it is usually run."""
 
     name = "mjx"
@@ -149,11 +149,13 @@ class Mjx(Accelerated):
             _check_room(holder["data"])
             return final(workload, _fields(holder["data"], origin))
 
-        def advance(found: Mapping[str, np.ndarray], controls: np.ndarray, count: int) -> After:
+        def advance(
+            found: Mapping[str, np.ndarray], controls: np.ndarray, count: int
+        ) -> StepOutcome:
             given = jax.device_put(controls.astype(dtype))
             data = checked(on_device(found), given, jax.device_put(np.int32(count)))
             _check_room(data)
-            return After(_fields(data, origin), _contacts(data))
+            return StepOutcome(_fields(data, origin), _contacts(data))
 
         device = jax.devices()[0]
         name = device.platform if device.platform == "cpu" else device.device_kind

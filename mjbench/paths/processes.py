@@ -12,25 +12,25 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import child
-from mjbench.compat import state_spec
+from mjbench.instrument import child
 from mjbench.paths.base import (
     Option,
     Options,
-    Path,
     Prepared,
     Resources,
+    SteppingPath,
     fill_from_array,
     needs_reset,
     simulate,
 )
 from mjbench.paths.threads import shares
-from mjbench.workload import Workload
+from mjbench.simulation.compat import state_spec
+from mjbench.simulation.workload import Workload
 
 _START_LIMIT_S = 60.0
 
 
-class Processes(Path):
+class Processes(SteppingPath):
     """Processes that each loop over their share of the simulations."""
 
     name = "processes"
@@ -39,14 +39,14 @@ class Processes(Path):
     options = (Option("processes", "worker processes", (), int),)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `Path.prepare`."""
+        """See `SteppingPath.prepare`."""
         count = options["processes"]
-        pool = resources.kept(("workers", count), lambda: _Workers(workload, count))
+        pool = resources.get_or_create(("workers", count), lambda: _Workers(workload, count))
         resources.at_close(pool.close)
         return Prepared(pool.run, *fill_from_array(pool.final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         return _SNIPPET.format(processes=options["processes"], hold=workload.hold)
 
 

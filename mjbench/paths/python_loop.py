@@ -2,21 +2,21 @@
 
 import mujoco
 
-from mjbench.compat import state_spec
 from mjbench.paths.base import (
     Option,
     Options,
-    Path,
     Prepared,
     Resources,
+    SteppingPath,
     fill_from_array,
     needs_reset,
     simulate,
 )
-from mjbench.workload import Workload
+from mjbench.simulation.compat import state_spec
+from mjbench.simulation.workload import Workload
 
 
-class PythonLoop(Path):
+class PythonLoop(SteppingPath):
     """`mj_step(model, data)` in a loop; what every speed-up is a speed-up over."""
 
     name = "python_loop"
@@ -24,7 +24,7 @@ class PythonLoop(Path):
     closed_loop = True
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `Path.prepare`."""
+        """See `SteppingPath.prepare`."""
         model, hold = workload.model, workload.hold
         (data,) = resources.datas(1)
         final_state = resources.final_state()
@@ -47,14 +47,14 @@ class PythonLoop(Path):
         return Prepared(run, *fill_from_array(final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         if workload.hold == 1:
             return _LOOP.format(step="        mujoco.mj_step(model, data)\n")
         repeat = f"        for _ in range({workload.hold}):\n"
         return _LOOP.format(step=repeat + "            mujoco.mj_step(model, data)\n")
 
 
-class PythonLoopHold(Path):
+class PythonLoopHold(SteppingPath):
     """`mj_step(model, data, nstep=hold)` in a loop: Python is entered once per control."""
 
     name = "python_loop_hold"
@@ -70,16 +70,18 @@ class PythonLoopHold(Path):
     )
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `Path.unsuited`."""
+        """See `SteppingPath.unsuited`."""
         if options.get("engine_threads") and not hasattr(mujoco, "mju_threadpool"):
             return "mju_threadpool exists from MuJoCo 3.10.0 on"
         return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `Path.prepare`."""
+        """See `SteppingPath.prepare`."""
         model, threads = workload.model, options.get("engine_threads")
         if threads:  # an MjData of its own: rollout refuses one that has a pool
-            data = resources.kept(("engine_threads", threads), lambda: _pooled(model, threads))
+            data = resources.get_or_create(
+                ("engine_threads", threads), lambda: _pooled(model, threads)
+            )
         else:
             (data,) = resources.datas(1)
         final_state = resources.final_state()
@@ -100,7 +102,7 @@ class PythonLoopHold(Path):
         return Prepared(run, *fill_from_array(final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         code = _LOOP.format(step=f"        mujoco.mj_step(model, data, nstep={workload.hold})\n")
         threads = options.get("engine_threads")
         if threads:

@@ -5,9 +5,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjbench import compat
-from mjbench.paths.base import Option, Options, Path, Prepared, Resources, States
-from mjbench.workload import Workload
+from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.simulation import compat
+from mjbench.simulation.workload import Workload
 
 # What a rollout sets to the model's defaults unless it is part of the control.
 _USER_INPUTS = (
@@ -20,7 +20,7 @@ _USER_INPUTS = (
 )
 
 
-class Rollout(Path):
+class Rollout(SteppingPath):
     """`mujoco.rollout.rollout` into arrays made beforehand.
 
     It returns full-physics states after every step, unless told to return nothing: then the MjData
@@ -53,17 +53,17 @@ class Rollout(Path):
     )
 
     def unavailable(self) -> str | None:
-        """See `Path.unavailable`."""
+        """See `SteppingPath.unavailable`."""
         return compat.rollout_unavailable()
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `Path.unsuited`."""
+        """See `SteppingPath.unsuited`."""
         if options["threads"] > 1 and not compat.rollout_threads():
             return "mujoco.rollout has threads from MuJoCo 3.2.7 on"
         return None
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `Path.simplified`: one thread has neither pool nor chunks."""
+        """See `SteppingPath.simplified`: one thread has neither pool nor chunks."""
         if options["threads"] == 1:
             options = {**options, "pool": None, "chunk": None}
         if options["checks"] == "on" or options["returns"] == "nothing":
@@ -73,11 +73,11 @@ class Rollout(Path):
         return super().simplified(options)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `Path.prepare`."""
+        """See `SteppingPath.prepare`."""
         return _PreparedRollout(workload, options, resources).prepared()
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         threads, hold = options["threads"], workload.hold
         extra = "".join(
             f", {word}"
@@ -111,19 +111,21 @@ class _PreparedRollout:
         self.columns = compat.state_columns(model, self.integration)
         physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
         self.returned = np.concatenate([np.r_[self.columns[name]] for name in physics])
-        self.start = resources.kept(
+        self.start = resources.get_or_create(
             "rollout start", lambda: np.ascontiguousarray(workload.initial_state[:, self.returned])
         )
-        self.warmstart = resources.kept(
+        self.warmstart = resources.get_or_create(
             "rollout warmstart",
             lambda: np.ascontiguousarray(workload.initial_state[:, self.columns["qacc_warmstart"]]),
         )
-        self.control_spec, self.control = resources.kept(
+        self.control_spec, self.control = resources.get_or_create(
             "rollout control", lambda: _control(workload, self.columns)
         )
         shape = (workload.nbatch, workload.nstep)
-        self.state = resources.kept("rollout state", lambda: np.empty((*shape, len(self.returned))))
-        self.sensordata = resources.kept(
+        self.state = resources.get_or_create(
+            "rollout state", lambda: np.empty((*shape, len(self.returned)))
+        )
+        self.sensordata = resources.get_or_create(
             "rollout sensordata", lambda: np.empty((*shape, model.nsensordata))
         )
         self.datas = resources.datas(options["threads"])
@@ -150,7 +152,7 @@ class _PreparedRollout:
             keywords["chunk_size"] = options["chunk"]
         data: Any = self.datas if compat.rollout_threads() else self.datas[0]
         if options.get("pool") == "kept":
-            pool = resources.kept(
+            pool = resources.get_or_create(
                 ("rollout pool", len(self.datas)), lambda: _pool(self.module, len(self.datas))
             )
             resources.at_close(pool.close)

@@ -2,21 +2,21 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
-from mjbench.compat import state_spec
 from mjbench.paths.base import (
     Option,
     Options,
-    Path,
     Prepared,
     Resources,
+    SteppingPath,
     fill_from_array,
     needs_reset,
     simulate,
 )
-from mjbench.workload import Workload
+from mjbench.simulation.compat import state_spec
+from mjbench.simulation.workload import Workload
 
 
-class Threads(Path):
+class Threads(SteppingPath):
     """A ThreadPoolExecutor whose threads each loop over their simulations."""
 
     name = "threads"
@@ -30,9 +30,9 @@ class Threads(Path):
     )
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """See `Path.prepare`."""
+        """See `SteppingPath.prepare`."""
         threads, model = options["threads"], workload.model
-        pool = resources.kept(("executor", threads), lambda: ThreadPoolExecutor(threads))
+        pool = resources.get_or_create(("executor", threads), lambda: ThreadPoolExecutor(threads))
         resources.at_close(pool.shutdown)
         free = resources.datas(threads)[:]  # list.pop and append are atomic
         final_state = resources.final_state()
@@ -62,7 +62,7 @@ class Threads(Path):
         return Prepared(run, *fill_from_array(final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """See `Path.snippet`."""
+        """See `SteppingPath.snippet`."""
         parts = shares(workload.nbatch, options["threads"], options.get("chunk"))
         return _SNIPPET.format(
             threads=options["threads"], hold=workload.hold, size=parts[0].stop - parts[0].start

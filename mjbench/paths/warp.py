@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mjbench import compat
 from mjbench.paths.accelerated import (
-    Accelerated,
-    After,
+    AcceleratedPath,
     Compiled,
+    StepOutcome,
     check_overflow,
     final,
     keywords,
@@ -21,12 +20,13 @@ from mjbench.paths.accelerated import (
     taken,
 )
 from mjbench.paths.base import Options, States
-from mjbench.trajectory import Contacts
-from mjbench.work import Peaks
-from mjbench.workload import Workload
+from mjbench.simulation import compat
+from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.work import Peaks
+from mjbench.simulation.workload import Workload
 
 
-class Warp(Accelerated):
+class Warp(AcceleratedPath):
     """MuJoCo Warp by itself; a step is a captured graph, on a GPU and on a CPU."""
 
     name = "warp"
@@ -117,10 +117,12 @@ class Warp(Accelerated):
         def final_states() -> States:
             return final(workload, found())
 
-        def advance(given: Mapping[str, np.ndarray], control: np.ndarray, count: int) -> After:
+        def advance(
+            given: Mapping[str, np.ndarray], control: np.ndarray, count: int
+        ) -> StepOutcome:
             data.overflow.zero_()
             rollout(on_device(given), controls_on_device(control), count)
-            return After(found(), _contacts(data))
+            return StepOutcome(found(), _contacts(data))
 
         device = wp.get_device()
         return Compiled(

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 from rich.markup import escape
 
-from mjbench import explain
-from mjbench.instructions import Count
+from mjbench.counts import explain
+from mjbench.counts.instructions import Count
+from mjbench.paired.verdict import PairedResult
 from mjbench.report import tables
-from mjbench.verdict import Outcome
 
 
 def print_counts(out: Console, counts: Sequence[Count], top: int) -> None:
@@ -37,7 +37,7 @@ def print_counts(out: Console, counts: Sequence[Count], top: int) -> None:
 
 
 def print_explanation(
-    out: Console, old: Count, new: Count, outcome: Outcome | None, top: int
+    out: Console, old: Count, new: Count, outcome: PairedResult | None, top: int
 ) -> None:
     """Print what changed from one release to another on one model."""
     out.print(f"\n[bold]{escape(new.model)}[/bold], MuJoCo {old.release} → {new.release}")

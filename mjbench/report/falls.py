@@ -2,7 +2,7 @@
 
 from rich.console import Console
 
-from mjbench.falls import Result
+from mjbench.loop.pole_example import Result
 from mjbench.report import tables
 
 _WIDTH = 40

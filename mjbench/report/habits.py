@@ -3,8 +3,8 @@
 from rich.console import Console
 from rich.markup import escape
 
-from mjbench import overhead
-from mjbench.habits import Table
+from mjbench.loop import habits
+from mjbench.loop.overhead import Table
 from mjbench.report import tables
 
 
@@ -32,5 +32,5 @@ def print_table(out: Console, found: Table, code: bool) -> None:
         for cost in found.costs:
             out.print(f"\n[bold]{cost.source}[/bold]\n{escape(cost.code)}", soft_wrap=True)
             if cost.cheaper:
-                cheaper = overhead.code(overhead.find(cost.cheaper))
+                cheaper = habits.code(habits.find(cost.cheaper))
                 out.print(f"# cheaper: {cost.cheaper}\n{escape(cheaper)}", soft_wrap=True)

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench import history as room
 from mjbench.errors import InputError, one_line
-from mjbench.history import History, Series, Step
+from mjbench.releases import history as room
+from mjbench.releases.history import ChangePoint, History, Series
 
 CAUSE = "cause, by MuJoCo's changelog where it names one"
 
@@ -49,8 +49,10 @@ def causes(file: Path) -> list[Cause]:
 
 def page(history: History, known: Sequence[Cause], threshold: float = room.THRESHOLD) -> str:
     """Return the page, in Markdown."""
-    engine = room.paired_steps(history, threshold)
-    others = [s for s in room.steps(history, threshold) if s.series.benchmark not in room.TIMES]
+    engine = room.paired_change_points(history, threshold)
+    others = [
+        s for s in room.change_points(history, threshold) if s.series.benchmark not in room.TIMES
+    ]
     parts = [
         _head(history, threshold),
         "## A step of each model\n",
@@ -100,7 +102,7 @@ def _head(history: History, threshold: float) -> str:
     )
 
 
-def _by_release(history: History, steps: Sequence[Step]) -> Iterator[str]:
+def _by_release(history: History, steps: Sequence[ChangePoint]) -> Iterator[str]:
     columns = [s for s in history.series if s.benchmark in room.TIMES]
     columns.sort(key=lambda s: (s.benchmark == room.TIMES[1], s.label))
     yield "| release | " + " | ".join(f"`{s.label}`" for s in columns) + " |"
@@ -146,7 +148,7 @@ def _micro(series: Series, version: str) -> str:
 
 
 def _engine_table(
-    history: History, steps: Sequence[Step], known: Sequence[Cause], threshold: float
+    history: History, steps: Sequence[ChangePoint], known: Sequence[Cause], threshold: float
 ) -> Iterator[str]:
     if not steps:
         yield f"None above {threshold:.0%}."
@@ -166,14 +168,16 @@ def _engine_table(
         )
 
 
-def _other_table(steps: Sequence[Step], known: Sequence[Cause], threshold: float) -> Iterator[str]:
+def _other_table(
+    steps: Sequence[ChangePoint], known: Sequence[Cause], threshold: float
+) -> Iterator[str]:
     """One row for a release and benchmark: its parameters usually step together."""
     if not steps:
         yield f"None above {threshold:.0%}."
         return
     yield f"| release | benchmark | with | change | {CAUSE} |"
     yield "|---|---|---|---:|---|"
-    groups: dict[tuple[str, str, bool], list[Step]] = {}
+    groups: dict[tuple[str, str, bool], list[ChangePoint]] = {}
     for step in steps:
         groups.setdefault((step.new, step.series.title, step.ratio > 1), []).append(step)
     for (release, title, _), group in groups.items():
@@ -191,7 +195,7 @@ def _change(ratio: float) -> str:
     return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"
 
 
-def _cause(step: Step, known: Sequence[Cause]) -> str:
+def _cause(step: ChangePoint, known: Sequence[Cause]) -> str:
     where = f"{step.series.benchmark} ({step.series.label})"
     found = [c for c in known if c.release == step.new and re.search(c.where, where)]
     if not found:

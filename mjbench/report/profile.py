@@ -5,8 +5,8 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from mjbench import profile as room
-from mjbench.profile import Profile
+from mjbench.loop import profile as room
+from mjbench.loop.profile import StepProfile
 from mjbench.report import tables
 
 _WIDTH = 30
@@ -14,7 +14,7 @@ _WIDTH = 30
 _CLOCK_PERCENT = 2
 
 
-def print_profile(out: Console, found: Profile) -> None:
+def print_profile(out: Console, found: StepProfile) -> None:
     """Print a model's page."""
     engine, loop = found.engine_ns, found.loop_ns
     out.print(
@@ -63,7 +63,7 @@ def print_profile(out: Console, found: Profile) -> None:
     out.print(sides)
 
 
-def as_result(found: Profile) -> dict[str, Any]:
+def as_result(found: StepProfile) -> dict[str, Any]:
     """Return what `mjbench profile --json` gives of one model."""
     return {
         "model": found.model,

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from mjbench import stats
 from mjbench.errors import InputError
+from mjbench.instrument import stats
+from mjbench.instrument.runs import SCHEMA, Record
 from mjbench.paths import BASE
-from mjbench.runs import SCHEMA, Record
 
 # Between paths this close to the fastest, advice prefers the one listed first: the simpler one.
 CLOSE_ENOUGH = 0.99

@@ -7,9 +7,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mjbench import agreement
+from mjbench.instrument.runs import Record
 from mjbench.report import results as derive
-from mjbench.runs import Record
+from mjbench.simulation import agreement
 
 # Below this share of the usable cores, threaded figures say more about the machine's other
 # guests than about the paths.

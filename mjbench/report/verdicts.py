@@ -7,9 +7,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mjbench import agreement
+from mjbench.instrument.runs import Record
 from mjbench.report import tables
-from mjbench.runs import Record
+from mjbench.simulation import agreement
 
 
 def print_table(out: Console, rows: Sequence[Record]) -> None:

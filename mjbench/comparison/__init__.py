@@ -1,0 +1,1 @@
+"""Every way of stepping one model: agreement first, then speed."""

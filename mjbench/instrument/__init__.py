@@ -1,0 +1,1 @@
+"""How things are measured: clocks, statistics, the machine, child processes, run files."""

@@ -1,0 +1,1 @@
+"""Two targets, timed in alternating blocks, until a verdict is certain."""

@@ -1,0 +1,1 @@
+"""MuJoCo releases: which exist, how they are installed, what their history shows."""

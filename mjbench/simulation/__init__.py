@@ -1,0 +1,1 @@
+"""The work itself: models, workloads, what a step did, and whether states agree."""

@@ -1,0 +1,234 @@
+"""The same simulation work for every path: start states, controls and number of steps.
+
+A `Workload` holds everything that decides what is computed. Two paths given the same workload
+must reach the same final states; two releases given the same workload do the same steps.
+"""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import InputError
+from mjbench.simulation import compat
+
+# Spread of the random starts around the keyframe: positions in metres or radians (tangent
+# space), velocities per second. Small enough that a settled heap stays settled.
+START_POSITION_SD = 1e-3
+START_VELOCITY_SD = 1e-2
+# Controls: an Ornstein-Uhlenbeck process around the keyframe's control, with this correlation
+# time, and this share of half the control range (of one unit where there is no range) as its
+# standard deviation.
+CONTROL_TIME_S = 0.1
+CONTROL_SHARE = 0.25
+CONTROL_UNLIMITED_SD = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Workload:
+    """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
+
+    Attributes:
+      model: the MjModel.
+      initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, warm-start included.
+      control: (nbatch, ncontrol, nu) controls in the actuators' units.
+      hold: steps for which each control is held (an RL user's frame_skip).
+      seed: the seed that starts and controls were drawn from.
+    """
+
+    model: Any
+    initial_state: np.ndarray
+    control: np.ndarray
+    hold: int
+    seed: int
+
+    @property
+    def nbatch(self) -> int:
+        """Number of simulations."""
+        return int(self.initial_state.shape[0])
+
+    @property
+    def ncontrol(self) -> int:
+        """Number of controls per simulation."""
+        return int(self.control.shape[1])
+
+    @property
+    def nstep(self) -> int:
+        """Number of steps per simulation."""
+        return self.ncontrol * self.hold
+
+    @property
+    def steps(self) -> int:
+        """Number of calls to mj_step of the whole workload."""
+        return self.nbatch * self.nstep
+
+    @functools.cached_property
+    def step_control(self) -> np.ndarray:
+        """(nbatch, nstep, nu) controls, one for every step."""
+        if self.hold == 1:
+            return self.control
+        return np.repeat(self.control, self.hold, axis=1)
+
+    def digest(self) -> str:
+        """Return 16 hexadecimal digits that name the start states, controls and hold."""
+        content = hashlib.blake2b(digest_size=8)
+        content.update(np.array([self.nbatch, self.ncontrol, self.hold], dtype=np.int64).tobytes())
+        content.update(np.ascontiguousarray(self.initial_state).tobytes())
+        content.update(np.ascontiguousarray(self.control).tobytes())
+        return content.hexdigest()
+
+    def only(self, keep: np.ndarray) -> "Workload":
+        """Return the workload of the simulations where the boolean mask `keep` is true."""
+        if keep.all():
+            return self
+        return dataclasses.replace(
+            self,
+            initial_state=np.ascontiguousarray(self.initial_state[keep]),
+            control=np.ascontiguousarray(self.control[keep]),
+        )
+
+    def first(self, ncontrol: int) -> "Workload":
+        """Return the same workload stopped after its first `ncontrol` controls."""
+        return dataclasses.replace(self, control=np.ascontiguousarray(self.control[:, :ncontrol]))
+
+
+def make(
+    model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0, spread: float = 1.0
+) -> Workload:
+    """Return a random but reproducible workload around the model's typical regime.
+
+    Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and
+    velocity and then stepped once, so that the warm-start is a real one: of the state before,
+    and not the solution itself, which a cold start would find too. Controls are smooth noise
+    within the control range. `spread` scales both; at 0 every simulation is the keyframe. The
+    same arguments give the same workload.
+
+    Raises:
+      InputError: sizes below 1, or nstep not a multiple of hold.
+    """
+    for name, value in (("nbatch", nbatch), ("nstep", nstep), ("hold", hold)):
+        if value < 1:
+            raise InputError(f"{name} must be at least 1, got {value}")
+    if nstep % hold:
+        raise InputError(
+            f"nstep {nstep} is not a multiple of hold {hold};"
+            f" {nstep - nstep % hold or hold} or {nstep + hold - nstep % hold} is"
+        )
+    starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+    return Workload(
+        model=model,
+        initial_state=_starts(model, nbatch, starts, spread),
+        control=_controls(model, nbatch, nstep // hold, hold, controls, spread),
+        hold=hold,
+        seed=seed,
+    )
+
+
+def fields(model: Any, states: np.ndarray) -> dict[str, np.ndarray]:
+    """Return states taken apart by MjData field, each (nbatch, size): what outlives a release.
+
+    Args:
+      model: the MjModel.
+      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs by release.
+    """
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    return {field: np.array(states[:, place]) for field, place in columns.items()}
+
+
+def states(model: Any, given: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return rows of this release's mjSTATE_INTEGRATION, the inverse of `fields`.
+
+    A field that this release does not know is left out; one that is not given has its default.
+
+    Raises:
+      InputError: a field's size is not the model's.
+    """
+    spec = compat.state_spec("INTEGRATION")
+    columns = compat.state_columns(model, spec)
+    default = np.empty(compat.state_size(model, spec))
+    compat.get_state(model, mujoco.MjData(model), default, spec)
+    rows = np.tile(default, (len(next(iter(given.values()))), 1))
+    for field, place in columns.items():
+        if field in given:
+            size = place.stop - place.start
+            if given[field].shape[1] != size:
+                raise InputError(f"{field} has {size} numbers, {given[field].shape[1]} are given")
+            rows[:, place] = given[field]
+    return rows
+
+
+def portable(made: Workload) -> dict[str, Any]:
+    """Return a workload as what outlives a release; `restore` takes it in any other."""
+    return {
+        "fields": fields(made.model, made.initial_state),
+        "control": made.control,
+        "hold": made.hold,
+    }
+
+
+def restore(model: Any, given: Mapping[str, Any]) -> Workload:
+    """Return the workload that `portable` took apart.
+
+    Raises:
+      InputError: it is of a model of another size.
+    """
+    control = given["control"]
+    if control.shape[2] != model.nu:
+        raise InputError(f"the model has {model.nu} controls, not {control.shape[2]}")
+    return Workload(model, states(model, given["fields"]), control, given["hold"], seed=0)
+
+
+def start_data(model: Any) -> Any:
+    """Return a new MjData at keyframe 0, or at the model's defaults if it has none."""
+    data = mujoco.MjData(model)
+    reset_to_start(model, data)
+    return data
+
+
+def reset_to_start(model: Any, data: Any) -> None:
+    """Put `data` at keyframe 0, or at the model's defaults if it has none."""
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    else:
+        mujoco.mj_resetData(model, data)
+
+
+def _starts(model: Any, nbatch: int, rng: np.random.Generator, spread: float) -> np.ndarray:
+    spec = compat.state_spec("INTEGRATION")
+    states = np.empty((nbatch, compat.state_size(model, spec)))
+    data = mujoco.MjData(model)
+    for row in states:
+        reset_to_start(model, data)
+        offset = spread * START_POSITION_SD * rng.standard_normal(model.nv)
+        mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
+        data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
+        mujoco.mj_step(model, data)  # leaves the warm-start of the state before this one
+        compat.get_state(model, data, row, spec)
+    return states
+
+
+def _controls(
+    model: Any, nbatch: int, ncontrol: int, hold: int, rng: np.random.Generator, spread: float
+) -> np.ndarray:
+    if model.nu == 0:
+        return np.zeros((nbatch, ncontrol, 0))
+    centre = np.array(start_data(model).ctrl)
+    limited = np.array(model.actuator_ctrllimited, dtype=bool)
+    low = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
+    high = np.where(limited, model.actuator_ctrlrange[:, 1], np.inf)
+    scale = np.full(model.nu, CONTROL_UNLIMITED_SD)
+    scale[limited] = CONTROL_SHARE * 0.5 * (high - low)[limited]
+    scale *= spread
+    keep = np.exp(-hold * model.opt.timestep / CONTROL_TIME_S)
+    noise = rng.standard_normal((nbatch, model.nu))
+    control = np.empty((nbatch, ncontrol, model.nu))
+    for k in range(ncontrol):
+        np.clip(centre + scale * noise, low, high, out=control[:, k])
+        fresh = rng.standard_normal((nbatch, model.nu))
+        noise = keep * noise + np.sqrt(1.0 - keep**2) * fresh
+    return control

@@ -1,0 +1,51 @@
+from pathlib import Path
+
+import pytest
+
+from mjbench.instrument import machine
+
+
+def test_a_quota_of_cgroup_version_2_is_read(tmp_path: Path) -> None:
+    (tmp_path / "cpu.max").write_text("150000 100000\n")
+    assert machine.cgroup_quota(tmp_path) == 1.5
+
+
+def test_a_quota_of_cgroup_version_1_is_read(tmp_path: Path) -> None:
+    (tmp_path / "cpu").mkdir()
+    (tmp_path / "cpu/cpu.cfs_quota_us").write_text("50000\n")
+    (tmp_path / "cpu/cpu.cfs_period_us").write_text("100000\n")
+    assert machine.cgroup_quota(tmp_path) == 0.5
+    assert machine.usable_cores(tmp_path) == 1
+
+
+@pytest.mark.parametrize("text", ["max 100000\n", "", "-1 100000"])
+def test_no_limit_is_no_quota(tmp_path: Path, text: str) -> None:
+    (tmp_path / "cpu.max").write_text(text)
+    assert machine.cgroup_quota(tmp_path) is None
+
+
+def test_affinity_limits_the_usable_cores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine.os, "sched_getaffinity", lambda pid: {0, 3, 5})
+    assert machine.usable_cores(tmp_path) == 3
+
+
+def test_cores_follow_from_a_pair_of_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    calibration = machine.Calibration(2)
+    assert calibration.cores(single_s=1.0, together_s=1.0) == 2.0
+    assert calibration.cores(single_s=1.0, together_s=2.0) == 1.0
+
+
+def test_both_halves_of_the_calibration_do_the_work_they_stand_for() -> None:
+    calibration = machine.Calibration(3)
+    step = calibration._model.opt.timestep
+    calibration.single()
+    calibration.together()
+    steps = [round(data.time / step) for data in calibration._datas]
+    assert steps == [2 * machine._CALIBRATION_STEPS] + [machine._CALIBRATION_STEPS] * 2
+
+
+def test_the_description_says_what_ran_where() -> None:
+    found = machine.describe()
+    assert found["usable_cores"] >= 1
+    assert found["versions"]["numpy"]
+    assert machine.available_memory_bytes() > 0

@@ -1,0 +1,188 @@
+"""Isolated installs of releases: names, locks, interruption. Nothing is downloaded."""
+
+import multiprocessing
+import os
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mjbench.errors import InputError, MachineError
+from mjbench.releases import installs
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("MJBENCH_CACHE", str(folder))
+    yield folder
+
+
+@pytest.fixture
+def pip(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Replace pip by one that writes a file; return the releases it was asked for."""
+    asked: list[str] = []
+
+    def install(release: installs.ReleaseSpec, target: Path) -> None:
+        asked.append(release.version)
+        (target / "mujoco").mkdir(parents=True)
+        (target / "mujoco" / "__init__.py").write_text(f"__version__ = '{release.version}'\n")
+
+    monkeypatch.setattr(installs, "_pip", install)
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("word", "release"),
+    [
+        ("3.5.0", True),
+        ("v3.5.0", True),
+        ("4.1.0rc1", True),
+        ("2.3.1.post1", True),
+        ("installed", True),
+        ("dist/mujoco-4.1.0-cp311-cp311-linux_x86_64.whl", True),
+        ("3.5", True),
+        ("cartpole", False),
+        ("robot.xml", False),
+        ("3", False),
+    ],
+)
+def test_releases_are_told_from_models(word: str, release: bool) -> None:
+    assert installs.is_release(word) is release
+
+
+def test_a_release_is_installed_once(pip: list[str]) -> None:
+    release = installs.parse_release("v3.5.0")
+    for _ in range(2):
+        with installs.use(release) as folder:
+            assert folder is not None
+            assert "3.5.0" in (folder / "mujoco/__init__.py").read_text()
+    assert pip == ["3.5.0"]
+    assert [n.partition("-")[0] for n in installs.installed()] == ["3.5.0"]
+
+
+def test_a_short_version_is_the_first_of_its_minor() -> None:
+    assert installs.parse_release("3.5").version == "3.5.0"
+
+
+def test_the_environments_own_release_is_not_the_same_one_of_the_index() -> None:
+    here = installs.parse_release("installed")
+    assert here.key != installs.parse_release(here.version).key
+
+
+def test_the_environments_own_release_needs_no_install(pip: list[str]) -> None:
+    with installs.use(installs.parse_release("installed")) as folder:
+        assert folder is None
+    assert pip == []
+
+
+def test_an_interrupted_install_is_not_used_and_made_again(
+    pip: list[str], monkeypatch: pytest.MonkeyPatch, cache: Path
+) -> None:
+    release = installs.parse_release("3.5.0")
+    whole = installs._pip
+
+    def interrupted(wanted: installs.ReleaseSpec, target: Path) -> None:
+        whole(wanted, target)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(installs, "_pip", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        installs.install(release)
+    assert installs.installed() == []
+    assert [p.name for p in cache.iterdir()] == ["locks"]
+    # killed outright, it leaves its part behind
+    partial = cache / f".{release.key}.partial"
+    (partial / "mujoco").mkdir(parents=True)
+    monkeypatch.setattr(installs, "_pip", whole)
+    folder = installs.install(release)
+    assert folder.is_dir()
+    assert not partial.exists()
+
+
+def _install(word: str, cache: str, count: Any) -> None:
+    os.environ["MJBENCH_CACHE"] = cache
+
+    def slow(release: installs.ReleaseSpec, target: Path) -> None:
+        with count.get_lock():
+            count.value += 1
+        target.mkdir(parents=True)
+        for number in range(2000):
+            (target / "file").write_text(str(number))
+
+    installs._pip = slow
+    installs.install(installs.parse_release(word))
+
+
+def test_two_processes_install_the_same_release_once(cache: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    count = context.Value("i", 0)
+    workers = [
+        context.Process(target=_install, args=("3.5.0", str(cache), count)) for _ in range(3)
+    ]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert [worker.exitcode for worker in workers] == [0, 0, 0]
+    assert count.value == 1
+    assert len(installs.installed()) == 1
+
+
+def test_what_is_in_use_is_not_removed(pip: list[str]) -> None:
+    release = installs.parse_release("3.5.0")
+    with installs.use(release), pytest.raises(MachineError, match="in use"):
+        installs.remove(release.key)
+    installs.remove(release.key)
+    assert installs.installed() == []
+
+
+def test_removing_what_is_not_there_is_told(pip: list[str]) -> None:
+    installs.install(installs.parse_release("3.5.0"))
+    with pytest.raises(InputError, match=r"no install '3\.6\.0'; there are 3\.5\.0-"):
+        installs.remove("3.6.0")
+
+
+def test_local_wheels_are_told_apart_by_content(tmp_path: Path) -> None:
+    wheel = tmp_path / "mujoco-4.1.0-py3-none-any.whl"
+    keys = []
+    for content in ("one", "two"):
+        with zipfile.ZipFile(wheel, "w") as archive:
+            archive.writestr("mujoco/__init__.py", content)
+        release = installs.parse_release(str(wheel))
+        assert release.version == "4.1.0"
+        keys.append(release.key)
+    assert keys[0] != keys[1]
+
+
+def test_a_folder_of_wheels_is_one_release(tmp_path: Path) -> None:
+    for name in ("mujoco", "mujoco_core", "mujoco_studio"):
+        (tmp_path / f"{name}-4.1.0-py3-none-any.whl").write_bytes(b"x")
+    one = str(tmp_path / "mujoco-4.1.0-py3-none-any.whl")
+    for word in (str(tmp_path), one):
+        release = installs.parse_release(word)
+        assert release.version == "4.1.0"
+        assert len(release.wheels) == 3
+
+
+def test_a_cache_that_cannot_be_written_is_told(
+    pip: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.setenv("MJBENCH_CACHE", str(file / "below"))
+    with pytest.raises(MachineError, match="MJBENCH_CACHE"):
+        installs.install(installs.parse_release("3.5.0"))
+
+
+def test_pip_that_reaches_no_index_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
+    monkeypatch.setenv("PIP_RETRIES", "0")
+    with pytest.raises(MachineError) as caught:
+        installs.install(installs.parse_release("3.5.0"))
+    assert "cannot be installed" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert installs.installed() == []
