@@ -7,6 +7,7 @@ the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -174,13 +175,22 @@ def anytime_interval(samples: Sequence[float], confidence: float) -> Interval:
     return Interval(mean, mean - half, mean + half, count)
 
 
+class Verdict(StrEnum):
+    """What a paired comparison decides of the candidate."""
+
+    FASTER = "faster"
+    SLOWER = "slower"
+    SAME = "same"
+    """Within the smallest effect that matters."""
+    INCONCLUSIVE = "inconclusive"
+
+
 @dataclass(frozen=True)
 class Judgement:
-    """What launches say of new time over old time.
+    """What launches say of candidate over baseline time.
 
     Attributes:
-      verdict: `faster`, `slower`, `same` (within the smallest effect that matters) or
-        `inconclusive`.
+      verdict: the decision so far.
       ratio: estimate of new time over old time.
       low: lower end of its interval.
       high: upper end of its interval.
@@ -188,7 +198,7 @@ class Judgement:
       enough: whether further launches would change nothing that was asked for.
     """
 
-    verdict: str
+    verdict: Verdict
     ratio: float
     low: float
     high: float
@@ -216,21 +226,21 @@ def judge(
     interval = anytime_interval(log_ratios, confidence)
     matters = float(np.log1p(min_effect))
     if -matters < interval.low and interval.high < matters:
-        verdict = "same"
+        verdict = Verdict.SAME
     elif interval.low > 0 and interval.mean > matters / 2:
-        verdict = "slower"
+        verdict = Verdict.SLOWER
     elif interval.high < 0 and interval.mean < -matters / 2:
-        verdict = "faster"
+        verdict = Verdict.FASTER
     else:
-        verdict = "inconclusive"
+        verdict = Verdict.INCONCLUSIVE
     # `same` needs room on both sides of no change
     asked = min(float(np.log1p(precision)), matters / 2)
     narrow = max(asked, abs(interval.mean) * SHARE)
     enough = interval.count >= LEAST_LAUNCHES and (
-        verdict == "same" or interval.half_width <= narrow
+        verdict == Verdict.SAME or interval.half_width <= narrow
     )
     return Judgement(
-        verdict if interval.count >= LEAST_LAUNCHES else "inconclusive",
+        verdict if interval.count >= LEAST_LAUNCHES else Verdict.INCONCLUSIVE,
         float(np.exp(interval.mean)),
         float(np.exp(interval.low)),
         float(np.exp(interval.high)),

@@ -1,0 +1,211 @@
+"""What a command needs around its work: console, machine, JSON document, run file, interrupts."""
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjbench.errors import MachineError
+from mjbench.status import ExitCode, Status, exit_code
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from mjbench.instrument.machine import Machine
+    from mjbench.instrument.runs import Record, RunFile
+
+Advance = Callable[[int, str, float], None]
+
+
+class RunContext:
+    """The frame of one command, used as a context manager.
+
+    The JSON target and the run file are opened before the work begins, so that a folder that cannot
+    be written costs nothing. From then on Ctrl-C and SIGTERM end the command through its cleanup.
+
+    Attributes:
+      out: console for people; standard error while JSON goes to standard output.
+      interrupted: whether the user stopped the work.
+    """
+
+    def __init__(
+        self,
+        command: str,
+        json_file: str | None = None,
+        results: Path | None = None,
+        arguments: Any = None,
+    ):
+        """Prepare a command.
+
+        Args:
+          command: its name, for the run file.
+          json_file: file for the JSON document, `-` for standard output, None for none.
+          results: folder for a run file; None for none.
+          arguments: stored in the run file's header; a dataclass or JSON-ready values.
+        """
+        from mjbench.report import tables
+
+        self.out: Console = tables.console(stderr=json_file == "-")
+        self.interrupted = False
+        self._command, self._results, self._arguments = command, results, arguments
+        self._json = _JsonTarget(json_file)
+        self._run_file: RunFile | None = None
+        self._machine: Machine | None = None
+
+    def __enter__(self) -> "RunContext":
+        """Open the outputs.
+
+        Raises:
+          MachineError: one cannot be written.
+        """
+        from mjbench.instrument.runs import RunFile
+
+        interruptible()
+        self._json.open()
+        if self._results is not None:
+            self._run_file = RunFile(self._results, self._command, self.machine, self._arguments)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the outputs; name the run file, unless an error is on its way to the user."""
+        self._json.close()
+        if self._run_file is None:
+            return
+        self._run_file.close()
+        if error is None:
+            self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
+
+    @property
+    def machine(self) -> "Machine":
+        """The machine, described when it is first asked for."""
+        from mjbench.instrument import machine
+
+        if self._machine is None:
+            self._machine = machine.describe()
+        return self._machine
+
+    def record(self, record: "Record") -> None:
+        """Append a record to the run file.
+
+        Raises:
+          MachineError: it cannot be written.
+        """
+        assert self._run_file is not None, "this command has no run file"
+        self._run_file.append(record)
+
+    def write(self, document: Any) -> None:
+        """Write the command's JSON document, where one was asked for.
+
+        Raises:
+          MachineError: it cannot be written.
+        """
+        self._json.write(document)
+
+    def interrupt(self) -> None:
+        """Note that the user stopped the work, and tell them that results are saved."""
+        self.interrupted = True
+        click.echo("mjbench: interrupted; what was measured is saved", err=True)
+
+    @contextlib.contextmanager
+    def progress(self, count: int) -> Iterator[Advance]:
+        """Yield a function (number, name, share) that moves a progress bar of `count` items.
+
+        There is no bar unless the console is a terminal.
+        """
+        if not self.out.is_terminal:
+            yield lambda number, name, share: None
+            return
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        # no refresh thread: it would take time from the blocks being timed
+        with Progress(*columns, console=self.out, auto_refresh=False, transient=True) as bar:
+            task = bar.add_task("starting", total=count)
+
+            def advance(number: int, name: str, share: float) -> None:
+                bar.update(task, completed=number + share, description=name, refresh=True)
+
+            yield advance
+
+    def exit(self, statuses: Iterable[Status]) -> None:
+        """End the process with the exit code that the statuses of all rows stand for."""
+        sys.exit(ExitCode.INTERRUPTED if self.interrupted else exit_code(statuses))
+
+
+class _JsonTarget:
+    """Where a JSON document goes; a file appears only when the document is complete."""
+
+    def __init__(self, name: str | None):
+        self._name = name
+        self._partial: Path | None = None
+
+    def open(self) -> None:
+        """Create the file under a temporary name, to see that it can be written."""
+        if self._name in (None, "-"):
+            return
+        target = Path(str(self._name))
+        with _writing(target):
+            if target.is_dir():
+                raise IsADirectoryError(None, "it is a folder")
+            descriptor, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+            os.close(descriptor)
+            self._partial = Path(partial)
+
+    def write(self, document: Any) -> None:
+        """Write the document: a dataclass, or JSON-ready values."""
+        if self._name is None:
+            return
+        from mjbench.instrument.runs import to_json
+
+        text = json.dumps(to_json(document), indent=1)
+        if self._partial is None:
+            click.echo(text)
+            return
+        target = Path(self._name)
+        with _writing(target):
+            self._partial.write_text(text, encoding="utf-8")
+            self._partial.chmod(0o666 & ~_umask())
+            self._partial.replace(target)
+            self._partial = None
+
+    def close(self) -> None:
+        """Remove what was not completed."""
+        if self._partial is not None:
+            self._partial.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+@contextlib.contextmanager
+def _writing(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise MachineError(f"cannot write {file}: {error.strerror}") from error
+
+
+def interruptible() -> None:
+    """Turn Ctrl-C and SIGTERM into KeyboardInterrupt, so that cleanup runs."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGINT, _interrupt)
+
+
+def _interrupt(signum: int, frame: Any) -> None:
+    raise KeyboardInterrupt
