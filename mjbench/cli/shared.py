@@ -33,19 +33,19 @@ class Numbers(click.ParamType[list[int]]):
         return list(dict.fromkeys(numbers))
 
 
-class Words(click.ParamType[list[str]]):
-    """Comma-separated words."""
+class Names(click.ParamType[list[str]]):
+    """Comma-separated names."""
 
     name = "NAME,…"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
-        """Return the words that a word stands for."""
+        """Return the names that a word lists."""
         if isinstance(value, list):
             return value
-        words = [word.strip() for word in value.split(",") if word.strip()]
-        if not words:
+        names = [name.strip() for name in value.split(",") if name.strip()]
+        if not names:
             self.fail("names nothing", param, ctx)
-        return words
+        return names
 
 
 class Share(click.ParamType[float]):

@@ -1,294 +1,298 @@
-"""Compare the ways of stepping: one child process a model, one record a measurement.
+"""Compare the ways of stepping: one child process a model, one record a variant.
 
-The parent never loads a model. It starts `measure` in a child, gathers what the child streams,
-and writes each model's records when the model ends, however it ends. A path that kills the child
-loses its own row; the child is started again without it. Paths that compile first have a child
-each, after all others and alone (see `apart`).
+The parent never loads a model. It starts `measure` in a child, gathers the child's messages, and
+returns each model's records when the model ends, however it ends. A path that kills the child
+loses its own row; the child is started again without it. Accelerated paths, which compile first,
+have a child each, after all others and alone (see `accelerated_run`).
 """
 
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from mjbench import paths
-from mjbench.comparison import accelerated_run, measure, selection
+from mjbench.comparison import accelerated_run
+from mjbench.comparison.messages import (
+    AgreementReport,
+    BlockDisagreed,
+    BlockTime,
+    CompileReport,
+    MeasureRequest,
+    ModelReady,
+    PeakMemory,
+    RoundTimed,
+    TimingStarted,
+)
+from mjbench.comparison.plan import ComparisonPlan
+from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import child, isolate, machine
-from mjbench.instrument.runs import Record
 from mjbench.paths.accelerated import AcceleratedPath
-from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
 
 Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class ComparisonPlan:
-    """What to compare.
-
-    Attributes:
-      variants: path names with the option sets to try, the base path first.
-      nbatch: simulations, or None to let each model have as many as its budget allows.
-      nstep: steps per simulation, or None likewise.
-      hold: steps per control.
-      seed: of starts and controls.
-      budget_s: seconds of timing per model.
-      limit_s: a child that is silent for longer is killed.
-      largest: most threads or processes asked for.
-      import_from: a folder that paths of the user's own may be imported from.
-      named: paths that the user asked for, and which are tried wherever they can be.
-    """
-
-    variants: tuple[tuple[str, dict[str, Any]], ...]
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int = 1
-    seed: int = 0
-    budget_s: float = measure.BUDGET_S
-    limit_s: float = 60.0
-    largest: int = 1
-    import_from: str | None = None
-    named: tuple[str, ...] = ()
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the plan as JSON-ready values."""
-        return dataclasses.asdict(self)
-
-
-@dataclass
-class _Progress:
-    """What is known about one model so far."""
-
-    source: models.ModelSource
-    plan: ComparisonPlan
-    about: Record = field(default_factory=dict)
-    verdicts: dict[int, Record] = field(default_factory=dict)
-    samples: dict[int, list[float]] = field(default_factory=dict)
-    cores: list[float] = field(default_factory=list)
-    compiled: dict[int, Record] = field(default_factory=dict)
-    finished: set[int] = field(default_factory=set)  # variants that are timed to the end
-    budget_s: float = 1.0
-    spent_s: float = 0.0
-
-    def take(self, message: Record) -> None:
-        """Take in one message of the child."""
-        kind = message["kind"]
-        if kind == "model":
-            self.about = {k: v for k, v in message.items() if k != "kind"}
-        elif kind == "verdict":
-            self.verdicts[message["index"]] = message
-        elif kind == "ready":
-            self.budget_s = message["budget_s"]
-        elif kind == "round":
-            self.cores.append(message["cores"])
-            for index, seconds in message["seconds"].items():
-                self.samples.setdefault(int(index), []).append(seconds)
-                self.spent_s += seconds
-        elif kind == "broken":
-            self.verdicts[message["index"]] |= {
-                "status": "disagrees",
-                "agrees": False,
-                "detail": message["detail"],
-                "agreement": message["detail"],
-            }
-
-    def take_apart(self, index: int, message: Record) -> None:
-        """Take in one message of the child of one path."""
-        kind = message["kind"]
-        if kind == "verdict":
-            self.verdicts[index] = message
-        elif kind == "sample":
-            self.samples.setdefault(index, []).append(message["seconds"])
-        else:
-            told = {k: v for k, v in message.items() if k != "kind"}
-            self.compiled[index] = self.compiled.get(index, {}) | told
-
-    def restart(self, fatal: dict[int, Record]) -> None:
-        """Forget what is about to be measured again; keep the variants that were fatal."""
-        self.verdicts = dict(fatal)
-        self.samples, self.cores, self.spent_s = {}, [], 0.0
-
-    def done(self) -> float:
-        """Return the share of this model's work that is done, roughly, from 0 to 1."""
-        verified = len(self.verdicts) / len(self.plan.variants)
-        return 0.3 * verified + 0.7 * min(1.0, self.spent_s / max(self.budget_s, 1e-9))
-
-    def records(self, ended: isolate.Ended | None) -> list[Record]:
-        """Return the records of this model; `ended` is None when the user interrupted it."""
-        yours = {"model": self.source.name}
-        common = {
-            key: self.about.get(key)
-            for key in (
-                "nbatch",
-                "nstep",
-                "hold",
-                "seed",
-                "diverged",
-                "workload_digest",
-                "state_digest",
-                "work",
-            )
-        }
-        head: Record = {
-            "type": "model",
-            **yours,
-            "status": ended.status if ended else "interrupted",
-            "detail": ended.detail if ended else "",
-            **self.about,
-            "nbatch_asked": self.plan.nbatch,
-            "usable_cores": machine.usable_cores(),
-            "cores_had": self.cores,
-        }
-        rows = [
-            {
-                "type": "measurement",
-                **yours,
-                "path": name,
-                "options": options,
-                **self._outcome(index, ended),
-                **common,
-                "nbatch_asked": self.plan.nbatch,
-                **self._compiled(index),
-                "samples_s": self.samples.get(index, []),
-            }
-            for index, (name, options) in enumerate(self.plan.variants)
-        ]
-        return [head, *rows]
-
-    def _compiled(self, index: int) -> Record:
-        """Return what is known of a path that compiles; nothing for others."""
-        path = paths.find(self.plan.variants[index][0])
-        if not isinstance(path, AcceleratedPath):
-            return {}
-        told = self.compiled.get(index, {})
-        return {
-            "precision": path.precision,
-            "device": told.get("device"),
-            "trace_s": told.get("trace_s"),
-            "compile_s": told.get("compile_s"),
-            "memory_bytes": told.get("memory_bytes"),
-            "gpu_memory_bytes": told.get("gpu_memory_bytes"),
-            "check": self.verdicts.get(index, {}).get("check"),
-        }
-
-    def _outcome(self, index: int, ended: isolate.Ended | None) -> Record:
-        """Return status, detail, agreement and snippet of one variant."""
-        verdict, name = self.verdicts.get(index, {}), self.plan.variants[index][0]
-        status, detail = verdict.get("status"), verdict.get("detail", "")
-        if status in (None, "ok") and not self.samples.get(index):
-            if ended is None:
-                status, detail = "interrupted", "stopped before it was timed"
-            elif ended.status == "ok":
-                status, detail = "failed", "never timed"
-            else:
-                status, detail = ended.status, ended.detail
-        elif status == "ok" and ended is None and index not in self.finished:
-            detail = f"interrupted after {len(self.samples[index])} rounds"
-        return {
-            "status": status,
-            "detail": detail,
-            "agrees": verdict.get("agrees"),
-            "agreement": verdict.get("agreement", ""),
-            "closed_loop": paths.find(name).closed_loop,
-            "snippet": verdict.get("snippet", ""),
-        }
+# Share of a model's progress that verification stands for; timing is the rest.
+VERIFICATION_SHARE = 0.3
 
 
 @dataclass(frozen=True)
 class ModelRecords:
-    """One model's records, and whether the user stopped it before it was done."""
+    """What came of one model.
 
-    records: list[Record]
-    interrupted: bool
+    Attributes:
+      model: its own record.
+      measurements: one a variant, in the plan's order.
+      interrupted: whether the user stopped it before it was done.
+    """
+
+    model: ModelRecord
+    measurements: tuple[MeasurementRecord, ...]
+    interrupted: bool = False
+
+    @property
+    def all(self) -> list[ModelRecord | MeasurementRecord]:
+        """The records in the order they are stored."""
+        return [self.model, *self.measurements]
 
 
-def compare_model(
-    source: models.ModelSource, plan: ComparisonPlan, progress: Progress
-) -> ModelRecords:
+def compare_model(source: ModelSource, plan: ComparisonPlan, progress: Progress) -> ModelRecords:
     """Measure one model and return its records, also when the user interrupts (Ctrl-C)."""
-    known = _Progress(source, plan)
-    fatal: dict[int, Record] = {}
-
-    def on_message(message: Record) -> None:
-        known.take(message)
-        progress(source.name, known.done())
-
-    ended: isolate.Ended | None = None
-    compiling = [i for i, (name, _) in enumerate(plan.variants) if selection.compiles(name)]
+    measurement = _ModelMeasurement(source, plan)
     try:
-        with child.scratch() as folder:
-            work = folder / "work.pickle" if compiling else None
-            while True:
-                ended = isolate.run(
-                    "mjbench.comparison.measure:measure",
-                    _request(source, plan, sorted([*fatal, *compiling]), work),
-                    on_message,
-                    plan.limit_s,
-                    plan.import_from,
-                )
-                culprit = _culprit(ended, known, plan)
-                if culprit is None:
-                    break
-                fatal[culprit] = {"status": ended.status, "detail": ended.detail}
-                known.restart(fatal)
-            if ended.status == "ok":
-                known.finished = set(range(len(plan.variants))) - set(compiling)
-            if ended.status == "ok" and work is not None:
-                for index in compiling:
-                    _measure_apart(source, plan, index, work, known)
+        ended = measurement.run(progress)
     except KeyboardInterrupt:
-        return ModelRecords(known.records(None), interrupted=True)
-    return ModelRecords(known.records(ended), interrupted=False)
+        return measurement.records(None)
+    return measurement.records(ended)
 
 
-def _measure_apart(
-    source: models.ModelSource, plan: ComparisonPlan, index: int, work: Path, known: _Progress
-) -> None:
-    """Measure one path that compiles, alone; whatever becomes of it costs its own row."""
-    name, options = plan.variants[index]
-    ended = accelerated_run.run(
-        source,
-        name,
-        options,
-        work,
-        lambda message: known.take_apart(index, message),
-        named=name in plan.named,
-        limit_s=plan.limit_s,
-        import_from=plan.import_from,
-    )
-    known.finished.add(index)
-    told = known.compiled.get(index, {}).get("workload_digest", known.about["workload_digest"])
-    if ended.status != "ok":
-        known.verdicts[index] = known.verdicts.get(index, {}) | {
-            "status": ended.status,
-            "detail": ended.detail,
-        }
-    elif told != known.about["workload_digest"]:
-        detail = "it was given another workload than the paths before"
-        known.verdicts[index] = {"status": "failed", "detail": detail}
+@dataclass
+class _VariantState:
+    """What is known of one variant so far."""
+
+    report: AgreementReport | None = None
+    samples_s: list[float] = field(default_factory=list)
+    compile_report: CompileReport | None = None
+    memory: PeakMemory | None = None
+    is_finished: bool = False  # it was timed to the end
 
 
-def _request(
-    source: models.ModelSource, plan: ComparisonPlan, exclude: list[int], work: Path | None
-) -> Record:
-    return {
-        **plan.as_dict(),
-        "model": {"name": source.name, "path": str(source.path.resolve())},
-        "exclude": exclude,
-        "work": str(work) if work else None,
-    }
+@dataclass
+class _ModelMeasurement:
+    """The measurement of one model, and what is known so far."""
 
+    source: ModelSource
+    plan: ComparisonPlan
+    ready: ModelReady | None = None
+    cores: list[float] = field(default_factory=list)
+    timing_budget_s: float = 1.0
+    timed_s: float = 0.0
+    variants: dict[int, _VariantState] = field(default_factory=dict)
 
-def _culprit(ended: isolate.Ended, known: _Progress, plan: ComparisonPlan) -> int | None:
-    """Return the variant that ended the child, if one did and others are left to measure."""
-    if ended.status not in ("crashed", "timeout"):
-        return None
-    for index, (name, options) in enumerate(plan.variants):
-        told = known.verdicts.get(index, {}).get("status", "ok")
-        words = (
-            f"preparing {measure.Variant(paths.find(name), options)} on {known.source.name}",
-            f"timing {name} {options}",
+    def __post_init__(self) -> None:
+        self.variants = {i: _VariantState() for i in range(len(self.plan.variants))}
+
+    def run(self, progress: Progress) -> isolate.Ended:
+        """Measure the C paths together, then each accelerated path alone."""
+        accelerated = [
+            i for i, variant in enumerate(self.plan.variants) if paths.find(variant.path).compiles
+        ]
+
+        def receive(message: object) -> None:
+            self._receive(message)
+            progress(self.source.name, self._share_done())
+
+        with child.scratch() as folder:
+            workload_file = folder / "workload.pickle" if accelerated else None
+            ended = self._run_c_paths(accelerated, workload_file, receive)
+            if ended.status != Status.OK:
+                return ended
+            for index in self.variants:
+                self.variants[index].is_finished = index not in accelerated
+            if workload_file is not None:
+                for index in accelerated:
+                    self._run_accelerated(index, workload_file)
+        return ended
+
+    def _run_c_paths(
+        self,
+        accelerated: list[int],
+        workload_file: Path | None,
+        receive: Callable[[object], None],
+    ) -> isolate.Ended:
+        """Measure all paths that run C; start again without a path that ended the child."""
+        # the child works in a folder of its own
+        source = ModelSource(self.source.name, self.source.path.resolve())
+        fatal: dict[int, AgreementReport] = {}
+        while True:
+            exclude = frozenset([*fatal, *accelerated])
+            ended = isolate.run(
+                "mjbench.comparison.measure:measure",
+                MeasureRequest(source, self.plan, exclude, workload_file),
+                receive,
+                self.plan.limit_s,
+                self.plan.import_from,
+            )
+            culprit = self._culprit(ended)
+            if culprit is None:
+                return ended
+            fatal[culprit] = AgreementReport(culprit, ended.status, ended.detail)
+            self._forget_all_but(fatal)
+
+    def _culprit(self, ended: isolate.Ended) -> int | None:
+        """Return the variant that ended the child, if one did and the others can go on."""
+        if ended.status not in (Status.CRASHED, Status.TIMEOUT) or ended.activity is None:
+            return None
+        index = ended.activity.index
+        if index is None or self.plan.variants[index].path == paths.BASE:
+            return None
+        report = self.variants[index].report
+        # a variant that was already refused is not timed, so another one ended the child
+        return index if report is None or report.status == Status.OK else None
+
+    def _forget_all_but(self, fatal: dict[int, AgreementReport]) -> None:
+        """Drop what is about to be measured again; keep the reports of fatal variants."""
+        self.variants = {i: _VariantState(fatal.get(i)) for i in self.variants}
+        self.cores, self.timed_s = [], 0.0
+
+    def _receive(self, message: object) -> None:
+        """Store one message of the child that measures the C paths."""
+        match message:
+            case ModelReady():
+                self.ready = message
+            case AgreementReport():
+                self.variants[message.index].report = message
+            case TimingStarted():
+                self.timing_budget_s = message.budget_s
+            case RoundTimed():
+                self.cores.append(message.cores)
+                for index, seconds in message.seconds.items():
+                    self.variants[index].samples_s.append(seconds)
+                    self.timed_s += seconds
+            case BlockDisagreed(index, detail):
+                self._revise(index, Status.DISAGREES, detail, agrees=False)
+            case _:
+                raise TypeError(f"unexpected message {message!r}")
+
+    def _receive_accelerated(self, index: int, message: object) -> None:
+        """Store one message of the child of one accelerated path."""
+        state = self.variants[index]
+        match message:
+            case AgreementReport():
+                state.report = message
+            case CompileReport():
+                state.compile_report = message
+            case BlockTime():
+                state.samples_s.append(message.seconds)
+            case PeakMemory():
+                state.memory = message
+            case _:
+                raise TypeError(f"unexpected message {message!r}")
+
+    def _revise(self, index: int, status: Status, detail: str, agrees: bool | None = None) -> None:
+        """Change a variant's report after the fact; its snippet and check stay."""
+        report = self.variants[index].report or AgreementReport(index, status)
+        changes = {"agrees": agrees, "agreement": detail} if agrees is not None else {}
+        self.variants[index].report = dataclasses.replace(
+            report, status=status, detail=detail, **changes
         )
-        if told == "ok" and ended.where in words and name != paths.BASE:
-            return index
-    return None
+
+    def _run_accelerated(self, index: int, workload_file: Path) -> None:
+        """Measure one accelerated path alone; whatever becomes of it costs its own row."""
+        variant, state = self.plan.variants[index], self.variants[index]
+        ended = accelerated_run.run(
+            self.source,
+            variant,
+            workload_file,
+            lambda message: self._receive_accelerated(index, message),
+            is_named=variant.path in self.plan.named,
+            limit_s=self.plan.limit_s,
+            import_from=self.plan.import_from,
+        )
+        state.is_finished = True
+        assert self.ready is not None
+        digest = self.ready.workload_digest
+        if ended.status != Status.OK:
+            self._revise(index, ended.status, ended.detail)
+        elif state.compile_report and state.compile_report.workload_digest != digest:
+            self.variants[index].report = AgreementReport(
+                index, Status.FAILED, "it did not receive the workload of the paths before"
+            )
+
+    def _share_done(self) -> float:
+        """Return the share of this model's work that is done, roughly, from 0 to 1."""
+        verified = sum(state.report is not None for state in self.variants.values())
+        timed = min(1.0, self.timed_s / max(self.timing_budget_s, 1e-9))
+        share = VERIFICATION_SHARE * verified / len(self.variants)
+        return share + (1 - VERIFICATION_SHARE) * timed
+
+    def records(self, ended: isolate.Ended | None) -> ModelRecords:
+        """Return the records of this model; `ended` is None when the user interrupted it."""
+        model = ModelRecord(
+            model=self.source.name,
+            status=ended.status if ended else Status.INTERRUPTED,
+            detail=ended.detail if ended else "",
+            **(vars(self.ready) if self.ready else {}),
+            nbatch_asked=self.plan.nbatch,
+            usable_cores=machine.usable_cores(),
+            cores_had=self.cores,
+        )
+        measurements = tuple(self._measurement(index, model, ended) for index in self.variants)
+        return ModelRecords(model, measurements, interrupted=ended is None)
+
+    def _measurement(
+        self, index: int, model: ModelRecord, ended: isolate.Ended | None
+    ) -> MeasurementRecord:
+        variant, state = self.plan.variants[index], self.variants[index]
+        path = paths.find(variant.path)
+        status, detail = self._outcome(state, ended)
+        report = state.report or AgreementReport(index, status)
+        record = MeasurementRecord(
+            model=model.model,
+            path=variant.path,
+            options=variant.options,
+            status=status,
+            detail=detail,
+            agrees=report.agrees,
+            agreement=report.agreement,
+            closed_loop=path.closed_loop,
+            snippet=report.snippet,
+            nbatch=model.nbatch,
+            nstep=model.nstep,
+            hold=model.hold,
+            seed=model.seed,
+            diverged=model.diverged,
+            workload_digest=model.workload_digest,
+            state_digest=model.state_digest,
+            work=model.work,
+            nbatch_asked=model.nbatch_asked,
+            samples_s=state.samples_s,
+        )
+        if not isinstance(path, AcceleratedPath):
+            return record
+        compiling, memory = state.compile_report, state.memory
+        return dataclasses.replace(
+            record,
+            precision=path.precision,
+            device=compiling.device if compiling else None,
+            trace_s=compiling.trace_s if compiling else None,
+            compile_s=compiling.compile_s if compiling else None,
+            memory_bytes=memory.memory_bytes if memory else None,
+            gpu_memory_bytes=memory.gpu_memory_bytes if memory else None,
+            check=report.check,
+        )
+
+    def _outcome(self, state: _VariantState, ended: isolate.Ended | None) -> tuple[Status, str]:
+        """Return status and detail of one variant."""
+        report = state.report
+        if report is not None and report.status != Status.OK:
+            return report.status, report.detail
+        if state.samples_s and report is not None:
+            if ended is None and not state.is_finished:
+                return Status.OK, f"interrupted after {len(state.samples_s)} rounds"
+            return Status.OK, report.detail
+        if ended is None:
+            return Status.INTERRUPTED, "stopped before it was timed"
+        if ended.status == Status.OK:
+            return Status.FAILED, "it was not timed"
+        return ended.status, ended.detail

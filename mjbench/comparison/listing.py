@@ -1,37 +1,55 @@
 """Facts of models, gathered in a child process so that a crash costs one row."""
 
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from mjbench.errors import InputError
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
 from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.work import ModelFacts
+from mjbench.status import Status
 
 
-def facts(sources: list[models.ModelSource], limit_s: float) -> list[dict[str, Any]]:
-    """Return the facts of each model: model, status, detail, and those of `work.describe`."""
-    rows: list[dict[str, Any]] = []
+@dataclass(frozen=True)
+class ListedModel:
+    """A model and its facts.
+
+    Attributes:
+      model: its name.
+      status: how loading it ended.
+      detail: one line; empty when ok.
+      facts: None where it could not be loaded.
+    """
+
+    model: str
+    status: Status
+    detail: str = ""
+    facts: ModelFacts | None = None
+
+
+def list_models(sources: Sequence[ModelSource], limit_s: float) -> list[ListedModel]:
+    """Return the facts of each model, in the order given."""
+    rows: list[ListedModel] = []
     while len(rows) < len(sources):
-        left = [{"name": s.name, "path": str(s.path)} for s in sources[len(rows) :]]
+        remaining = [ModelSource(s.name, s.path.resolve()) for s in sources[len(rows) :]]
         ended = isolate.run(
-            "mjbench.comparison.listing:describe_all", {"models": left}, rows.append, limit_s
+            "mjbench.comparison.listing:describe_all", remaining, rows.append, limit_s
         )
         if len(rows) < len(sources):  # the child ended while describing the next one
-            name = sources[len(rows)].name
-            rows.append({"model": name, "status": ended.status, "detail": ended.detail})
+            rows.append(ListedModel(sources[len(rows)].name, ended.status, ended.detail))
     return rows
 
 
-def describe_all(request: dict[str, Any], channel: Channel) -> None:
-    """Send the facts of each model in `request`; runs in the child."""
+def describe_all(sources: Sequence[ModelSource], channel: Channel) -> None:
+    """Send the facts of each model; runs in the child."""
     from mjbench.simulation import work
 
-    for entry in request["models"]:
-        name = entry["name"]
-        channel.where(f"loading {name}")
+    for source in sources:
+        channel.doing(f"loading {source.name}")
         try:
-            described = work.describe(models.load(models.ModelSource(name, Path(entry["path"]))))
-            channel.send(model=name, status="ok", detail="", **described)
+            facts = work.describe(models.load(source))
+            channel.send(ListedModel(source.name, Status.OK, facts=facts))
         except InputError as error:
-            channel.send(model=name, status="input", detail=str(error))
+            channel.send(ListedModel(source.name, Status.INPUT, str(error)))

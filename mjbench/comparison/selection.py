@@ -1,12 +1,16 @@
-"""Which paths, with which options: what words of a command line name."""
+"""Which paths, with which options, the words of a command line name."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mjbench import paths
+from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.paths.accelerated import AcceleratedPath
+
+# Words that stand for several paths.
+C_PATHS, USUAL_PATHS = "c", "usual"
 
 
 def default_threads() -> list[int]:
@@ -18,11 +22,11 @@ def variants(
     names: Sequence[str],
     threads: Sequence[int] | None = None,
     choices: Mapping[str, Sequence[Any]] | None = None,
-) -> tuple[tuple[str, dict[str, Any]], ...]:
+) -> tuple[Variant, ...]:
     """Return the variants of the named paths, the base path first (added if missing).
 
     Args:
-      names: path names, or words for several (see `expanded`); empty for the C paths.
+      names: path names, or words for several (see `expand`); empty for the C paths.
       threads: thread counts for every path that has them; None for the default ones.
       choices: further option values by option name.
 
@@ -30,45 +34,40 @@ def variants(
       InputError: an unknown path.
     """
     counts = list(threads or default_threads())
-    # Python threads and processes at one worker are the plain loop with a detour
+    # one Python thread or process is the plain loop with overhead: unless asked, only the most
     workers = counts if threads else [max(counts)]
-    asked = expanded(names or ["c"])
-    found = []
-    for name in [paths.BASE, *(n for n in asked if n != paths.BASE)]:
+    names = expand(names or [C_PATHS])
+    selected = []
+    for name in [paths.BASE, *(n for n in names if n != paths.BASE)]:
         path = paths.find(name)
         values = dict(choices or {})
         values["threads"] = workers if name == "threads" else counts
         values["processes"] = workers
-        found += [(name, options) for options in path.variants(values)]
-    return tuple(found)
+        selected += [Variant(name, options) for options in path.variants(values)]
+    return tuple(selected)
 
 
-def expanded(words: Sequence[str]) -> list[str]:
+def expand(words: Sequence[str]) -> list[str]:
     """Return the paths that words name; `c` is all C paths, `usual` those and MJX if installed."""
-    found: list[str] = []
+    names: list[str] = []
     for word in words:
-        if word in ("c", "usual"):
-            found += [n for n in paths.registry() if not compiles(n)]
-            found += [n for n in paths.registry() if word == "usual" and _usual(n)]
+        if word in (C_PATHS, USUAL_PATHS):
+            names += [name for name, path in paths.registry().items() if not path.compiles]
+            names += [n for n in paths.registry() if word == USUAL_PATHS and _is_usual(n)]
         else:
-            found.append(word)
-    return list(dict.fromkeys(found))
+            names.append(word)
+    return list(dict.fromkeys(names))
 
 
 def rivals(names: Sequence[str]) -> list[str]:
-    """Return the C paths that a sweep of compiled paths is to overtake, if it names none."""
-    compiled = [name for name in names if compiles(name)]
-    if compiled and not set(names) - {*compiled, paths.BASE}:
+    """Return the C paths to compare with in a sweep that names accelerated paths alone."""
+    accelerated = [name for name in names if paths.find(name).compiles]
+    if accelerated and not set(names) - {*accelerated, paths.BASE}:
         return [n for n, p in paths.registry().items() if "threads" in {o.name for o in p.options}]
     return []
 
 
-def compiles(name: str) -> bool:
-    """Return whether a path compiles first, and has a process of its own for it."""
-    return isinstance(paths.find(name), AcceleratedPath)
-
-
-def _usual(name: str) -> bool:
+def _is_usual(name: str) -> bool:
     path = paths.find(name)
     return isinstance(path, AcceleratedPath) and path.usual and path.unavailable() is None
 
@@ -83,15 +82,15 @@ def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
     Raises:
       InputError: no such option, or a value that it cannot have.
     """
-    known = {
+    options = {
         option.name: option
         for name in [*paths.registry(), *names]
         for option in paths.find(name).options
     }
-    found = {}
+    values_by_name = {}
     for word in words:
         name, equals, values = word.partition("=")
-        if not equals or name not in known:
-            raise InputError(f"--option {word}: give NAME=VALUE, NAME one of {', '.join(known)}")
-        found[name] = [known[name].value(value) for value in values.split(",")]
-    return found
+        if not equals or name not in options:
+            raise InputError(f"--option {word}: give NAME=VALUE, NAME one of {', '.join(options)}")
+        values_by_name[name] = [options[name].value(value) for value in values.split(",")]
+    return values_by_name

@@ -258,4 +258,3 @@ def child_main(task: str) -> None:
         end = Ended(failure.status, failure.detail)
     channel.send(end)
     os._exit(0)  # nothing here needs a tidy shutdown, and some engines hang in theirs
-

@@ -109,6 +109,14 @@ def data_bytes(model: Any) -> int:
     return int(getattr(data, "nbuffer", 0)) + 2 * used
 
 
+def peak_memory_bytes() -> int:
+    """Return the most memory that this process has had, in bytes."""
+    import resource  # not on Windows
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak) * (1 if sys.platform == "darwin" else 1024)
+
+
 @dataclass(frozen=True)
 class Machine:
     """The machine and what runs on it, as stored with every result.

@@ -29,7 +29,11 @@ _T = TypeVar("_T")
 
 
 class Record(Protocol):
-    """A frozen dataclass that is stored in a run file."""
+    """A frozen dataclass that is stored in a run file.
+
+    It may have a static method `upgrade`, which takes a stored record as a dictionary and renames
+    what earlier versions called otherwise.
+    """
 
     record_type: ClassVar[str]
 
@@ -165,8 +169,9 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
     kind = types.get(value.get("type")) if isinstance(value, dict) else None
     if kind is None:
         raise InputError(f"{path}, line {number}: not a record of a run file")
+    upgrade = getattr(kind, "upgrade", None)
     try:
-        return msgspec.convert(value, kind)
+        return msgspec.convert(upgrade(value) if upgrade else value, kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}, line {number}: {error}") from error
 

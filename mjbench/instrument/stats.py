@@ -56,7 +56,7 @@ def speedup(base_s: Sequence[float], other_s: Sequence[float]) -> Estimate:
 
 
 @dataclass(frozen=True)
-class Measured:
+class TimedBlocks:
     """Seconds of blocks of the same work, and what they were taken with.
 
     Attributes:
@@ -68,7 +68,7 @@ class Measured:
     identity: Mapping[str, object]
 
 
-def unpaired(base: Measured, other: Measured, across: bool = False) -> Estimate:
+def unpaired(base: TimedBlocks, other: TimedBlocks, across: bool = False) -> Estimate:
     """Return how many times faster `other` is than `base`, taken at another time.
 
     The interval is made of both medians' own, each at the confidence that leaves 95 % for both

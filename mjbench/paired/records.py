@@ -5,7 +5,7 @@ candidate `new`, as on the command line.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any, ClassVar
 
@@ -137,6 +137,10 @@ class VerdictRecord(VerdictRow):
 
     record_type: ClassVar[str] = "verdict"
     samples: Sequence[LaunchRow] = ()
+
+    def row(self) -> VerdictRow:
+        """Return the verdict without its samples."""
+        return VerdictRow(**{f.name: getattr(self, f.name) for f in fields(VerdictRow)})
 
 
 @dataclass(frozen=True)

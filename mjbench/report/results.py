@@ -1,267 +1,230 @@
-"""Results and advice, derived from a run's records; pure functions.
+"""Results of paths, derived from the records of a comparison; pure functions.
 
 A speed is derived only for a measurement whose final states agree.
 """
 
 import statistics
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from mjbench.errors import InputError
+from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import stats
-from mjbench.instrument.runs import SCHEMA, Record
+from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE
-
-# Between paths this close to the fastest, advice prefers the one listed first: the simpler one.
-CLOSE_ENOUGH = 0.99
-# What must not differ where something was compiled: what compiled it, and with which flags.
-_COMPILERS = ("jax", "jaxlib", "warp-lang")
-_COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
-# What is told of a path that compiles.
-COMPILED = (
-    "precision",
-    "device",
-    "trace_s",
-    "compile_s",
-    "memory_bytes",
-    "gpu_memory_bytes",
-    "check",
-)
+from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.work import Work
+from mjbench.status import Status
 
 
-def of_model(records: Sequence[Record]) -> list[Record]:
-    """Return the results of one model's measurement records.
+@dataclass(frozen=True)
+class StepTime:
+    """Nanoseconds of one step of one simulation: over blocks, the median and the fastest."""
 
-    Keys: model, path, options, status, detail, agrees, agreement, closed_loop, nbatch, nstep,
-    hold, diverged, steps_per_s, step_ns (median, min), realtime_factor, speedup (median, low,
-    high), work, rounds, snippet, nbatch_asked; for a path that compiles also precision, device,
-    trace_s, compile_s, memory_bytes, gpu_memory_bytes, check and overtakes_after_steps (steps of
-    the plain loop after which its own compilation is made up for). What cannot be said is None.
+    median: float
+    min: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathResult:
+    """What a comparison says of one variant; None is what cannot be said.
+
+    Attributes:
+      model: its name.
+      path: the way of stepping.
+      options: of the path.
+      status: how it ended.
+      detail: one line; empty when ok.
+      agrees: whether its final states are the reference's.
+      agreement: the rule that was held, or the first difference.
+      closed_loop: whether a policy can choose each control from the state before it.
+      nbatch: simulations.
+      nstep: steps of each.
+      hold: steps per control.
+      diverged: simulations left out because they diverged.
+      steps_per_s: steps of all simulations per second.
+      step_ns: nanoseconds of one step of one simulation.
+      realtime_factor: simulated seconds per second, all simulations together.
+      speedup: over the plain Python loop, with its 95 % interval.
+      work: contacts, constraints and solver iterations per step.
+      rounds: blocks that were timed.
+      snippet: Python that does what the path does.
+      nbatch_asked: simulations that the user asked for; None where mjbench chose.
+      precision: of an accelerated path; None for paths that run C.
+      device: that an accelerated path ran on.
+      trace_s: seconds of tracing.
+      compile_s: seconds of the compiler.
+      memory_bytes: most memory of the process.
+      gpu_memory_bytes: most memory of the GPU.
+      check: how far an accelerated path is from C.
+      overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
+        running the same number; None where the plain loop is faster.
     """
-    head = next((r for r in records if r["type"] == "model"), {})
-    rows = [r for r in records if r["type"] == "measurement"]
-    base = next((r for r in rows if r["path"] == BASE and _timed(r)), None)
-    timestep = head.get("facts", {}).get("timestep")
-    return [_result(row, base, timestep) for row in rows]
+
+    model: str
+    path: str
+    options: Mapping[str, Any]
+    status: Status
+    detail: str = ""
+    agrees: bool | None = None
+    agreement: str = ""
+    closed_loop: bool = False
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int | None = None
+    diverged: int | None = None
+    steps_per_s: float | None = None
+    step_ns: StepTime | None = None
+    realtime_factor: float | None = None
+    speedup: Estimate | None = None
+    work: Work | None = None
+    rounds: int = 0
+    snippet: str = ""
+    nbatch_asked: int | None = None
+    precision: str | None = None
+    device: str | None = None
+    trace_s: float | None = None
+    compile_s: float | None = None
+    memory_bytes: int | None = None
+    gpu_memory_bytes: int | None = None
+    check: AcceleratedCheck | None = None
+    overtakes_after_steps: float | None = None
+
+    @property
+    def is_accelerated(self) -> bool:
+        """Whether the path compiles first and is held to tolerances."""
+        return self.precision is not None
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether its steps were held to anything.
+
+        An accelerated engine is held to C in unconstrained steps alone; a model that is always in
+        contact has none.
+        """
+        return self.check is None or self.check.unconstrained_steps > 0
+
+    @property
+    def rate(self) -> float:
+        """How fast it is, to compare with others of its model; paired with the base if possible."""
+        if self.speedup is not None:
+            return self.speedup.median
+        assert self.steps_per_s is not None, "only timed results have a rate"
+        return self.steps_per_s
+
+    def rate_over(self, other: "PathResult") -> float:
+        """Return this path's steps per second over another's."""
+        assert self.steps_per_s is not None, "only timed results have a rate"
+        assert other.steps_per_s is not None, "only timed results have a rate"
+        return self.steps_per_s / other.steps_per_s
 
 
-def advice(results: Sequence[Record]) -> list[Record]:
-    """Return what to use: the fastest path for open loop, and for closed loop.
+@dataclass(frozen=True)
+class ModelResults:
+    """The records of one model at one size, and what follows from them.
 
-    Paths whose steps could not be judged do not stand for election (see `judged`).
-    Only paths that were timed to the end stand for election: those that could not be the fastest
-    were left out of the last rounds. Keys: model, nbatch, loop, path, options, speedup, snippet.
+    Attributes:
+      model: the model's record.
+      results: one a variant.
     """
-    found = []
-    for key in dict.fromkeys(map(group, results)):
-        model = key[0]
-        timed = [r for r in results if group(r) == key and r["step_ns"] and judged(r)]
-        for loop in ("open", "closed"):
-            able = [r for r in timed if loop == "open" or r["closed_loop"]]
-            if not able:
-                continue
-            longest = max((r["rounds"] for r in able if not _compiles(r)), default=0)
-            able = [r for r in able if _compiles(r) or r["rounds"] == longest]
-            most = max(map(_rate, able))
-            best = next(r for r in able if _rate(r) >= CLOSE_ENOUGH * most)
-            found.append(
-                {
-                    "model": model,
-                    "nbatch": best["nbatch"],
-                    "loop": loop,
-                    "path": best["path"],
-                    "options": best["options"],
-                    "speedup": best["speedup"]["median"] if best["speedup"] else None,
-                    "snippet": best["snippet"],
-                }
-            )
-    return found
+
+    model: ModelRecord
+    results: tuple[PathResult, ...]
+
+    @property
+    def cores_had(self) -> float | None:
+        """The cores that threads got: the median of the calibrations; None without any."""
+        return statistics.median(self.model.cores_had) if self.model.cores_had else None
 
 
-def document(machine: Record, results: Sequence[Record]) -> dict[str, Any]:
-    """Return the one document that `--json` writes; docs/formats.md describes it."""
-    return {
-        "schema": SCHEMA,
-        "machine": machine,
-        "results": list(results),
-        "advice": advice(results),
-        "crossovers": crossovers(results),
-    }
+def derive(model: ModelRecord, measurements: Sequence[MeasurementRecord]) -> ModelResults:
+    """Return the results of one model at one size from its records."""
+    base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
+    timestep = model.facts.timestep if model.facts else None
+    return ModelResults(model, tuple(_result(m, base, timestep) for m in measurements))
 
 
-def by_model(records: Sequence[Record]) -> list[list[Record]]:
-    """Return a run's records model by model, in the order they were measured."""
-    keys = dict.fromkeys(group(r) for r in records if "model" in r)
-    return [[r for r in records if "model" in r and group(r) == key] for key in keys]
-
-
-def group(row: Record) -> tuple[str, int | None]:
-    """Return what a row is compared within: a model, at one of the sizes asked for."""
-    return row["model"], row.get("nbatch_asked")
-
-
-def crossovers(results: Sequence[Record]) -> list[Record]:
-    """Return from which number of simulations on each compiled path overtakes the best C path.
-
-    Of the sizes that were measured and judged: the least from which on it is faster at every one.
-    Keys: model, path, options, nbatch (None: at none), largest (size at which both were timed),
-    rival (path and options of the best C path there), share (of the rival's speed, at the largest).
-    """
-    found = []
-    for model in dict.fromkeys(r["model"] for r in results):
-        timed = [r for r in results if r["model"] == model and r["steps_per_s"] and judged(r)]
-        best: dict[int, Record] = {}
-        for row in timed:
-            size = row["nbatch_asked"]
-            faster = size not in best or row["steps_per_s"] > best[size]["steps_per_s"]
-            if size and not _compiles(row) and faster:
-                best[size] = row
-        variants = [(r["path"], r["options"]) for r in timed if _compiles(r)]
-        for path, options in [v for i, v in enumerate(variants) if v not in variants[:i]]:
-            own = {
-                r["nbatch_asked"]: r["steps_per_s"] / best[r["nbatch_asked"]]["steps_per_s"]
-                for r in timed
-                if (r["path"], r["options"]) == (path, options) and r["nbatch_asked"] in best
-            }
-            if len(own) < 2:
-                continue
-            largest, ahead = max(own), None
-            for size in sorted(best, reverse=True):
-                if own.get(size, 0) <= 1:  # slower there, or it failed
-                    break
-                ahead = size
-            rival = {key: best[largest][key] for key in ("path", "options")}
-            found.append(
-                {
-                    "model": model,
-                    "path": path,
-                    "options": options,
-                    "nbatch": ahead,
-                    "largest": largest,
-                    "rival": rival,
-                    "share": own[largest],
-                }
-            )
-    return found
-
-
-def differences(old: Sequence[Record], new: Sequence[Record], across: bool) -> list[Record]:
-    """Return how the measurements of one run file compare with those of another.
+def derive_all(records: Sequence[Any]) -> list[ModelResults]:
+    """Return the results of a whole run, model by model, in the order they were measured.
 
     Args:
-      old: records, the header first.
-      new: the same of the other file.
-      across: compare also what differs in identity.
-
-    Returns:
-      For every row of both that was timed: model, path, options, nbatch, status (`ok`, or `input`
-      where they cannot be compared), detail, ratio (estimate, low, high; new time over old).
+      records: of a run file; those of other types are ignored.
     """
-    before = {_row_key(r): r for r in old if r["type"] == "measurement" and _timed(r)}
-    rows = []
-    for row in new:
-        if row["type"] != "measurement" or not _timed(row) or _row_key(row) not in before:
-            continue
-        other = before[_row_key(row)]
-        result = {key: row[key] for key in ("model", "path", "options", "nbatch")}
-        result |= {"status": "ok", "detail": "", "ratio": None}
-        try:
-            if row["workload_digest"] != other["workload_digest"]:
-                raise InputError("not comparable, they did other work")
-            faster = stats.unpaired(
-                stats.Measured(_per_step(row), identity(row, new[0])),
-                stats.Measured(_per_step(other), identity(other, old[0])),
-                across,
-            )
-            ratio = {"estimate": faster.median, "low": faster.low, "high": faster.high}
-            result["ratio"] = ratio
-        except InputError as error:
-            result |= {"status": "input", "detail": str(error)}
-        rows.append(result)
-    return rows
+    models = [record for record in records if isinstance(record, ModelRecord)]
+    measurements = [record for record in records if isinstance(record, MeasurementRecord)]
+    return [
+        derive(model, [m for m in measurements if _group(m) == _group(model)]) for model in models
+    ]
 
 
-def identity(row: Record, header: Record) -> dict[str, Any]:
-    """Return what results must share to be compared without being asked to.
-
-    Precision and device (a CPU by its name); of what was compiled also the versions of what
-    compiled it, and the flags that change what it does.
-    """
-    machine, device = header["machine"], row.get("device") or "cpu"
-    found = {
-        "precision": row.get("precision", "float64"),
-        "device": machine["cpu"] if device == "cpu" else device,
-    }
-    if _compiles(row):
-        versions, flags = machine["versions"], machine["flags"]
-        found |= {name: versions.get(name) for name in _COMPILERS}
-        found |= {name: flags.get(name) for name in _COMPILER_FLAGS}
-    return found
+def _group(record: ModelRecord | MeasurementRecord) -> tuple[str, int | None]:
+    return record.model, record.nbatch_asked
 
 
-def judged(result: Record) -> bool:
-    """Return whether a result was held to anything: an engine other than C, in free steps alone."""
-    check = result.get("check")
-    return check is None or bool(check["free_steps"])
+def _result(
+    record: MeasurementRecord, base: MeasurementRecord | None, timestep: float | None
+) -> PathResult:
+    untimed = PathResult(
+        model=record.model,
+        path=record.path,
+        options=record.options,
+        status=record.status,
+        detail=record.detail,
+        agrees=record.agrees,
+        agreement=record.agreement,
+        closed_loop=record.closed_loop,
+        nbatch=record.nbatch,
+        nstep=record.nstep,
+        hold=record.hold,
+        diverged=record.diverged,
+        work=record.work,
+        rounds=len(record.samples_s),
+        snippet=record.snippet,
+        nbatch_asked=record.nbatch_asked,
+        precision=record.precision,
+        device=record.device,
+        trace_s=record.trace_s,
+        compile_s=record.compile_s,
+        memory_bytes=record.memory_bytes,
+        gpu_memory_bytes=record.gpu_memory_bytes,
+        check=record.check,
+    )
+    if not record.is_timed:
+        return untimed
+    steps = steps_per_block(record)
+    step_s = statistics.median(record.samples_s) / steps
+    return replace(
+        untimed,
+        steps_per_s=1.0 / step_s,
+        step_ns=StepTime(1e9 * step_s, 1e9 * min(record.samples_s) / steps),
+        realtime_factor=timestep / step_s if timestep else None,
+        speedup=_speedup(record, base) if base else None,
+        overtakes_after_steps=_break_even_steps(record, base) if base else None,
+    )
 
 
-def _row_key(row: Record) -> str:
-    return f"{row['model']} {row['path']} {sorted(row['options'].items())} {row['nbatch']}"
+def steps_per_block(record: MeasurementRecord) -> int:
+    """Return the steps of one block, all simulations together."""
+    assert record.nbatch is not None, "a timed record has its sizes"
+    assert record.nstep is not None, "a timed record has its sizes"
+    return record.nbatch * record.nstep
 
 
-def _per_step(row: Record) -> list[float]:
-    return [seconds / (row["nbatch"] * row["nstep"]) for seconds in row["samples_s"]]
+def _speedup(record: MeasurementRecord, base: MeasurementRecord) -> Estimate:
+    """Return the speed-up over the base: paired by rounds for C, unpaired for accelerated paths."""
+    if record.is_accelerated:
+        return stats.unpaired(
+            stats.TimedBlocks(base.samples_s, {}), stats.TimedBlocks(record.samples_s, {})
+        )
+    count = min(len(base.samples_s), len(record.samples_s))
+    estimate = stats.speedup(base.samples_s[:count], record.samples_s[:count])
+    return Estimate(estimate.median, None, None) if record is base else estimate
 
 
-def _compiles(result: Record) -> bool:
-    return "precision" in result
-
-
-def cores_had(head: Record) -> float | None:
-    """Return the median of the cores that the calibration found, or None."""
-    return statistics.median(head["cores_had"]) if head.get("cores_had") else None
-
-
-def _rate(result: Record) -> float:
-    """Return how fast a result is: paired with the base, where there is one."""
-    return float(result["speedup"]["median"] if result["speedup"] else result["steps_per_s"])
-
-
-def _timed(row: Record) -> bool:
-    return bool(row["agrees"] and row["status"] == "ok" and row["samples_s"])
-
-
-def _result(row: Record, base: Record | None, timestep: float | None) -> Record:
-    result = {
-        key: row[key]
-        for key in ("model", "path", "options", "status", "detail", "agrees", "agreement")
-    }
-    result |= {key: row[key] for key in ("closed_loop", "nbatch", "nstep", "hold", "diverged")}
-    result |= {"steps_per_s": None, "step_ns": None, "realtime_factor": None, "speedup": None}
-    result |= {"work": row["work"], "rounds": len(row["samples_s"]), "snippet": row["snippet"]}
-    result["nbatch_asked"] = row.get("nbatch_asked")
-    if _compiles(row):
-        result |= {key: row.get(key) for key in COMPILED} | {"overtakes_after_steps": None}
-    if not _timed(row):
-        return result
-    steps, samples = row["nbatch"] * row["nstep"], row["samples_s"]
-    median = statistics.median(samples) / steps
-    result["steps_per_s"] = 1.0 / median
-    result["step_ns"] = {"median": 1e9 * median, "min": 1e9 * min(samples) / steps}
-    result["realtime_factor"] = timestep / median if timestep else None
-    if base and _compiles(row):
-        sides = (stats.Measured(base["samples_s"], {}), stats.Measured(samples, {}))
-        result["speedup"] = asdict(stats.unpaired(*sides))
-        gain = statistics.median(base["samples_s"]) / steps - median
-        spent = (row["trace_s"] or 0.0) + row["compile_s"]
-        result["overtakes_after_steps"] = spent / gain if gain > 0 else None
-    elif base:
-        n = min(len(base["samples_s"]), len(samples))
-        estimate = stats.speedup(base["samples_s"][:n], samples[:n])
-        result["speedup"] = {
-            "median": estimate.median,
-            "low": None if row is base else estimate.low,
-            "high": None if row is base else estimate.high,
-        }
-    return result
+def _break_even_steps(record: MeasurementRecord, base: MeasurementRecord) -> float | None:
+    if record.compile_s is None:
+        return None
+    steps = steps_per_block(record)
+    saved_s = (statistics.median(base.samples_s) - statistics.median(record.samples_s)) / steps
+    spent_s = (record.trace_s or 0.0) + record.compile_s
+    return spent_s / saved_s if saved_s > 0 else None

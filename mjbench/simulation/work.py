@@ -197,23 +197,48 @@ def one_step(model: Any, states: np.ndarray) -> dict[str, np.ndarray]:
     return {field: np.array(values) for field, values in after.items()}
 
 
-def describe(model: Any) -> dict[str, Any]:
-    """Return the facts of a model that decide what a step costs, at its start state.
+@dataclass(frozen=True)
+class ModelFacts:
+    """The facts of a model that decide what a step costs, at its start state.
 
-    Keys: nq, nv, nu, na (sizes), contacts and constraints (at the start state), timestep (s),
-    integrator, cone and solver (by name).
+    Attributes:
+      nq: size of qpos.
+      nv: degrees of freedom.
+      nu: actuators.
+      na: activation states.
+      contacts: at the start state.
+      constraints: scalar constraints at the start state.
+      timestep: in seconds.
+      integrator: by name, such as `euler`.
+      solver: by name, such as `newton`.
+      cone: by name, such as `pyramidal`.
     """
+
+    nq: int
+    nv: int
+    nu: int
+    na: int
+    contacts: int
+    constraints: int
+    timestep: float
+    integrator: str
+    solver: str
+    cone: str
+
+
+def describe(model: Any) -> ModelFacts:
+    """Return the facts of a model."""
     data = start_data(model)
     mujoco.mj_forward(model, data)
-    return {
-        "nq": int(model.nq),
-        "nv": int(model.nv),
-        "nu": int(model.nu),
-        "na": int(model.na),
-        "contacts": int(data.ncon),
-        "constraints": int(data.nefc),
-        "timestep": float(model.opt.timestep),
-        "integrator": compat.enum_name(mujoco.mjtIntegrator, model.opt.integrator, "mjINT_"),
-        "solver": compat.enum_name(mujoco.mjtSolver, model.opt.solver, "mjSOL_"),
-        "cone": compat.enum_name(mujoco.mjtCone, model.opt.cone, "mjCONE_"),
-    }
+    return ModelFacts(
+        nq=int(model.nq),
+        nv=int(model.nv),
+        nu=int(model.nu),
+        na=int(model.na),
+        contacts=int(data.ncon),
+        constraints=int(data.nefc),
+        timestep=float(model.opt.timestep),
+        integrator=compat.enum_name(mujoco.mjtIntegrator, model.opt.integrator, "mjINT_"),
+        solver=compat.enum_name(mujoco.mjtSolver, model.opt.solver, "mjSOL_"),
+        cone=compat.enum_name(mujoco.mjtCone, model.opt.cone, "mjCONE_"),
+    )

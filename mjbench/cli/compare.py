@@ -1,0 +1,163 @@
+"""`mjbench compare`: every way of stepping, on each model."""
+
+import dataclasses
+import functools
+import itertools
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.shared import (
+    HOLD,
+    JSON,
+    LIMIT,
+    RESULTS,
+    SEED,
+    Names,
+    Numbers,
+    check_sizes,
+    with_options,
+)
+from mjbench.errors import MachineError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.simulation.models import ModelSource
+
+
+@dataclass(frozen=True)
+class _Options:
+    """The options of the command, as click parses them."""
+
+    path_names: list[str] | None
+    threads: list[int] | None
+    chunk: list[int] | None
+    option_words: tuple[str, ...]
+    nbatch: list[int] | None
+    nstep: int | None
+    hold: int
+    seed: int
+    budget: float | None
+    time_limit: float
+    results: Path
+    json_file: str | None
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--paths",
+    "path_names",
+    type=Names(),
+    help="Compare only these (see `mjbench paths`); `c` stands for all C paths, `usual` for those"
+    " and MJX  [default: c]",
+)
+@click.option("--threads", type=Numbers(), help="Thread counts  [default: 1 and usable cores]")
+@click.option("--chunk", type=Numbers(), help="Simulations that a thread takes at a time.")
+@click.option(
+    "--option",
+    "option_words",
+    multiple=True,
+    metavar="NAME=V,V",
+    help="Values of any other option of a path, such as pool=new or record=qpos.",
+)
+@click.option(
+    "--nbatch", type=Numbers(), help="Simulations; several are a sweep  [default: up to 64]"
+)
+@click.option("--nstep", type=click.IntRange(min=1), help="Steps of each  [default: up to 200]")
+@click.option(
+    "--budget",
+    type=click.FloatRange(min=0.0),
+    metavar="SECONDS",
+    help="Time to spend on timing each model  [default: 8]",
+)
+@with_options(HOLD, SEED, LIMIT, RESULTS, JSON)
+def compare(names: tuple[str, ...], **options: Any) -> None:
+    """Compare all ways of stepping MODELs: their speed, and whether they compute the same.
+
+    \b
+    Final states are compared first, bit by bit; a path that disagrees gets no speed. Then blocks
+    of every path are timed in turns. MJX and Warp compile first; they are held to tolerances and
+    timed alone, each in a process of its own. Raw samples go to a run file in results/runs;
+    `mjbench show` prints it again.
+    """
+    from mjbench.simulation.models import resolve, shipped
+
+    given = _Options(**options)
+    check_sizes(given.nstep, given.hold)
+    sources = [resolve(name) for name in names or shipped()]
+    sources = list({source.path: source for source in sources}.values())
+    _compare(sources, _plans(given), given)
+
+
+def _plans(given: _Options) -> list["ComparisonPlan"]:
+    """Return one plan for each size of the sweep."""
+    from mjbench.comparison import selection
+    from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
+
+    has_own_path = any(":" in name for name in given.path_names or ())
+    if has_own_path:
+        sys.path.insert(0, str(Path.cwd()))
+    path_names = selection.expand(given.path_names or [])
+    choices = selection.choices(given.option_words, path_names)
+    if given.chunk:
+        choices["chunk"] = given.chunk
+    sizes: list[int | None] = [*given.nbatch] if given.nbatch else [None]
+    if path_names and len(sizes) > 1:
+        path_names = [*path_names, *selection.rivals(path_names)]
+    plan = ComparisonPlan(
+        variants=selection.variants(path_names, given.threads, choices),
+        nstep=given.nstep,
+        hold=given.hold,
+        seed=given.seed,
+        budget_s=BUDGET_S if given.budget is None else given.budget,
+        limit_s=given.time_limit,
+        import_from=str(Path.cwd()) if has_own_path else None,
+        named=tuple(n for n in given.path_names or () if n != selection.USUAL_PATHS),
+    )
+    return [dataclasses.replace(plan, nbatch=size) for size in sizes]
+
+
+def _compare(
+    sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", given: _Options
+) -> None:
+    from mjbench.comparison.compare import compare_model
+    from mjbench.instrument.runs import to_json
+    from mjbench.report import comparison as report
+    from mjbench.report.crossovers import crossovers
+    from mjbench.report.documents import CompareDocument
+    from mjbench.report.results import PathResult, derive
+
+    arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
+    arguments["nbatch"] = [plan.nbatch for plan in plans]
+    results: list[PathResult] = []
+    failure: MachineError | None = None
+    turns = list(itertools.product(sources, plans))
+    with RunContext("compare", given.json_file, given.results, arguments) as run:
+        with run.progress(len(turns)) as advance:
+            for number, (source, plan) in enumerate(turns):
+                records = compare_model(source, plan, functools.partial(advance, number))
+                try:
+                    for record in records.all:
+                        run.record(record)
+                except MachineError as error:
+                    failure = error
+                model_results = derive(records.model, records.measurements)
+                report.print_model(run.out, model_results)
+                results += model_results.results
+                if records.interrupted:
+                    run.interrupt()
+                if records.interrupted or failure:
+                    break
+        report.print_crossovers(run.out, crossovers(results))
+        run.write(CompareDocument.of(run.machine, results))
+    if failure:
+        raise failure
+    run.exit(result.status for result in results)

@@ -1,0 +1,68 @@
+"""`mjbench show`: print a run file again."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.shared import JSON, RESULTS, with_options
+
+if TYPE_CHECKING:
+    from mjbench.instrument.runs import Run
+
+
+@cli.command()
+@click.argument("file", required=False, type=click.Path(path_type=Path))
+@with_options(RESULTS, JSON)
+def show(file: Path | None, results: Path, json_file: str | None) -> None:
+    """Print a run FILE again; without one, the newest in results/runs."""
+    from mjbench.instrument import runs
+    from mjbench.paired.records import TrialRecord, VerdictRecord
+    from mjbench.report.documents import RECORD_TYPES
+
+    stored = runs.load(file or runs.latest(results), RECORD_TYPES)
+    with RunContext("show", json_file) as run:
+        if stored.of_type(TrialRecord):
+            _show_selfcheck(run, stored)
+        elif stored.of_type(VerdictRecord):
+            _show_verdicts(run, stored)
+        else:
+            _show_comparison(run, stored)
+
+
+def _show_selfcheck(run: RunContext, stored: "Run") -> None:
+    from mjbench.paired import selfcheck
+    from mjbench.paired.records import TrialRecord
+    from mjbench.report import verdicts
+    from mjbench.report.documents import SelfcheckDocument
+
+    rows = selfcheck.summary(stored.of_type(TrialRecord))
+    run.out.print(verdicts.selfcheck_table(rows))
+    busy = stored.header.arguments.get("busy")
+    run.write(SelfcheckDocument(machine=stored.header.machine, busy=busy, results=rows))
+
+
+def _show_verdicts(run: RunContext, stored: "Run") -> None:
+    from mjbench.paired.records import VerdictRecord
+    from mjbench.report import verdicts
+    from mjbench.report.documents import VerdictDocument
+
+    rows = [record.row() for record in stored.of_type(VerdictRecord)]
+    verdicts.print_table(run.out, rows)
+    run.write(VerdictDocument(machine=stored.header.machine, results=rows))
+
+
+def _show_comparison(run: RunContext, stored: "Run") -> None:
+    from mjbench.report import comparison as report
+    from mjbench.report.crossovers import crossovers
+    from mjbench.report.documents import CompareDocument
+    from mjbench.report.results import derive_all
+
+    models = derive_all(stored.records)
+    for model_results in models:
+        report.print_model(run.out, model_results)
+    results = [result for model_results in models for result in model_results.results]
+    report.print_crossovers(run.out, crossovers(results))
+    run.write(CompareDocument.of(stored.header.machine, results))

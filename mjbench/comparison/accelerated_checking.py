@@ -1,0 +1,244 @@
+"""How far a compiled run is from C: single steps, the run to its end, and the timed blocks.
+
+`check_run` drives the compiled program beside the reference run and returns an `AcceleratedCheck`;
+`mjbench.simulation.accelerated_check` says what it must hold to.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjbench.paths.accelerated import Compiled, StepOutcome, start_fields
+from mjbench.simulation import accelerated_check, agreement, trajectory
+from mjbench.simulation import workload as workloads
+from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps
+from mjbench.simulation.workload import Workload
+
+# Simulations followed step by step, spread over the batch, and the most single steps taken from
+# their states; these are taken again in every simulation that remains.
+FOLLOWED, MAX_SINGLE_STEPS = 32, 256
+
+Fields = Mapping[str, np.ndarray]
+Advance = Callable[[Fields, np.ndarray, int], StepOutcome]
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedRun:
+    """A compiled run beside the reference run.
+
+    Attributes:
+      check: how far it is from C.
+      final_fields: (nbatch, size) arrays by MjData field, after the last step of the compiled run.
+    """
+
+    check: AcceleratedCheck
+    final_fields: Fields
+
+
+@dataclass(frozen=True)
+class _RunError:
+    """Distance from the reference run after some steps, over the simulations that are followed.
+
+    Attributes:
+      nstep: steps of the run.
+      difference: of the compiled run, the largest.
+      shadow: of C with states rounded to float32, the largest.
+      shadow_median: the same, the median.
+    """
+
+    nstep: int
+    difference: float
+    shadow: float
+    shadow_median: float
+
+
+def check_run(workload: Workload, advance: Advance, precision: str) -> CheckedRun:
+    """Return how far a compiled run is from the reference run.
+
+    Args:
+      workload: that was compiled.
+      advance: the compiled program, (start fields, control, nstep) → StepOutcome.
+      precision: `float32` or `float64`, that it computes in.
+    """
+    rounded = precision == "float32"
+    reference = trajectory.run(workload, FOLLOWED)
+    shadow = trajectory.run(workload, FOLLOWED, rounded=True)
+    singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded)
+    outcome = _take_single_steps(advance, workload, singles)
+    starts = start_fields(workload)
+    final_fields = advance(starts, workload.control, workload.nstep).fields
+
+    def run_error(nstep: int) -> _RunError:
+        fields = final_fields
+        if nstep < workload.nstep:
+            fields = advance(starts, workload.control, nstep).fields
+        expected = workloads.fields(workload.model, reference.states[:, nstep])
+        rounding = workloads.fields(workload.model, shadow.states[:, nstep])
+        reached = {name: values[reference.simulation] for name, values in fields.items()}
+        shadow_errors = agreement.max_relative_error(rounding, expected, COMPARED)
+        return _RunError(
+            nstep,
+            float(agreement.max_relative_error(reached, expected, COMPARED).max()),
+            float(shadow_errors.max()),
+            float(np.median(shadow_errors)),
+        )
+
+    unconstrained, final = run_error(reference.free), run_error(workload.nstep)
+    compared = [final_fields[name] for name in COMPARED if name in final_fields]
+    is_finite = np.isfinite(np.hstack(compared)).all(axis=1)
+    steps = _judge_single_steps(workload, singles, outcome)
+    check = AcceleratedCheck(
+        precision=precision,
+        received=_received(workload, advance, starts, final_fields, rounded),
+        still=steps.still,
+        same_count=steps.same_count,
+        normal_degrees=steps.normal_degrees,
+        unconstrained_steps=steps.unconstrained.count,
+        constrained_steps=steps.constrained.count,
+        contact_steps=steps.contact.count,
+        unconstrained_error=steps.unconstrained.max_error,
+        constrained_error=steps.constrained.max_error,
+        contact_error=steps.contact.max_error,
+        unconstrained_nstep=unconstrained.nstep,
+        unconstrained_difference=unconstrained.difference,
+        unconstrained_shadow=unconstrained.shadow,
+        final_nstep=final.nstep,
+        final_difference=final.difference,
+        final_shadow=final.shadow,
+        final_shadow_median=final.shadow_median,
+        lost=int((~is_finite).sum()),
+    )
+    return CheckedRun(check, final_fields)
+
+
+def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:
+    """Return how the last timed block ended elsewhere than the checked run; empty if it did not.
+
+    What does not repeat to the last bit may differ as rounding to float32 does in C: by the
+    farthest simulation where all motion is unconstrained. In contact some simulations diverge from
+    each other after any difference, and which ones is chance: there the median counts.
+    """
+    reached = workloads.fields(workload.model, compiled.final_states().values)
+    errors = agreement.max_relative_error(reached, checked.final_fields, COMPARED)
+    lost = int((errors > accelerated_check.FINITE).sum())
+    if lost:
+        return f"in timed blocks {lost} simulations do not end in finite numbers"
+    error, allowed = float(errors.max()), 0.0
+    if not compiled.exact:
+        shadow = checked.check.final_shadow
+        if checked.check.unconstrained_nstep < workload.nstep:
+            error, shadow = float(np.median(errors)), checked.check.final_shadow_median
+        rounding = float(np.finfo(np.float32).eps)
+        allowed = accelerated_check.SHADOW_FACTOR * max(shadow, rounding)
+    if error <= allowed:
+        return ""
+    return f"timed blocks end {error:.2g} from the run that was checked"
+
+
+def _received(
+    workload: Workload, advance: Advance, starts: Fields, final_fields: Fields, rounded: bool
+) -> bool:
+    """Return whether the engine has exactly the start states, the first and the last control."""
+
+    def as_held(values: np.ndarray) -> np.ndarray:
+        return trajectory.as_float32(values) if rounded else values
+
+    at_start = advance(starts, workload.control, 0).fields
+    first_ctrl = advance(starts, workload.control, 1).fields["ctrl"]
+    return (
+        all(
+            np.array_equal(at_start[name], as_held(values))
+            for name, values in starts.items()
+            if name in at_start
+        )
+        and np.array_equal(first_ctrl, as_held(workload.control[:, 0]))
+        and np.array_equal(final_fields["ctrl"], as_held(workload.control[:, -1]))
+    )
+
+
+def _take_single_steps(advance: Advance, workload: Workload, singles: SingleSteps) -> StepOutcome:
+    """Take the single steps by the compiled program, as many at a time as it has simulations.
+
+    Where simulations are left over, it begins again with the first step: every simulation takes one
+    that is judged.
+    """
+    nbatch, count = workload.nbatch, len(singles.state)
+    states = workloads.fields(workload.model, singles.state)
+    states.pop("ctrl", None)
+    outcomes: list[StepOutcome] = []
+    for begin in range(0, count, nbatch):
+        rows = np.arange(begin, begin + nbatch) % count
+        control = np.zeros_like(workload.control)
+        control[:, 0] = singles.control[rows]
+        outcomes.append(advance({name: v[rows] for name, v in states.items()}, control, 1))
+    fields = {
+        name: np.concatenate([outcome.fields[name] for outcome in outcomes])
+        for name in outcomes[0].fields
+    }
+    contacts = [outcome.contacts for outcome in outcomes if outcome.contacts is not None]
+    if len(contacts) < len(outcomes):
+        return StepOutcome(fields, None)
+    return StepOutcome(fields, Contacts.joined(contacts, nbatch))
+
+
+@dataclass(frozen=True)
+class _KindOfStep:
+    """Single steps of one kind: how many, and the largest error; None without any."""
+
+    count: int
+    max_error: float | None
+
+
+@dataclass(frozen=True)
+class _SingleStepErrors:
+    """How far single steps are from C's; see `AcceleratedCheck` for the fields."""
+
+    unconstrained: _KindOfStep
+    constrained: _KindOfStep
+    contact: _KindOfStep
+    still: bool
+    same_count: float | None = None
+    normal_degrees: float | None = None
+
+
+def _judge_single_steps(
+    workload: Workload, singles: SingleSteps, outcome: StepOutcome
+) -> _SingleStepErrors:
+    """Compare single steps with C's: unconstrained ones, constrained ones, those in contact."""
+    count, total = len(singles.state), len(next(iter(outcome.fields.values())))
+    step = np.arange(total) % count  # which of the single steps a row took
+    expected = _rows(workload, singles.after, step)
+    before = _rows(workload, singles.state, step)
+    errors = agreement.max_relative_error(outcome.fields, expected, COMPARED)
+    ncontact = singles.contacts.counts(count)[step]
+    is_contact = ncontact > 0
+    is_constrained = ~is_contact & (singles.constraints[step] > 0)
+
+    def kind(rows: np.ndarray) -> _KindOfStep:
+        return _KindOfStep(
+            int(rows[:count].sum()), float(errors[rows].max()) if rows.any() else None
+        )
+
+    c_moves = agreement.max_relative_error(expected, before, COMPARED) > 0
+    engine_stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0
+    same_count = normal_degrees = None
+    if outcome.contacts is not None and is_contact.any():
+        has_same_count = outcome.contacts.counts(total) == ncontact
+        same_count = float(has_same_count[is_contact].mean())
+        first = outcome.contacts.first(count)
+        normal_degrees = accelerated_check.normal_angle(singles.contacts, first)
+    return _SingleStepErrors(
+        unconstrained=kind(~is_contact & ~is_constrained),
+        constrained=kind(is_constrained),
+        contact=kind(is_contact),
+        still=bool(c_moves.any() and engine_stays[c_moves].all()),
+        same_count=same_count,
+        normal_degrees=normal_degrees,
+    )
+
+
+def _rows(workload: Workload, states: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:
+    fields = workloads.fields(workload.model, states)
+    return {name: values[rows] for name, values in fields.items()}

@@ -1,0 +1,169 @@
+"""What the children of a comparison are asked, and the messages that they send back.
+
+Frozen dataclasses, pickled from process to process (see `mjbench.instrument.isolate`). A variant is
+named by its index in the plan.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.work import ModelFacts, Work
+from mjbench.status import Status
+
+
+@dataclass(frozen=True)
+class MeasureRequest:
+    """One model and the paths to measure on it in turns (see `measure`).
+
+    Attributes:
+      source: the model.
+      plan: the comparison.
+      exclude: variants not to touch: those that killed a child before, and accelerated ones.
+      workload_file: to save the workload in, for the children of accelerated paths; None without.
+    """
+
+    source: ModelSource
+    plan: ComparisonPlan
+    exclude: frozenset[int]
+    workload_file: Path | None
+
+
+@dataclass(frozen=True)
+class AcceleratedRequest:
+    """One model and one path that compiles, measured alone (see `accelerated_run`).
+
+    Attributes:
+      source: the model.
+      variant: the path and its options.
+      workload_file: that `save_workload` wrote.
+      is_named: whether the user asked for this path by name.
+      limit_s: seconds of silence after which the child is killed.
+    """
+
+    source: ModelSource
+    variant: Variant
+    workload_file: Path
+    is_named: bool
+    limit_s: float
+
+
+@dataclass(frozen=True)
+class ModelReady:
+    """The model is loaded, the workload exists and the reference run is done.
+
+    Attributes:
+      facts: of the model.
+      nbatch: simulations that did not diverge.
+      nstep: steps per simulation.
+      hold: steps per control.
+      seed: of start states and controls.
+      reduced: whether the sizes were reduced to keep a block short.
+      diverged: simulations left out because they diverged.
+      divergence: the warnings they raised, such as `BADQACC in 3`.
+      spread: factor by which starts and controls were narrowed; 1 unless more would diverge.
+      workload_digest: names start states, controls and hold, bit by bit.
+      state_digest: names the reference run's final states, bit by bit.
+      start_contacts: contacts at the first simulation's start.
+      work: what a step did, on average.
+    """
+
+    facts: ModelFacts
+    nbatch: int
+    nstep: int
+    hold: int
+    seed: int
+    reduced: bool
+    diverged: int
+    divergence: str
+    spread: float
+    workload_digest: str
+    state_digest: str
+    start_contacts: int
+    work: Work
+
+
+@dataclass(frozen=True)
+class AgreementReport:
+    """Whether a variant reaches the reference run's final states.
+
+    Attributes:
+      index: of the variant; 0 from a child that measures one variant alone.
+      status: `ok`, or why it is not timed.
+      detail: one line; empty when ok.
+      agrees: None where it was not compared.
+      agreement: the rule that was held, or the first difference.
+      snippet: Python that does what the path does.
+      check: of an accelerated path; None for others.
+    """
+
+    index: int
+    status: Status
+    detail: str = ""
+    agrees: bool | None = None
+    agreement: str = ""
+    snippet: str = ""
+    check: AcceleratedCheck | None = None
+
+
+@dataclass(frozen=True)
+class TimingStarted:
+    """All variants are verified; timing takes about `budget_s` seconds."""
+
+    budget_s: float
+
+
+@dataclass(frozen=True)
+class RoundTimed:
+    """One round of blocks.
+
+    Attributes:
+      seconds: of a block, by variant.
+      cores: that threads got in this round (see `machine.Calibration`).
+    """
+
+    seconds: Mapping[int, float]
+    cores: float
+
+
+@dataclass(frozen=True)
+class BlockDisagreed:
+    """A timed block of a variant did not reach the reference run's final states."""
+
+    index: int
+    detail: str
+
+
+@dataclass(frozen=True)
+class CompileReport:
+    """What compiling a path took.
+
+    Attributes:
+      device: that it runs on.
+      trace_s: seconds of tracing; None where there is no such stage.
+      compile_s: seconds of the compiler.
+      workload_digest: of the workload that the child received.
+    """
+
+    device: str
+    trace_s: float | None
+    compile_s: float
+    workload_digest: str
+
+
+@dataclass(frozen=True)
+class BlockTime:
+    """Seconds of one steady block of an accelerated path."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
+class PeakMemory:
+    """The most memory that the process, and the GPU, had; None where that is not known."""
+
+    memory_bytes: int
+    gpu_memory_bytes: int | None

@@ -1,0 +1,65 @@
+"""What a comparison is to do: the variants of paths, and the sizes of the work."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mjbench.comparison.sizes import SizeRequest
+from mjbench.paths.parallelism import nthread
+
+# Seconds of timing for each model.
+BUDGET_S = 8.0
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A path with its options set.
+
+    Attributes:
+      path: its name.
+      options: values by option name.
+    """
+
+    path: str
+    options: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        """Return it as people write it, such as `rollout threads=2 pool=kept`."""
+        return " ".join([self.path, *(f"{name}={value}" for name, value in self.options.items())])
+
+
+@dataclass(frozen=True)
+class ComparisonPlan:
+    """What to compare on each model.
+
+    Attributes:
+      variants: to compare, the base path first.
+      nbatch: simulations; None lets each model have as many as its budget allows.
+      nstep: steps per simulation; None likewise.
+      hold: steps per control.
+      seed: of start states and controls.
+      budget_s: seconds of timing per model.
+      limit_s: a child process that is silent for longer is killed.
+      import_from: a folder that the user's own paths may be imported from.
+      named: paths that the user asked for by name; they are tried even where that is slow.
+    """
+
+    variants: tuple[Variant, ...]
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int = 1
+    seed: int = 0
+    budget_s: float = BUDGET_S
+    limit_s: float = 60.0
+    import_from: str | None = None
+    named: tuple[str, ...] = ()
+
+    def size_request(self, has_accelerated: bool) -> SizeRequest:
+        """Return what the plan asks of the sizes; `has_accelerated`: whether a path compiles."""
+        return SizeRequest(
+            nbatch=self.nbatch,
+            nstep=self.nstep,
+            hold=self.hold,
+            nthread=max(nthread(variant.options) for variant in self.variants),
+            has_accelerated=has_accelerated,
+        )

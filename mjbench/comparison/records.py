@@ -1,0 +1,157 @@
+"""What a comparison stores in a run file: one record a model, one record a variant.
+
+Field names are the keys of the format (docs/formats.md). None is what was not reached or does not
+apply.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.work import ModelFacts, Work
+from mjbench.status import Status
+
+# Keys of `check` in files that were written before motion without constraints had this name.
+_RENAMED = {
+    "free_steps": "unconstrained_steps",
+    "free_stray": "unconstrained_error",
+    "constrained_stray": "constrained_error",
+    "contact_stray": "contact_error",
+    "free_nstep": "unconstrained_nstep",
+    "free_difference": "unconstrained_difference",
+    "free_shadow": "unconstrained_shadow",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRecord:
+    """One model at one size asked for.
+
+    Attributes:
+      model: its name.
+      status: how the child ended that measured it.
+      detail: one line; empty when ok.
+      facts: sizes, timestep, integrator, solver, cone.
+      nbatch: simulations that were measured.
+      nstep: steps of each.
+      hold: steps per control.
+      seed: of start states and controls.
+      reduced: whether sizes were reduced to keep a block short.
+      spread: factor on the spread of starts and controls; below 1 where more diverges.
+      diverged: simulations left out because they diverged.
+      divergence: the warnings they raised.
+      workload_digest: names start states, controls and hold.
+      state_digest: names the reference run's final states.
+      start_contacts: contacts at the first simulation's start.
+      work: contacts, constraints and solver iterations per step.
+      nbatch_asked: simulations that the user asked for; None where mjbench chose.
+      usable_cores: of the machine.
+      cores_had: cores that threads got, one calibration a round.
+    """
+
+    record_type: ClassVar[str] = "model"
+    model: str
+    status: Status
+    detail: str = ""
+    facts: ModelFacts | None = None
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int | None = None
+    seed: int | None = None
+    reduced: bool | None = None
+    diverged: int | None = None
+    divergence: str | None = None
+    spread: float | None = None
+    workload_digest: str | None = None
+    state_digest: str | None = None
+    start_contacts: int | None = None
+    work: Work | None = None
+    nbatch_asked: int | None = None
+    usable_cores: int = 1
+    cores_had: Sequence[float] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasurementRecord:
+    """One variant on one model.
+
+    Attributes:
+      model: its name.
+      path: the way of stepping.
+      options: of the path.
+      status: how it ended.
+      detail: one line; empty when ok.
+      agrees: whether its final states are the reference's; None where not compared.
+      agreement: the rule that was held, or the first difference.
+      closed_loop: whether a policy can choose each control from the state before it.
+      snippet: Python that does what the path does.
+      nbatch: simulations.
+      nstep: steps of each.
+      hold: steps per control.
+      seed: of start states and controls.
+      diverged: simulations left out because they diverged.
+      workload_digest: names start states, controls and hold.
+      state_digest: names the reference run's final states.
+      work: contacts, constraints and solver iterations per step.
+      nbatch_asked: simulations that the user asked for; None where mjbench chose.
+      precision: of an accelerated path, `float32` or `float64`; None for paths that run C.
+      device: of an accelerated path.
+      trace_s: seconds of tracing.
+      compile_s: seconds of the compiler.
+      memory_bytes: most memory of the process.
+      gpu_memory_bytes: most memory of the GPU; None on a CPU.
+      check: how far an accelerated path is from C.
+      samples_s: seconds of each block; for paths that run C, the same position is the same round.
+    """
+
+    record_type: ClassVar[str] = "measurement"
+    model: str
+    path: str
+    options: Mapping[str, Any]
+    status: Status
+    detail: str = ""
+    agrees: bool | None = None
+    agreement: str = ""
+    closed_loop: bool = False
+    snippet: str = ""
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int | None = None
+    seed: int | None = None
+    diverged: int | None = None
+    workload_digest: str | None = None
+    state_digest: str | None = None
+    work: Work | None = None
+    nbatch_asked: int | None = None
+    precision: str | None = None
+    device: str | None = None
+    trace_s: float | None = None
+    compile_s: float | None = None
+    memory_bytes: int | None = None
+    gpu_memory_bytes: int | None = None
+    check: AcceleratedCheck | None = None
+    samples_s: Sequence[float] = field(default=())
+
+    @property
+    def is_accelerated(self) -> bool:
+        """Whether the path compiles first and is held to tolerances."""
+        return self.precision is not None
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it has a speed: its final states agree and its blocks were timed."""
+        return bool(self.agrees and self.status == Status.OK and self.samples_s)
+
+    @staticmethod
+    def upgrade(value: dict[str, Any]) -> dict[str, Any]:
+        """Return a stored record with the keys of today."""
+        if not isinstance(value.get("check"), dict):
+            return value
+        check = {_RENAMED.get(name, name): number for name, number in value["check"].items()}
+        return {**value, "check": check}
+
+
+RECORD_TYPES: Mapping[str, type] = {
+    kind.record_type: kind for kind in (ModelRecord, MeasurementRecord)
+}

@@ -1,0 +1,180 @@
+"""The documents that `--json` writes, the records of run files, and their JSON Schemas.
+
+    python -m mjbench.report.documents
+
+writes `mjbench/schemas/NAME.json` for each of them, generated from the types. Do it again when a
+type changed; a test compares.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mjbench.comparison import records as comparison_records
+from mjbench.comparison.listing import ListedModel
+from mjbench.instrument.machine import Machine
+from mjbench.instrument.runs import SCHEMA, RunHeader
+from mjbench.paired.records import SelfcheckRow, TrialRecord, VerdictRecord, VerdictRow
+from mjbench.report.advice import Advice, advise
+from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.listings import PathRow
+from mjbench.report.results import PathResult
+from mjbench.report.run_differences import RunDifference
+from mjbench.status import Status
+
+SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
+
+# The records of a run file by their `type`.
+RECORD_TYPES: Mapping[str, type] = {
+    **comparison_records.RECORD_TYPES,
+    VerdictRecord.record_type: VerdictRecord,
+    TrialRecord.record_type: TrialRecord,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareDocument:
+    """What `mjbench compare --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[PathResult]
+    advice: Sequence[Advice]
+    crossovers: Sequence[Crossover]
+
+    @classmethod
+    def of(cls, machine: Machine, results: Sequence[PathResult]) -> "CompareDocument":
+        """Return the document of a comparison's results."""
+        return cls(
+            machine=machine,
+            results=results,
+            advice=advise(results),
+            crossovers=crossovers(results),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffDocument:
+    """What `mjbench diff --json` writes."""
+
+    schema: int = SCHEMA
+    results: Sequence[RunDifference]
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """A model and its facts, which are None where it could not be loaded (see `ModelFacts`)."""
+
+    model: str
+    status: Status
+    detail: str = ""
+    nq: int | None = None
+    nv: int | None = None
+    nu: int | None = None
+    na: int | None = None
+    contacts: int | None = None
+    constraints: int | None = None
+    timestep: float | None = None
+    integrator: str | None = None
+    solver: str | None = None
+    cone: str | None = None
+
+    @classmethod
+    def of(cls, listed: ListedModel) -> "ModelRow":
+        """Return the row of a listed model."""
+        facts = vars(listed.facts) if listed.facts else {}
+        return cls(listed.model, listed.status, listed.detail, **facts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelsDocument:
+    """What `mjbench models --json` writes."""
+
+    schema: int = SCHEMA
+    models: Sequence[ModelRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathsDocument:
+    """What `mjbench paths --json` writes."""
+
+    schema: int = SCHEMA
+    paths: Sequence[PathRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerdictDocument:
+    """What `mjbench versions --json` and `mjbench ab --json` write."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[VerdictRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfcheckDocument:
+    """What `mjbench selfcheck --json` writes; `busy`: whether a core was kept busy meanwhile."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    busy: bool | None
+    results: Sequence[SelfcheckRow]
+
+
+# The document of each command that takes `--json`.
+DOCUMENTS: Mapping[str, type] = {
+    "compare": CompareDocument,
+    "diff": DiffDocument,
+    "models": ModelsDocument,
+    "paths": PathsDocument,
+    "versions": VerdictDocument,
+    "ab": VerdictDocument,
+    "selfcheck": SelfcheckDocument,
+}
+
+
+def json_schemas() -> dict[str, dict[str, Any]]:
+    """Return the JSON Schemas by file name without its suffix: one a document, and `run-file`.
+
+    The schema of `run-file` describes one line.
+    """
+    schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
+    lines = [_record_schema(kind) for kind in (RunHeader, *RECORD_TYPES.values())]
+    definitions = {name: d for line in lines for name, d in line.pop("$defs").items()}
+    schemas["run-file"] = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "one line of a run file of mjbench",
+        "anyOf": lines,
+        "$defs": definitions,
+    }
+    return schemas
+
+
+def _schema(kind: type, title: str) -> dict[str, Any]:
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
+    return {**head, **msgspec.json.schema(kind)}
+
+
+def _record_schema(kind: Any) -> dict[str, Any]:
+    """Return the schema of a record, which a run file stores with its type."""
+    schema = msgspec.json.schema(kind)
+    definition = schema["$defs"][kind.__name__]
+    definition["properties"] = {"type": {"const": kind.record_type}, **definition["properties"]}
+    definition["required"] = ["type", *definition.get("required", [])]
+    return schema
+
+
+def main() -> None:
+    """Write the schema files."""
+    SCHEMA_FOLDER.mkdir(exist_ok=True)
+    for name, schema in json_schemas().items():
+        text = json.dumps(schema, indent=1) + "\n"
+        (SCHEMA_FOLDER / f"{name}.json").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

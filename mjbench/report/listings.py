@@ -1,0 +1,76 @@
+"""Tables of what there is: models, paths, releases."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from mjbench.comparison.listing import ListedModel
+from mjbench.paths import SteppingPath
+from mjbench.report import tables
+from mjbench.report.tables import yes_no
+
+
+@dataclass(frozen=True)
+class PathRow:
+    """A way of stepping.
+
+    Attributes:
+      path: its name.
+      summary: what it is, in a few words.
+      closed_loop: whether a policy can choose each control from the state before it.
+      unavailable: why it cannot run here; None if it can.
+      options: what each option does, by name.
+    """
+
+    path: str
+    summary: str
+    closed_loop: bool
+    unavailable: str | None
+    options: Mapping[str, str]
+
+    @classmethod
+    def of(cls, path: SteppingPath) -> "PathRow":
+        """Return the row of a path."""
+        return cls(
+            path=path.name,
+            summary=path.summary,
+            closed_loop=path.closed_loop,
+            unavailable=path.unavailable(),
+            options={option.name: option.summary for option in path.options},
+        )
+
+
+def print_models(out: Console, rows: Sequence[ListedModel]) -> None:
+    """Print the table of `mjbench models`, and below it a line for each model that failed."""
+    sizes = ("nq", "nv", "nu", "na", "contacts", "constraints")
+    headings = ["model", *sizes, "timestep", "integrator", "solver"]
+    table = tables.plain_table(headings, right=range(1, 8))
+    for row in rows:
+        if row.facts is not None:
+            numbers = [str(getattr(row.facts, size)) for size in sizes]
+            timestep = f"{1e3 * row.facts.timestep:g} ms"
+            names = (row.facts.integrator, row.facts.solver)
+            table.add_row(escape(row.model), *numbers, timestep, *names)
+    if table.rows:
+        out.print(table)
+    for row in rows:
+        if row.facts is None:
+            reason = row.detail.removeprefix(f"{row.model}: ")
+            out.print(f"{escape(row.model)}: {escape(reason)}", soft_wrap=True)
+
+
+def paths_table(rows: Sequence[PathRow]) -> Table:
+    """Return the table of `mjbench paths`."""
+    table = tables.plain_table(["path", "closed loop", "here", "what it is", "options"])
+    for row in rows:
+        table.add_row(
+            row.path,
+            yes_no(row.closed_loop),
+            escape(row.unavailable or "yes"),
+            escape(row.summary),
+            escape(", ".join(row.options)),
+        )
+    return table
