@@ -7,11 +7,13 @@ STAMP := $(VENV)/.up-to-date
 .PHONY: help bench test lint c-floor slowdown clean
 
 help:
-	@echo "make bench    set up, then compare every path on our ten models (about 3 minutes)"
-	@echo "make test     set up, then lint, check types and run the tests"
-	@echo "make c-floor  set up, then compare the paths with a C loop (needs a C compiler)"
-	@echo "make slowdown set up, then see that asv finds a release slowed on purpose (8 minutes)"
-	@echo "make clean    remove the virtual environment and caches"
+	@echo "make bench     compare every path on our ten models (about 3 minutes)"
+	@echo "make test      lint, check types and run the tests (about 7 minutes on two cores)"
+	@echo "make lint      lint, check the layers of imports, check types"
+	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
+	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"
+	@echo "make clean     remove the virtual environment and caches"
+	@echo "All but clean set up .venv first, if it is missing or out of date."
 
 bench: $(STAMP)
 	$(BIN)/mjbench compare --paths usual
@@ -31,7 +33,7 @@ c-floor: $(STAMP)
 slowdown: $(STAMP)
 	$(BIN)/python -m benchmarks.slowdown
 
-# Made anew when what it is made from changes, or when a half-made one was left behind.
+# Rebuilt when its inputs change, or when an earlier set-up did not finish.
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "mjbench needs Python 3.11 or newer; name one: make PYTHON=python3.12"; exit 2; }
