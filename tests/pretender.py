@@ -3,7 +3,9 @@
 from typing import Any
 
 import numpy as np
+import pytest
 
+from mjbench import paths
 from mjbench.paths.accelerated import (
     AcceleratedPath,
     Compiled,
@@ -20,6 +22,16 @@ NBATCH, NSTEP = 4, 20
 
 def made(name: str = FREE, nbatch: int = NBATCH, nstep: int = NSTEP) -> workload.Workload:
     return workload.make(models.load(models.resolve(name)), nbatch, nstep, hold=2)
+
+
+def available(name: str) -> AcceleratedPath:
+    """Return an accelerated path; skip the test where its packages are missing."""
+    path = paths.find(name)
+    assert isinstance(path, AcceleratedPath)
+    reason = path.unavailable()
+    if reason:
+        pytest.skip(reason)
+    return path
 
 
 class Pretender(AcceleratedPath):

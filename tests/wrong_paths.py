@@ -1,8 +1,10 @@
 """Paths that are wrong on purpose, one way each; agreement must catch every one."""
 
+import dataclasses
 import os
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -142,3 +144,44 @@ class Tells(Right):
         if pipe.exists():
             pipe.write_text("prepared")
         return prepared
+
+
+class CrashesWhenTimed(Right):
+    """Right when verified; its third run, the first of a timed round, crashes."""
+
+    name = "wrong_paths:CrashesWhenTimed"
+
+    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+        return _with_late_fault(super().prepare(workload, options, resources), _crash)
+
+
+class HangsWhenTimed(Right):
+    """Right when verified; its third run, the first of a timed round, never ends."""
+
+    name = "wrong_paths:HangsWhenTimed"
+
+    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+        return _with_late_fault(super().prepare(workload, options, resources), _hang)
+
+
+def _crash() -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _hang() -> None:
+    while True:
+        time.sleep(600)
+
+
+def _with_late_fault(prepared: paths.Prepared, fault: Callable[[], None]) -> paths.Prepared:
+    """Return the run with a fault after it was verified and warmed up."""
+    calls = 0
+
+    def run() -> None:
+        nonlocal calls
+        calls += 1
+        if calls > 2:
+            fault()
+        prepared.run()
+
+    return dataclasses.replace(prepared, run=run)

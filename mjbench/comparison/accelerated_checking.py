@@ -217,9 +217,8 @@ def _judge_single_steps(
     is_constrained = ~is_contact & (singles.constraints[step] > 0)
 
     def kind(rows: np.ndarray) -> _KindOfStep:
-        return _KindOfStep(
-            int(rows[:count].sum()), float(errors[rows].max()) if rows.any() else None
-        )
+        max_error = float(errors[rows].max()) if rows.any() else None
+        return _KindOfStep(int(rows[:count].sum()), max_error)
 
     c_moves = agreement.max_relative_error(expected, before, COMPARED) > 0
     engine_stays = agreement.max_relative_error(outcome.fields, before, COMPARED) == 0

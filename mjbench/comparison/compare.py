@@ -170,7 +170,7 @@ class _ModelMeasurement:
                     self.variants[index].samples_s.append(seconds)
                     self.timed_s += seconds
             case BlockDisagreed(index, detail):
-                self._revise(index, Status.DISAGREES, detail, agrees=False)
+                self._revise(index, Status.DISAGREES, detail)
             case _:
                 raise TypeError(f"unexpected message {message!r}")
 
@@ -189,13 +189,12 @@ class _ModelMeasurement:
             case _:
                 raise TypeError(f"unexpected message {message!r}")
 
-    def _revise(self, index: int, status: Status, detail: str, agrees: bool | None = None) -> None:
+    def _revise(self, index: int, status: Status, detail: str) -> None:
         """Change a variant's report after the fact; its snippet and check stay."""
         report = self.variants[index].report or AgreementReport(index, status)
-        changes = {"agrees": agrees, "agreement": detail} if agrees is not None else {}
-        self.variants[index].report = dataclasses.replace(
-            report, status=status, detail=detail, **changes
-        )
+        if status == Status.DISAGREES:
+            report = dataclasses.replace(report, agrees=False, agreement=detail)
+        self.variants[index].report = dataclasses.replace(report, status=status, detail=detail)
 
     def _run_accelerated(self, index: int, workload_file: Path) -> None:
         """Measure one accelerated path alone; whatever becomes of it costs its own row."""

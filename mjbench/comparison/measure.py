@@ -4,6 +4,7 @@ The order is: load, choose sizes, reference run, then prepare and verify each va
 time those that agree. Every block's final states are compared again.
 """
 
+import functools
 import statistics
 import time
 from collections.abc import Mapping, Sequence
@@ -147,9 +148,9 @@ class _RoundTimer:
         self._patience_s = 0.0
         self._contenders = {
             index: timing.Contender(
-                lambda index=index, prepared=prepared: self._before(index, prepared),
+                functools.partial(self._before, index, prepared),
                 prepared.run,
-                lambda index=index, prepared=prepared: self._after(index, prepared),
+                functools.partial(self._after, index, prepared),
             )
             for index, prepared in self.prepared_by_index.items()
         }

@@ -1,79 +1,87 @@
-"""MJX and Warp: the same workload, judged by tolerances, killed where they do not return."""
+"""MJX and Warp in processes of their own: the same workload, judged, killed where they hang."""
 
-import json
-import os
-import subprocess
-import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from commands import PYTHONPATH, ROOT, mjbench
-from pretender import FREE, NBATCH, NSTEP, Pretender, made
+from pretender import FREE, NBATCH, NSTEP, available, made
 
-from mjbench import paths
-from mjbench.comparison import accelerated_run, compare, selection
-from mjbench.errors import MachineError
+from mjbench.comparison import accelerated_run, compare
+from mjbench.comparison.accelerated_checking import MAX_SINGLE_STEPS
+from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport, PeakMemory
+from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument import isolate
-from mjbench.paths.accelerated import (
-    AcceleratedPath,
-    check_overflow,
-    save_workload,
-)
+from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.report import results
-from mjbench.simulation import agreement, models, trajectory, workload
-from mjbench.simulation.work import Peaks, observe
+from mjbench.simulation import models
+from mjbench.simulation.work import observe
+from mjbench.simulation.workload import Workload
+from mjbench.status import Status
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
-RUNS = ROOT / "results/runs"
 
+@dataclass
+class Child:
+    """All that the child of one path sent, and how it ended."""
 
-def available(name: str) -> AcceleratedPath:
-    path = paths.find(name)
-    assert isinstance(path, AcceleratedPath)
-    reason = path.unavailable()
-    if reason:
-        pytest.skip(reason)
-    return path
+    ended: isolate.Ended = field(default_factory=lambda: isolate.Ended(Status.FAILED))
+    reports: list[AgreementReport] = field(default_factory=list)
+    compiling: CompileReport | None = None
+    memory: PeakMemory | None = None
+    samples_s: list[float] = field(default_factory=list)
+
+    def receive(self, message: object) -> None:
+        match message:
+            case AgreementReport():
+                self.reports.append(message)
+            case CompileReport():
+                self.compiling = message
+            case BlockTime():
+                self.samples_s.append(message.seconds)
+            case PeakMemory():
+                self.memory = message
+
+    @property
+    def report(self) -> AgreementReport:
+        """The only report, of a path that agrees and was timed."""
+        assert self.ended.status == Status.OK, self.ended.detail
+        (report,) = self.reports
+        assert report.agrees is True, report.detail
+        assert len(self.samples_s) >= accelerated_run.MIN_BLOCKS
+        return report
 
 
 def measured(
-    path: AcceleratedPath, work: workload.Workload, folder: Path, **more: Any
-) -> tuple[isolate.Ended, dict[str, Any]]:
-    """Return how a child ended, and all it told."""
-    file = folder / "work.pickle"
-    save_workload(work, observe(work).peaks, file)
-    told: dict[str, Any] = {"samples": []}
-
-    def take(message: isolate.Message) -> None:
-        if message["kind"] == "sample":
-            told["samples"].append(message["seconds"])
-        told.update(message)
-
-    source = models.resolve(more.pop("model", FREE))
-    return accelerated_run.run(source, path.name, {}, file, take, **more), told
+    path: AcceleratedPath, workload: Workload, folder: Path, model: str = FREE, **more: Any
+) -> Child:
+    file = folder / "workload.pickle"
+    save_workload(workload, observe(workload).peaks, file)
+    child, variant = Child(), Variant(path.name, {})
+    source = models.resolve(model)
+    child.ended = accelerated_run.run(source, variant, file, child.receive, **more)
+    return child
 
 
 @pytest.mark.parametrize(("name", "nstep"), [("mjx", NSTEP), ("mjx64", 500), ("warp", NSTEP)])
 def test_the_cart_pole_keeps_to_the_tolerances(name: str, nstep: int, tmp_path: Path) -> None:
-    work = made(nstep=nstep)
-    ended, told = measured(available(name), work, tmp_path)
-    assert ended.status == "ok", ended.detail
-    assert told["agrees"] is True, told["detail"]
-    assert len(told["samples"]) >= accelerated_run.LEAST_BLOCKS
-    assert told["compile_s"] > 0
-    assert told["device"]
-    assert told["memory_bytes"] > 2**20
+    workload = made(nstep=nstep)
+    child = measured(available(name), workload, tmp_path)
+    check = child.report.check
+    assert child.compiling is not None
+    assert child.compiling.compile_s > 0
+    assert child.compiling.device
     # the very same workload, in the child and on its device
-    assert told["workload_digest"] == work.digest()
-    check = told["check"]
-    assert check["received"] is True
-    assert check["free_steps"] == min(NBATCH * nstep, accelerated_run.MOST_SINGLES)
-    assert check["final_nstep"] == nstep
+    assert child.compiling.workload_digest == workload.digest()
+    assert child.memory is not None
+    assert child.memory.memory_bytes > 2**20
+    assert check is not None
+    assert check.received is True
+    assert check.unconstrained_steps == min(NBATCH * nstep, MAX_SINGLE_STEPS)
+    assert check.final_nstep == nstep
     if name == "mjx64":
-        assert check["free_stray"] <= 1e-12
-        assert check["final_difference"] <= 1e-10
+        assert check.unconstrained_error is not None
+        assert check.unconstrained_error <= 1e-12
+        assert check.final_difference <= 1e-10
 
 
 BALL = """
@@ -86,97 +94,20 @@ BALL = """
 """
 
 
-def test_warp_called_by_mjx_has_room_and_tells_its_contacts(tmp_path: Path) -> None:
+def test_warp_called_by_mjx_has_room_and_reports_its_contacts(tmp_path: Path) -> None:
     (tmp_path / "ball.xml").write_text(BALL)
-    work = made(str(tmp_path / "ball.xml"), nbatch=8, nstep=10)
-    contacts = observe(work).peaks.contacts
     model = str(tmp_path / "ball.xml")
-    ended, told = measured(available("mjx_warp"), work, tmp_path, model=model, limit_s=120.0)
-    assert ended.status == "ok", ended.detail
-    assert told["agrees"] is True, told["detail"]
-    assert contacts == 1
-    assert told["check"]["contact_steps"] > 0
-    assert told["check"]["same_count"] == 1.0
-    assert told["check"]["normal_degrees"] < 1e-3
-    assert "naconmax=384, njmax=8" in told["snippet"]  # 48 of each world; twice 4 of the cone
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ("control", "free step strays"),
-        ("control", "does not hold"),
-        ("start", "does not hold"),
-        ("nan", "finite"),
-        ("step", "free steps stray"),
-    ],
-)
-def test_a_wrong_engine_is_refused(wrong: str, said: str) -> None:
-    work = made()
-    compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-    found = agreement.failures(accelerated_run.check(work, compiled, "float64")[0])
-    assert any(said in line for line in found), found
-
-
-@pytest.mark.parametrize("wrong", ["still", "nan", "start"])
-def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
-    work = made("humanoid")
-    compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-    assert agreement.failures(accelerated_run.check(work, compiled, "float64")[0])
-
-
-def test_every_simulation_of_a_large_batch_takes_a_step_that_is_judged() -> None:
-    work = made(nbatch=300, nstep=4)
-    for wrong in ("", "many"):
-        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-        found = agreement.failures(accelerated_run.check(work, compiled, "float64")[0])
-        assert any("a free step strays" in line for line in found) == bool(wrong), found
-
-
-def test_timed_blocks_that_do_nothing_are_told_in_contact_on_a_gpu_too() -> None:
-    work = made("humanoid", nbatch=8)
-    for wrong in ("", "idle"):
-        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-        compiled.exact = False
-        checked, reached = accelerated_run.check(work, compiled, "float64")
-        assert bool(accelerated_run._other_end(work, compiled, reached, checked)) == bool(wrong)
-
-
-@pytest.mark.parametrize("exact", [True, False])
-def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told(exact: bool) -> None:
-    for wrong, said in (("", ""), ("block", "timed blocks end")):
-        work = made()
-        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-        compiled.exact = exact
-        checked, reached = accelerated_run.check(work, compiled, "float64")
-        assert accelerated_run._other_end(work, compiled, reached, checked).startswith(said)
-        assert bool(accelerated_run._other_end(work, compiled, reached, checked)) == bool(said)
-
-
-@pytest.mark.parametrize(
-    ("name", "result", "within"),
-    [("mjx64", "[final.time, final.qpos]", 1e-12), ("warp", "[d.time, d.qpos]", 1e-5)],
-)
-def test_the_snippet_computes_what_c_computes(
-    name: str, result: str, within: float, tmp_path: Path
-) -> None:
-    path, work = available(name), made()
-    np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
-    (tmp_path / "run.py").write_text(
-        "import numpy as np\n"
-        "from mjbench.simulation import models\n"
-        "model = models.load(models.resolve('cartpole'))\n"
-        "given = np.load('in.npz')\n"
-        "initial_state, control = given['state'], given['control']\n"
-        f"{path.snippet(work, {})}\n"
-        f"rows = [np.asarray(x).reshape(len(initial_state), -1) for x in {result}]\n"
-        "np.save('out.npy', np.hstack(rows))\n"
-    )
-    subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
-    want = trajectory.run(work, NBATCH).states[:, work.nstep]
-    fields = workload.fields(work.model, want)
-    got = np.load(tmp_path / "out.npy")
-    assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
+    workload = made(model, nbatch=8, nstep=10)
+    assert observe(workload).peaks.contacts == 1
+    child = measured(available("mjx_warp"), workload, tmp_path, model=model, limit_s=120.0)
+    check = child.report.check
+    assert check is not None
+    assert check.contact_steps > 0
+    assert check.same_count == 1.0
+    assert check.normal_degrees is not None
+    assert check.normal_degrees < 1e-3
+    # 48 contacts of each world; twice the 4 constraints of the cone
+    assert "naconmax=384, njmax=8" in child.report.snippet
 
 
 def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
@@ -191,130 +122,50 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
         "    def counts_on_host(self): return True\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    ended, told = measured(available("fixed:Fixed"), made(), tmp_path, import_from=str(tmp_path))
-    assert ended.status == "ok", ended.detail
-    assert told["agrees"] is True, told["agreement"]
-    assert len(told["samples"]) >= accelerated_run.LEAST_BLOCKS
+    child = measured(available("fixed:Fixed"), made(), tmp_path, import_from=str(tmp_path))
+    assert child.report.agreement
 
 
-@pytest.mark.parametrize("model", ["cartpole", "humanoid"])
-def test_the_reference_engine_itself_passes(model: str) -> None:
-    work = made(model)
-    compiled = Pretender().compiled(work, {}, Peaks(0, 0))
-    checked, _ = accelerated_run.check(work, compiled, "float64")
-    assert agreement.failures(checked) == []
-    assert checked["final_difference"] == 0
-    assert checked["final_shadow"] > 0
-    assert bool(checked["contact_steps"]) == (model == "humanoid")
-    json.dumps(checked, allow_nan=False)
-
-
-def test_a_program_that_never_returns_is_a_row_that_says_timeout(tmp_path: Path) -> None:
+def test_a_program_that_never_returns_is_a_row_that_says_timeout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The run goes on: the paths before and after it have their speeds."""
     (tmp_path / "hangs.py").write_text(
-        "import time\n"
+        "import dataclasses\n"
         "from pretender import Pretender\n"
+        "def hang():\n"
+        "    while True: pass\n"
         "class Hangs(Pretender):\n"
         "    name = 'hangs'\n"
         "    def compiled(self, work, options, peaks):\n"
-        "        found = super().compiled(work, options, peaks)\n"
-        "        def run():\n"
-        "            while True: pass\n"
-        "        found.run = run\n"
-        "        return found\n"
+        "        return dataclasses.replace(super().compiled(work, options, peaks), run=hang)\n"
         "class Fine(Pretender):\n"
         "    name = 'fine'\n"
     )
-    plan = compare.ComparisonPlan(
-        variants=(("python_loop", {}), ("hangs:Hangs", {}), ("hangs:Fine", {})),
+    names = ("python_loop", "hangs:Hangs", "hangs:Fine")
+    plan = ComparisonPlan(
+        variants=tuple(Variant(name, {}) for name in names),
         nbatch=2,
         nstep=4,
         budget_s=0.0,
         limit_s=3.0,
         import_from=str(tmp_path),
-        named=("hangs:Hangs", "hangs:Fine"),
+        named=names,
     )
-    sys.path.insert(0, str(tmp_path))
-    try:
-        outcome = compare.compare_model(models.resolve(FREE), plan, lambda name, share: None)
-        found = {r["path"]: r for r in results.of_model(outcome.records)}
-    finally:
-        sys.path.remove(str(tmp_path))
-    assert found["hangs:Hangs"]["status"] == "timeout"
-    assert "timing hangs" in found["hangs:Hangs"]["detail"]
-    assert found["hangs:Hangs"]["step_ns"] is None
-    assert found["python_loop"]["step_ns"]
-    assert found["hangs:Fine"]["step_ns"]
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
+    records = compare.compare_model(models.resolve(FREE), plan, lambda name, share: None)
+    rows = {r.path: r for r in results.derive(records.model, records.measurements).results}
+    assert rows["hangs:Hangs"].status == Status.TIMEOUT
+    assert "timing hangs" in rows["hangs:Hangs"].detail
+    assert rows["hangs:Hangs"].step_ns is None
+    assert rows["python_loop"].step_ns
+    assert rows["hangs:Fine"].step_ns
 
 
-def test_a_child_that_takes_too_much_memory_is_killed_and_says_so() -> None:
-    ended = isolate.run(
-        "tests.isolated_tasks:hoard", {}, lambda m: None, limit_s=30, memory_bytes=300 * 2**20
-    )
-    assert ended.status == "failed"
-    assert "0.3 GiB of memory" in ended.detail
+def test_a_path_that_does_not_compile_is_refused(tmp_path: Path) -> None:
+    from mjbench.errors import InputError
 
-
-def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjbench.paths.accelerated._installed", lambda name: False)
-    for name, extra in (
-        ("mjx", "mjx"),
-        ("mjx64", "mjx"),
-        ("mjx_warp", "mjx,warp"),
-        ("warp", "warp"),
-    ):
-        assert f"mjbench[{extra}]" in str(paths.find(name).unavailable())
-    assert not {"mjx", "mjx64"} & set(selection.expanded(["usual"]))
-
-
-def test_a_jax_without_a_device_is_not_said_to_be_the_models_fault(tmp_path: Path) -> None:
-    available("mjx")
-    words = ["--paths", "mjx", "--nbatch", "2", "--nstep", "4", "--budget", "0"]
-    run = mjbench("compare", "cartpole", *words, cwd=tmp_path, env={"JAX_PLATFORMS": "abacus"})
-    assert run.returncode == 3
-    assert "JAX finds no device" in run.stdout
-    assert "does not take" not in run.stdout
-
-
-def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
-    path = available("warp")
-    asleep = BALL.replace("<mujoco>", '<mujoco><option><flag sleep="enable"/></option>')
-    (tmp_path / "asleep.xml").write_text(asleep)
-    assert "sleep" in str(path.unsuited(made(str(tmp_path / "asleep.xml")), {}))
-
-
-def test_a_model_that_mjx_does_not_take_is_told_with_its_own_reason(tmp_path: Path) -> None:
-    path = available("mjx")
-    run = mjbench("compare", "cloth", "--paths", path.name, "--budget", "0", cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    assert "MJX does not take this model" in run.stdout
-
-
-def test_a_sweep_measures_every_size_and_shows_it_again(tmp_path: Path) -> None:
-    words = ["--paths", "python_loop", "--nbatch", "2,3", "--nstep", "4", "--budget", "0"]
-    run = mjbench("compare", "cartpole", *words, "--json", "out.json", cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    document = json.loads((tmp_path / "out.json").read_text())
-    assert [r["nbatch"] for r in document["results"]] == [2, 3]
-    assert [a["nbatch"] for a in document["advice"]] == [2, 2, 3, 3]
-    shown = mjbench("show", cwd=tmp_path)
-    assert "2 simulations × 4 steps" in shown.stdout
-    assert "3 simulations × 4 steps" in shown.stdout
-
-
-def test_sides_that_take_turns_cannot_be_compiled_ones() -> None:
-    for words in (
-        ["ab", "path=mjx", "path=rollout"],
-        ["versions", "3.3.0", "4.0.0", "--paths", "mjx"],
-    ):
-        run = mjbench(*words)
-        assert run.returncode == 2
-        assert "mjbench compare --paths mjx" in run.stderr
-
-
-def test_a_buffer_of_warp_that_was_too_small_is_told() -> None:
-    overflow = pytest.importorskip("mujoco_warp").OverflowType
-    check_overflow(np.array([0, overflow.ITERATIONS, overflow.LS_ITERATIONS]))
-    flags = np.array([0, overflow.NEFC | overflow.ITERATIONS, overflow.NEFC | overflow.CCD])
-    with pytest.raises(MachineError, match="overflowed in 2 worlds: NEFC, CCD"):
-        check_overflow(flags)
+    with pytest.raises(InputError, match="does not compile"):
+        source, variant = models.resolve(FREE), Variant("rollout", {})
+        accelerated_run.run(source, variant, tmp_path / "none", lambda message: None)

@@ -1,9 +1,8 @@
+"""Which variants are timed to the end."""
+
 import random
 
-import pytest
-
 from mjbench.comparison import measure
-from mjbench.simulation import work
 
 
 def rounds(*means: float, count: int = 8) -> list[dict[int, float]]:
@@ -15,8 +14,7 @@ def rounds(*means: float, count: int = 8) -> list[dict[int, float]]:
 
 
 def test_variants_that_cannot_be_the_fastest_are_left_out() -> None:
-    seen = rounds(2.0, 1.0, 1.002, 1.5)
-    assert measure.finalists(seen, [[0, 1, 2, 3]], []) == [1, 2]
+    assert measure.finalists(rounds(2.0, 1.0, 1.002, 1.5), [[0, 1, 2, 3]], []) == [1, 2]
 
 
 def test_every_group_keeps_its_own_fastest() -> None:
@@ -27,14 +25,5 @@ def test_the_base_stays_whatever_its_speed() -> None:
     assert measure.finalists(rounds(2.0, 1.0), [[0, 1], []], [0]) == [0, 1]
 
 
-def test_too_few_rounds_leave_nobody_out() -> None:
+def test_too_few_rounds_leave_no_variant_out() -> None:
     assert measure.finalists(rounds(2.0, 1.0, count=3), [[0, 1]], []) == [0, 1]
-
-
-@pytest.mark.parametrize(("handed_over", "nstep"), [(None, 1), ("work.pickle", 10)])
-def test_a_large_batch_has_few_steps_but_not_one_where_paths_compile(
-    handed_over: str | None, nstep: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(work, "step_s", lambda model: 1e-5)
-    request = {"nbatch": 65536, "nstep": None, "hold": 1, "largest": 2, "work": handed_over}
-    assert measure.sizes(None, request) == (65536, nstep, True)

@@ -1,12 +1,41 @@
-"""What words of a command line name."""
+"""What the words of a command line select."""
 
+import pytest
+
+from mjbench import paths
 from mjbench.comparison import selection
+from mjbench.errors import InputError
 
 
 def test_words_stand_for_several_paths() -> None:
-    c = selection.expanded(["c"])
-    assert "rollout" in c
-    assert "mjx" not in c
-    assert selection.expanded(["mjx", "c", "rollout"]) == ["mjx", *c]
-    assert selection.rivals(["mjx"])
+    c_paths = selection.expand(["c"])
+    assert "rollout" in c_paths
+    assert "mjx" not in c_paths
+    assert selection.expand(["mjx", "c", "rollout"]) == ["mjx", *c_paths]
+
+
+def test_a_sweep_of_accelerated_paths_alone_gets_rivals() -> None:
+    assert "rollout" in selection.rivals(["mjx"])
     assert selection.rivals(["mjx", "rollout"]) == []
+    assert selection.rivals(["rollout"]) == []
+
+
+def test_the_base_path_comes_first_and_is_added() -> None:
+    assert [v.path for v in selection.variants(["rollout"], [1])] == [paths.BASE, "rollout"]
+
+
+def test_python_threads_are_tried_with_the_most_alone_unless_asked() -> None:
+    (default,) = [v for v in selection.variants(["threads"]) if v.path == "threads"]
+    assert default.options["threads"] == max(selection.default_threads())
+    asked = [v.options for v in selection.variants(["threads"], [2, 3]) if v.path == "threads"]
+    assert asked == [{"threads": 2}, {"threads": 3}]
+
+
+def test_option_values_are_parsed_by_their_option() -> None:
+    assert selection.choices(["pool=new,kept", "chunk=4"], []) == {
+        "pool": ["new", "kept"],
+        "chunk": [4],
+    }
+    for word in ("pool=warm", "colour=red", "pool"):
+        with pytest.raises(InputError):
+            selection.choices([word], [])

@@ -1,81 +1,68 @@
-"""Results are derived from records; here the records are made up and the truth is known."""
+"""Results are derived from records; here the records are invented and the truth is known."""
 
 from typing import Any
 
 import pytest
+from example_records import measurement, model_record
 
 from mjbench.report import results
+from mjbench.report.results import ModelResults
+from mjbench.status import Status
 
 
-def records(**rows: dict[str, Any]) -> list[dict[str, Any]]:
-    head = {"type": "model", "model": "m", "facts": {"timestep": 0.002}, "cores_had": [1.5, 1.9]}
-    common = {
-        "type": "measurement", "model": "m", "options": {}, "status": "ok", "detail": "",
-        "agrees": True, "agreement": "bit-identical", "closed_loop": False, "nbatch": 10,
-        "nstep": 100, "hold": 1, "diverged": 0, "work": {}, "snippet": "pass",
-    }  # fmt: skip
-    return [head, *({**common, "path": path, **row} for path, row in rows.items())]
+def derived(**rows: dict[str, Any]) -> ModelResults:
+    return results.derive(
+        model_record(), [measurement(path=path, **row) for path, row in rows.items()]
+    )
 
 
 def test_speed_follows_from_samples_and_steps() -> None:
-    (base,) = results.of_model(records(python_loop={"samples_s": [0.003, 0.001, 0.002]}))
-    assert base["step_ns"] == {"median": pytest.approx(2000), "min": pytest.approx(1000)}
-    assert base["steps_per_s"] == pytest.approx(5e5)
-    assert base["realtime_factor"] == pytest.approx(1000)
-    assert base["speedup"] == {"median": 1.0, "low": None, "high": None}
+    (base,) = derived(python_loop={"samples_s": [0.003, 0.001, 0.002]}).results
+    assert base.step_ns == results.StepTime(pytest.approx(2000), pytest.approx(1000))
+    assert base.steps_per_s == pytest.approx(5e5)
+    assert base.realtime_factor == pytest.approx(1000)
+    assert base.speedup is not None
+    assert (base.speedup.median, base.speedup.low, base.speedup.high) == (1.0, None, None)
 
 
-def test_a_path_that_disagrees_or_failed_has_no_speed() -> None:
-    for row in ({"agrees": False, "status": "disagrees"}, {"status": "crashed"}):
-        made = records(python_loop={"samples_s": [1.0]}, rollout={"samples_s": [0.5], **row})
-        found = results.of_model(made)[1]
-        assert found["step_ns"] is found["speedup"] is found["steps_per_s"] is None
+@pytest.mark.parametrize(
+    "row", [{"agrees": False, "status": Status.DISAGREES}, {"status": Status.CRASHED}]
+)
+def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> None:
+    rows = derived(python_loop={"samples_s": [1.0]}, rollout={"samples_s": [0.5], **row}).results
+    assert rows[1].step_ns is rows[1].speedup is rows[1].steps_per_s is None
 
 
-def test_advice_names_the_fastest_open_loop_and_the_fastest_closed_loop_path() -> None:
-    made = records(
-        python_loop={"samples_s": [1.0] * 7, "closed_loop": True},
-        rollout={"samples_s": [0.25] * 7},
-        batch_step={"samples_s": [0.5] * 7, "closed_loop": True},
-        threads={"samples_s": [0.1] * 7, "agrees": False, "status": "disagrees"},
-    )
-    found = results.advice(results.of_model(made))
-    assert [(a["loop"], a["path"]) for a in found] == [
-        ("open", "rollout"),
-        ("closed", "batch_step"),
-    ]
-    assert found[0]["speedup"] == pytest.approx(4.0)
-
-
-def test_advice_prefers_the_simpler_of_two_equally_fast_paths() -> None:
-    made = records(
-        python_loop={"samples_s": [1.000] * 7, "closed_loop": True},
-        python_loop_hold={"samples_s": [0.995] * 7, "closed_loop": True},
-    )
-    assert {a["path"] for a in results.advice(results.of_model(made))} == {"python_loop"}
+def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
+    compiled = {"precision": "float32", "trace_s": 1.0, "compile_s": 3.0}
+    base, fast, slow = derived(
+        python_loop={"samples_s": [0.2] * 7},
+        mjx={"samples_s": [0.1] * 7, **compiled},
+        warp={"samples_s": [0.3] * 7, **compiled},
+    ).results
+    # a block of 1000 steps saves 0.1 s; 4 s are 40 blocks
+    assert fast.overtakes_after_steps == pytest.approx(40_000)
+    assert slow.overtakes_after_steps is None
+    assert base.overtakes_after_steps is None
 
 
 def test_the_cores_a_run_had_are_the_median_of_its_calibrations() -> None:
-    assert results.cores_had(records()[0]) == pytest.approx(1.7)
-    assert results.cores_had({"cores_had": []}) is None
+    assert results.derive(model_record(cores_had=[1.5, 1.9]), []).cores_had == pytest.approx(1.7)
+    assert results.derive(model_record(cores_had=[]), []).cores_had is None
 
 
-def swept(path: str, nbatch: int, ns: float, **more: Any) -> dict[str, Any]:
-    common = {"model": "m", "path": path, "options": {}, "nbatch_asked": nbatch, "nbatch": nbatch}
-    return common | {"steps_per_s": 1e9 / ns, "step_ns": {"median": ns}} | more
-
-
-def test_the_crossover_is_the_size_from_which_on_a_path_stays_ahead() -> None:
-    rows = [
-        *(swept("python_loop", n, 100.0) for n in (1, 16, 64, 256)),
-        *(swept("rollout", n, 50.0) for n in (1, 16, 64, 256)),
+def test_a_run_is_derived_model_by_model_and_size_by_size() -> None:
+    records = [
+        record
+        for name, size in [("a", 1), ("a", 2), ("b", 1)]
+        for record in (
+            model_record(model=name, nbatch_asked=size),
+            measurement(model=name, nbatch_asked=size, samples_s=[1.0]),
+        )
     ]
-    speeds = {1: 900.0, 16: 49.0, 64: 51.0, 256: 10.0}
-    rows += [swept("mjx", n, ns, precision="float32") for n, ns in speeds.items()]
-    rows += [swept("mjx64", n, 60.0, precision="float64") for n in speeds]
-    first, second = results.crossovers(rows)
-    assert (first["path"], first["nbatch"], first["rival"]["path"]) == ("mjx", 256, "rollout")
-    assert (second["path"], second["nbatch"], second["largest"]) == ("mjx64", None, 256)
-    for found in rows:
-        found["check"] = {"free_steps": 0} if "precision" in found else None
-    assert results.crossovers(rows) == []  # held to nothing
+    found = results.derive_all(records)
+    assert [(m.model.model, m.model.nbatch_asked, len(m.results)) for m in found] == [
+        ("a", 1, 1),
+        ("a", 2, 1),
+        ("b", 1, 1),
+    ]

@@ -1,0 +1,130 @@
+"""Bad input, full disks, interrupts: one clear line, the right exit code, nothing lost."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import PYTHONPATH, mjbench
+
+QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["compare", "cartpoel"], 2, "did you mean cartpole"),
+        (["compare", "missing.xml"], 2, "no such file"),
+        (["compare", "broken.xml"], 2, "MuJoCo cannot load it"),
+        (["compare", "empty.xml"], 2, "MuJoCo cannot load it"),
+        (["compare", "still.xml"], 2, "nothing to step"),
+        (["compare", "notes.txt"], 2, "ends in .xml or .mjb"),
+        (["compare", "."], 2, "is a folder"),
+        (["compare", "no_such_package:ant"], 2, "pip install no_such_package"),
+        (["compare", "cartpole", "--paths", "rolout"], 2, "did you mean rollout"),
+        (["compare", "cartpole", "--nbatch", "0"], 2, "0 is below 1"),
+        (["compare", "cartpole", "--nstep", "-5"], 2, "-5 is not in the range"),
+        (["compare", "cartpole", "--nstep", "10", "--hold", "3"], 2, "not a multiple"),
+        (["compare", "cartpole", "--nbatch", "1000000000"], 2, "lower --nbatch"),
+        (["compare", "cartpole", "--threads", "0"], 2, "below 1"),
+        (["compare", "cartpole", "--threads", "two"], 2, "whole numbers"),
+        (["compare", "cartpole", "--option", "pool=warm"], 2, "pool is one of kept, new"),
+        (["compare", "cartpole", "--option", "colour=red"], 2, "NAME one of"),
+        (["compare", "cartpole", "--results", "notes.txt"], 3, "cannot write results"),
+        (["compare", "cartpole", "--json", "no/such/folder.json"], 3, "cannot write"),
+        (["models", "broken.xml"], 2, "MuJoCo cannot load it"),
+        (["show", "missing.jsonl"], 2, "cannot read"),
+        (["show", "notes.txt"], 2, "not a run file"),
+        (["show"], 2, "no run file in"),
+        (["comapre"], 2, "No such command"),
+    ],
+)
+def test_bad_input_ends_in_one_clear_line(
+    tmp_path: Path, words: list[str], code: int, message: str
+) -> None:
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
+    (tmp_path / "empty.xml").write_text("")
+    (tmp_path / "still.xml").write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    (tmp_path / "notes.txt").write_text("not a run\n")
+    done = mjbench(*words, cwd=tmp_path)
+    assert done.returncode == code
+    assert message in done.stderr + done.stdout
+
+
+def test_a_read_only_results_folder_is_reported_before_anything_is_measured(tmp_path: Path) -> None:
+    done = mjbench("compare", "cartpole", "--results", "/proc/results", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "--results" in done.stderr
+    assert done.stdout == ""
+
+
+def test_a_full_disk_is_reported_and_the_table_is_still_shown(
+    tmp_path: Path, contact_file: str
+) -> None:
+    words = ["compare", contact_file, "--paths", "python_loop", *QUICK]
+    mjbench(*words, cwd=tmp_path)
+    (file,) = (tmp_path / "runs").glob("*.jsonl")
+    size = len(file.read_text().splitlines()[0]) + 100  # room for little more than the header
+    done = mjbench(*words, cwd=tmp_path, preexec_fn=lambda: _limit_file_size(size))
+    assert done.returncode == 3
+    assert "cannot write" in done.stderr
+    assert "steps/s" in done.stdout
+
+
+def _limit_file_size(size: int) -> None:
+    import resource
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+@pytest.mark.parametrize("when", ["at once", "while a path hangs"])
+def test_ctrl_c_is_one_line_and_saves_what_was_measured(
+    tmp_path: Path, contact_file: str, when: str
+) -> None:
+    words = ["--paths", "python_loop_hold,wrong_paths:Tells,wrong_paths:Hangs", *QUICK]
+    os.mkfifo(tmp_path / "pipe")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mjbench", "compare", contact_file, *words],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH,
+             "MJBENCH_TEST_PIPE": str(tmp_path / "pipe")},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    if when == "while a path hangs":
+        (tmp_path / "pipe").read_text()  # returns when the path before it was prepared
+    process.send_signal(signal.SIGINT)
+    try:
+        out, err = process.communicate(timeout=30)
+    except subprocess.TimeoutExpired:  # an interpreter that starts may lose the first one
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    assert "Traceback" not in out + err
+    if when == "at once":
+        assert process.returncode in (-signal.SIGINT, 130)
+        return
+    assert process.returncode == 130
+    assert err.count("\n") == 1
+    (file,) = (tmp_path / "runs").glob("*.jsonl")
+    statuses = [json.loads(line).get("status") for line in file.read_text().splitlines()]
+    assert statuses == [None, *["interrupted"] * 5]
+
+
+def test_a_closed_output_is_no_traceback(tmp_path: Path, contact_file: str) -> None:
+    words = ["compare", contact_file, "--paths", "python_loop", *QUICK]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mjbench", *words],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    assert "Traceback" not in process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 3
+    assert list((tmp_path / "runs").glob("*.jsonl"))

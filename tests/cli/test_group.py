@@ -1,0 +1,38 @@
+"""What every command shares: help, version, missing packages."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from commands import PYTHONPATH
+
+
+def test_help_and_version_need_no_engine(tmp_path: Path) -> None:
+    program = (
+        "import sys; sys.argv = ['mjbench', sys.argv[1]]\n"
+        "from mjbench.__main__ import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "heavy = {'mujoco', 'numpy', 'jax', 'scipy', 'plotly', 'rich.console'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)\n"
+    )
+    for word in ("--help", "--version"):
+        done = subprocess.run(
+            [sys.executable, "-c", program, word],
+            env={**os.environ, "PYTHONPATH": PYTHONPATH},
+            capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert "mjbench" in done.stdout
+
+
+def test_without_its_optional_packages_the_command_says_what_to_install(tmp_path: Path) -> None:
+    program = "import sys; sys.modules['click'] = None\nfrom mjbench.__main__ import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert 'pip install "mjbench[cli]"' in done.stderr
+    assert "Traceback" not in done.stderr

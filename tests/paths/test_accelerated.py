@@ -1,0 +1,80 @@
+"""What accelerated paths say of themselves: packages, models, snippets, buffers."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import PYTHONPATH
+from pretender import NBATCH, available, made
+
+from mjbench import paths
+from mjbench.comparison import selection
+from mjbench.errors import MachineError
+from mjbench.paths.accelerated import check_overflow
+from mjbench.simulation import trajectory, workload
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
+BALL_ASLEEP = """
+<mujoco>
+  <option><flag sleep="enable"/></option>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body pos="0 0 0.099"><freejoint/><geom type="sphere" size="0.1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "result", "within"),
+    [("mjx64", "[final.time, final.qpos]", 1e-12), ("warp", "[d.time, d.qpos]", 1e-5)],
+)
+def test_the_snippet_computes_what_c_computes(
+    name: str, result: str, within: float, tmp_path: Path
+) -> None:
+    path, work = available(name), made()
+    np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
+    (tmp_path / "run.py").write_text(
+        "import numpy as np\n"
+        "from mjbench.simulation import models\n"
+        "model = models.load(models.resolve('cartpole'))\n"
+        "given = np.load('in.npz')\n"
+        "initial_state, control = given['state'], given['control']\n"
+        f"{path.snippet(work, {})}\n"
+        f"rows = [np.asarray(x).reshape(len(initial_state), -1) for x in {result}]\n"
+        "np.save('out.npy', np.hstack(rows))\n"
+    )
+    subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
+    want = trajectory.run(work, NBATCH).states[:, work.nstep]
+    fields = workload.fields(work.model, want)
+    got = np.load(tmp_path / "out.npy")
+    assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
+
+
+def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mjbench.paths.accelerated._installed", lambda name: False)
+    for name, extra in (
+        ("mjx", "mjx"),
+        ("mjx64", "mjx"),
+        ("mjx_warp", "mjx,warp"),
+        ("warp", "warp"),
+    ):
+        assert f"mjbench[{extra}]" in str(paths.find(name).unavailable())
+    assert not {"mjx", "mjx64"} & set(selection.expand(["usual"]))
+
+
+def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
+    path = available("warp")
+    (tmp_path / "asleep.xml").write_text(BALL_ASLEEP)
+    assert "sleep" in str(path.unsuited(made(str(tmp_path / "asleep.xml")), {}))
+
+
+def test_a_buffer_of_warp_that_was_too_small_is_reported() -> None:
+    overflow = pytest.importorskip("mujoco_warp").OverflowType
+    check_overflow(np.array([0, overflow.ITERATIONS, overflow.LS_ITERATIONS]))
+    flags = np.array([0, overflow.NEFC | overflow.ITERATIONS, overflow.NEFC | overflow.CCD])
+    with pytest.raises(MachineError, match="overflowed in 2 worlds: NEFC, CCD"):
+        check_overflow(flags)

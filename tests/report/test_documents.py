@@ -1,0 +1,40 @@
+"""The JSON Schemas that are shipped, held against the types and against committed files."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from commands import ROOT
+
+from mjbench.report import documents
+
+
+def validator(name: str) -> jsonschema.Draft202012Validator:
+    schema = json.loads((documents.SCHEMA_FOLDER / f"{name}.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def test_the_shipped_schemas_are_those_of_the_types() -> None:
+    shipped = {
+        file.stem: json.loads(file.read_text()) for file in documents.SCHEMA_FOLDER.glob("*.json")
+    }
+    assert shipped == documents.json_schemas(), "python -m mjbench.report.documents"
+
+
+RUN_FILES = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))
+
+
+@pytest.mark.parametrize("file", RUN_FILES, ids=lambda file: file.stem)
+def test_committed_run_files_fit_the_schema(file: Path) -> None:
+    check = validator("run-file")
+    lines = file.read_text().splitlines()
+    assert len(lines) > 1
+    for line in lines:
+        check.validate(json.loads(line))
+
+
+def test_a_line_that_is_no_record_does_not_fit() -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        validator("run-file").validate({"type": "trial", "model": 3})
