@@ -74,20 +74,6 @@ def print_models(out: Console, rows: Sequence[Record]) -> None:
             out.print(f"{escape(row['model'])}: {escape(reason)}", soft_wrap=True)
 
 
-def releases_table(rows: Sequence[Record]) -> Table:
-    """Return the table of `mjbench releases`."""
-    table = plain_table(["release", "uploaded (UTC)", "on the index", "in the history", "here"])
-    for row in rows:
-        table.add_row(
-            row["version"],
-            (row["uploaded"] or "unknown")[:10],
-            "not asked" if row["in_index"] is None else _yes(row["in_index"]),
-            _yes(row["in_history"]),
-            "installed" if row["installed"] else "",
-        )
-    return table
-
-
 def paths_table(rows: Sequence[Record]) -> Table:
     """Return the table of `mjbench paths`."""
     table = plain_table(["path", "closed loop", "here", "what it is", "options"])
