@@ -50,7 +50,7 @@ def scratch() -> Iterator[Path]:
         )
     except OSError as error:
         raise MachineError(
-            f"Cannot create a temporary directory: {one_line(error)}; set TMPDIR"
+            f"cannot create a temporary directory: {one_line(error)}; set TMPDIR"
         ) from error
     with directory as name:
         yield Path(name)
