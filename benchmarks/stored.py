@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.releases import catalogue
+from mjbench.releases.release import version_key
 from mjbench.simulation import agreement, models, work, workload
 
 FILE = Path(__file__).with_name("stored.npz")
@@ -45,7 +45,7 @@ def load(name: str) -> Any:
       NotImplementedError: this release lacks what the model needs.
     """
     since = SINCE.get(name)
-    if since and catalogue.key(mujoco.__version__) < catalogue.key(since):
+    if since and version_key(mujoco.__version__) < version_key(since):
         raise NotImplementedError(f"{name} needs MuJoCo {since}")
     return models.load(models.resolve(name))
 

@@ -1,6 +1,6 @@
-"""Child processes: they die with their parent, are ended whole, and leave no folder.
+"""Child processes that die with their parent, end with all their children, and leave no files.
 
-Imported by everything that starts one or is one, so it imports next to nothing at first.
+Every process that starts a child or is one imports this module, so it imports little at first.
 """
 
 import contextlib
@@ -14,7 +14,8 @@ from pathlib import Path
 from mjbench.errors import MachineError, one_line
 
 _PR_SET_PDEATHSIG = 1
-# Begins the names of folders for a while; where and what made them follows.
+# Names of temporary directories are this, `_pid_namespace()`, the owner's process id, and a
+# random ending.
 _SCRATCH = "mjbench-"
 
 
@@ -28,35 +29,48 @@ def die_with_parent() -> None:
 
 @contextlib.contextmanager
 def scratch() -> Iterator[Path]:
-    """Yield a folder that lasts as long as the block.
+    """Yield a temporary directory; it is removed when the block ends.
 
-    Those of processes that were killed, and could not remove theirs, are removed first.
+    Directories of processes that were killed, and could not remove their own, are removed first.
 
     Raises:
-      MachineError: it cannot be made.
+      MachineError: it cannot be created.
     """
     import shutil
     import tempfile
 
-    ours = f"{_SCRATCH}{_place()}-"
+    prefix = f"{_SCRATCH}{_pid_namespace()}-"
     try:
-        for folder in Path(tempfile.gettempdir()).glob(f"{ours}*-*"):
-            owner = folder.name.removeprefix(ours).partition("-")[0]
-            if owner.isdigit() and Path("/proc").is_dir() and not Path(f"/proc/{owner}").exists():
+        for folder in Path(tempfile.gettempdir()).glob(f"{prefix}*-*"):
+            owner = folder.name.removeprefix(prefix).partition("-")[0]
+            if owner.isdigit() and not _is_running(int(owner)):
                 shutil.rmtree(folder, ignore_errors=True)
-        made = tempfile.TemporaryDirectory(
-            prefix=f"{ours}{os.getpid()}-", ignore_cleanup_errors=True
+        directory = tempfile.TemporaryDirectory(
+            prefix=f"{prefix}{os.getpid()}-", ignore_cleanup_errors=True
         )
     except OSError as error:
         raise MachineError(
-            f"no folder for files of a while: {one_line(error)}; name one by TMPDIR"
+            f"cannot create a temporary directory: {one_line(error)}; set TMPDIR"
         ) from error
-    with made as name:
+    with directory as name:
         yield Path(name)
 
 
-def _place() -> str:
-    """Return a name of where process ids mean the same: this machine, or this container of it."""
+def _is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)  # sends nothing
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True
+
+
+def _pid_namespace() -> str:
+    """Return 8 hexadecimal digits that name this machine, or this container, by its process ids.
+
+    The temporary folder may be shared with containers, in which a process id is another process.
+    """
     import hashlib
     import socket
 
@@ -70,14 +84,18 @@ def _place() -> str:
 
 
 def end_group(child: "subprocess.Popen[bytes]") -> int:
-    """Kill a child that leads a session of its own, with all it started; return its exit code."""
+    """Kill a child that leads its own session, and all its children; return its exit code."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(child.pid, signal.SIGKILL)
     return child.wait()
 
 
 def cause_of_death(code: int) -> str:
-    """Return in words how a process ended, from its exit code or minus its signal."""
+    """Describe how a process ended.
+
+    Args:
+      code: its exit code, or minus the signal that killed it.
+    """
     if code >= 0:
         return f"the process ended with exit code {code}"
     try:
@@ -88,21 +106,28 @@ def cause_of_death(code: int) -> str:
 
 
 def memory_bytes(pid: int) -> int:
-    """Return the memory that a process has now, in bytes; 0 where the system does not tell."""
+    """Return how much memory a process occupies now, in bytes; 0 if it has ended.
+
+    It is also 0 where psutil is missing, which is only in the environments of old releases.
+    """
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, IndexError):
+        import psutil
+    except ImportError:
+        return 0
+    try:
+        return int(psutil.Process(pid).memory_info().rss)
+    except psutil.Error:
         return 0
 
 
-def last_words(said: str) -> str:
-    """Return the last line of what a process wrote, as the end of a sentence."""
-    lines = said.strip().splitlines()
-    return f"; it said: {one_line(lines[-1], 160)}" if lines else ""
+def last_words(output: str) -> str:
+    """Return the last line that a process wrote, as the end of a sentence; empty if it has none."""
+    lines = output.strip().splitlines()
+    return f"; its last output: {one_line(lines[-1], 160)}" if lines else ""
 
 
 def text(path: Path) -> str:
-    """Return a file's content, or nothing where it cannot be read."""
+    """Return a file's content; empty if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,7 +1,10 @@
-"""What a run ran on: processor, cores it may use, memory, versions, load.
+"""Describes what a run ran on: processor, usable cores, memory, versions, load.
 
-Usable cores come from the scheduler's affinity and the control group's quota, never from the
-number of cores the machine has. `Calibration` says how many of them a run really had.
+Usable cores follow from the scheduler's affinity and the control group's quota, not from the
+number of cores of the machine. `Calibration` measures how many of them a run really gets.
+
+Parts of this module also run inside the environments of old releases, where psutil may be missing;
+see `available_memory_bytes`.
 """
 
 import importlib.metadata
@@ -12,8 +15,13 @@ import sys
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    import mujoco
+
+_CGROUP = Path("/sys/fs/cgroup")
+# Packages that a result depends on.
 _PACKAGES = (
     "mujoco",
     "mujoco-core",
@@ -43,27 +51,28 @@ _SPINNER = (
 _CALIBRATION_STEPS = 5000
 
 
-def usable_cores(cgroup: Path = Path("/sys/fs/cgroup")) -> int:
+def usable_cores(cgroup: Path = _CGROUP) -> int:
     """Return how many cores this process may use: affinity, limited by the cgroup's quota."""
-    try:
+    if hasattr(os, "sched_getaffinity"):
         cores = len(os.sched_getaffinity(0))
-    except AttributeError:  # not Linux
+    else:  # macOS has no affinity
         cores = os.cpu_count() or 1
     quota = cgroup_quota(cgroup)
     return max(1, min(cores, math.ceil(quota))) if quota else cores
 
 
-def cgroup_quota(root: Path = Path("/sys/fs/cgroup")) -> float | None:
+def cgroup_quota(cgroup: Path = _CGROUP) -> float | None:
     """Return the CPU quota of the control group in cores, or None if there is none.
 
-    Reads `cpu.max` (version 2) or `cpu.cfs_quota_us` and `cpu.cfs_period_us` (version 1).
+    Reads `cpu.max` (version 2) or `cpu.cfs_quota_us` and `cpu.cfs_period_us` (version 1); psutil
+    knows neither.
     """
     try:
-        quota, period = (root / "cpu.max").read_text().split()[:2]
+        quota, period = (cgroup / "cpu.max").read_text().split()[:2]
     except (OSError, ValueError):
         try:
-            quota = (root / "cpu/cpu.cfs_quota_us").read_text().strip()
-            period = (root / "cpu/cpu.cfs_period_us").read_text().strip()
+            quota = (cgroup / "cpu/cpu.cfs_quota_us").read_text().strip()
+            period = (cgroup / "cpu/cpu.cfs_period_us").read_text().strip()
         except OSError:
             return None
     try:
@@ -73,33 +82,41 @@ def cgroup_quota(root: Path = Path("/sys/fs/cgroup")) -> float | None:
     return cores if cores > 0 else None
 
 
-def available_memory_bytes() -> int:
-    """Return the memory that can be used without swapping: MemAvailable, or the cgroup's rest."""
+def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
+    """Return the memory that can be used without swapping, limited by the control group's.
+
+    Where psutil is missing, as in the environments of old releases, only the control group's limit
+    is known; without one, memory counts as unlimited.
+    """
     available = sys.maxsize
     try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                available = int(line.split()[1]) * 1024
-    except OSError:
+        import psutil
+    except ImportError:
         pass
+    else:
+        available = psutil.virtual_memory().available
+    remaining = _cgroup_remaining_bytes(cgroup)
+    return available if remaining is None else max(0, min(available, remaining))
+
+
+def _cgroup_remaining_bytes(cgroup: Path) -> int | None:
+    """Return how much memory the control group has left; None if it has no limit (version 2)."""
     try:
-        root = Path("/sys/fs/cgroup")
-        limit = int((root / "memory.max").read_text())
-        used = int((root / "memory.current").read_text())
-        for line in (root / "memory.stat").read_text().splitlines():
-            if line.startswith("inactive_file "):  # files kept in memory, given back when asked
+        limit = int((cgroup / "memory.max").read_text())
+        used = int((cgroup / "memory.current").read_text())
+        for line in (cgroup / "memory.stat").read_text().splitlines():
+            if line.startswith("inactive_file "):  # cached files, which the kernel frees on demand
                 used -= int(line.split()[1])
-        available = min(available, limit - used)
-    except (OSError, ValueError):
-        pass
-    return max(0, available)
+    except (OSError, ValueError):  # no control group, or "max": no limit
+        return None
+    return limit - used
 
 
-def data_bytes(model: Any) -> int:
-    """Return about how much memory one MjData of `model` takes once it has stepped, in bytes.
+def data_bytes(model: "mujoco.MjModel") -> int:
+    """Return about how much memory one MjData of `model` takes after stepping, in bytes.
 
-    The arena is counted as far as a step at the model's defaults used it, twice over: what is
-    never touched takes no memory.
+    The arena, MjData's memory for contacts and constraints, takes memory only where it was
+    written. It is counted as twice what one step from the model's defaults uses.
     """
     import mujoco
 
@@ -119,7 +136,7 @@ def peak_memory_bytes() -> int:
 
 @dataclass(frozen=True)
 class Machine:
-    """The machine and what runs on it, as stored with every result.
+    """The machine and its software, as stored with every result.
 
     Attributes:
       cpu: the processor's name.
@@ -153,7 +170,9 @@ class Machine:
 
 
 def describe() -> Machine:
-    """Return the machine and what runs on it."""
+    """Return the machine and its software."""
+    import psutil
+
     return Machine(
         cpu=_cpu_name(),
         architecture=platform.machine(),
@@ -161,7 +180,7 @@ def describe() -> Machine:
         cores=os.cpu_count(),
         usable_cores=usable_cores(),
         cgroup_quota_cores=cgroup_quota(),
-        memory_bytes=os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
+        memory_bytes=psutil.virtual_memory().total,
         load_1min=round(os.getloadavg()[0], 2),
         governor=_read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         hypervisor="hypervisor" in _cpuinfo("flags").split(),
@@ -172,10 +191,10 @@ def describe() -> Machine:
 
 
 class Calibration:
-    """How many cores `threads` threads really get: the same work alone and side by side.
+    """Measures how many cores `threads` threads really get: the same work alone and side by side.
 
-    `single()` steps a tiny model in one thread, `together()` in every thread at once; both are
-    meant to be timed. With perfect cores both take equally long.
+    `single()` steps a tiny model in one thread, `together()` in every thread at once; the caller
+    times both. If every thread has a core of its own, both take equally long.
     """
 
     def __init__(self, threads: int):
@@ -184,27 +203,27 @@ class Calibration:
         self.threads = threads
         self._model = mujoco.MjModel.from_xml_string(_SPINNER)
         self._datas = [mujoco.MjData(self._model) for _ in range(threads)]
-        self._step = mujoco.mj_step
+        self._mj_step = mujoco.mj_step
 
     def single(self) -> None:
         """Do one thread's work."""
-        self._spin(self._datas[0])
+        self._work(self._datas[0])
 
     def together(self) -> None:
         """Do every thread's work at once."""
-        others = [threading.Thread(target=self._spin, args=(d,)) for d in self._datas[1:]]
+        others = [threading.Thread(target=self._work, args=(data,)) for data in self._datas[1:]]
         for thread in others:
             thread.start()
-        self._spin(self._datas[0])
+        self._work(self._datas[0])
         for thread in others:
             thread.join()
 
     def cores(self, single_s: float, together_s: float) -> float:
-        """Return the cores that a pair of times stands for."""
+        """Return how many cores the times of `single` and `together` amount to."""
         return self.threads * single_s / together_s
 
-    def _spin(self, data: Any) -> None:
-        self._step(self._model, data, _CALIBRATION_STEPS)
+    def _work(self, data: "mujoco.MjData") -> None:
+        self._mj_step(self._model, data, _CALIBRATION_STEPS)
 
 
 def _cpu_name() -> str:

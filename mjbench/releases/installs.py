@@ -1,12 +1,13 @@
-"""Releases of MuJoCo installed side by side, each alone in a folder of its own.
+"""Releases of MuJoCo installed side by side, each alone in its own folder.
 
-An install is a folder that holds one release, NumPy, and what they need, and nothing else: the
-`mujoco` package borrows submodules from every other `mujoco` it finds on the path. It is made
-beside the cache, checked, and moved into place in one step, so that a reader finds a whole one or
-none; a lock for each keeps two makers apart, and whoever uses one holds that lock with others.
+An install is a folder with one release, NumPy and their dependencies, and nothing else: the
+`mujoco` package imports submodules from every other `mujoco` on the path. It is made under another
+name and renamed when it is complete, so a reader finds a whole install or none. A lock file for
+each install keeps two processes from making it at once, and from removing it while it is in use.
 """
 
 import contextlib
+import enum
 import fcntl
 import functools
 import hashlib
@@ -20,11 +21,17 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+import platformdirs
+from packaging.utils import InvalidWheelFilename, parse_wheel_filename
+from packaging.version import InvalidVersion, Version
+
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.releases import install_check
 
-# The release of the environment that mjbench runs in.
+# Names the release of the environment that mjbench runs in.
 INSTALLED = "installed"
+# Written last into an install; a folder without it is not one.
+_MARKER = "installed-by-mjbench"
 
 
 @dataclass(frozen=True)
@@ -32,19 +39,19 @@ class ReleaseSpec:
     """A release that a user named.
 
     Attributes:
-      word: as it was named: a version, a wheel, a folder of wheels, or `installed`.
-      version: what it must say it is.
+      name: as the user named it: a version, a wheel, a folder of wheels, or `installed`.
+      version: the version that the release must report.
       wheels: the local wheels to install; empty for a version of the index.
     """
 
-    word: str
+    name: str
     version: str
     wheels: tuple[Path, ...] = ()
 
     @functools.cached_property
     def key(self) -> str:
-        """Return the name of its folder: release, content of local wheels, Python and NumPy."""
-        if self.word == INSTALLED:
+        """Return the name of its install: release, content of local wheels, Python and NumPy."""
+        if self.name == INSTALLED:
             return f"{INSTALLED}-{self.version}"
         content = hashlib.blake2b(digest_size=4)
         for wheel in self.wheels:
@@ -54,79 +61,115 @@ class ReleaseSpec:
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
 
 
-def is_release(word: str) -> bool:
-    """Return whether a word of the command line names a release rather than a model."""
-    path = Path(word)
+# -- naming a release ---------------------------------------------------------------------------
+
+
+def is_release(text: str) -> bool:
+    """Return whether an argument of the command line names a release rather than a model."""
+    path = Path(text)
     return (
-        word == INSTALLED
-        or bool(re.fullmatch(r"v?\d+\.\d+(\.\d+)*((a|b|rc|\.?dev|\.?post)\d+)*", word))
+        text == INSTALLED
+        or _version(text) is not None
         or path.suffix == ".whl"
         or (path.is_dir() and any(path.glob("mujoco-*.whl")))
     )
 
 
-def parse_release(word: str) -> ReleaseSpec:
-    """Return the release that a word names; installs nothing.
+def parse_release(text: str) -> ReleaseSpec:
+    """Return the release that an argument of the command line names; installs nothing.
 
     Raises:
-      InputError: no such file, or not a release.
+      InputError: it names no release, or a wheel that does not exist.
     """
-    if word == INSTALLED:
-        version = install_check.installed()
-        if version is None:
-            raise InputError("no MuJoCo is installed here")
-        return ReleaseSpec(INSTALLED, version)
-    path = Path(word)
+    if text == INSTALLED:
+        installed = install_check.installed_version()
+        if installed is None:
+            raise InputError("no MuJoCo is installed in this environment")
+        return ReleaseSpec(INSTALLED, installed)
+    path = Path(text)
     if path.suffix == ".whl" or path.is_dir():
-        main = sorted(path.glob("mujoco-*.whl")) if path.is_dir() else [path]
-        if not main or not main[0].is_file() or not main[0].name.startswith("mujoco-"):
-            raise InputError(f"{word}: no such wheel of mujoco")
-        if len(main) > 1:
-            raise InputError(f"{word} holds several releases: name one of its wheels")
-        version = main[0].name.split("-")[1]
-        # from 4.0.0 on a release is several wheels, and the library is not in the first
-        wheels = [*main, *sorted(main[0].parent.glob(f"mujoco_*-{version}-*.whl"))]
-        return ReleaseSpec(word, version, tuple(w.resolve() for w in wheels))
-    if not is_release(word):
+        return _parse_wheels(text)
+    version = _version(text)
+    if version is None:
         raise InputError(
-            f"{word!r} is no release: give a version such as 3.5.0, a wheel, or `{INSTALLED}`"
+            f"{text!r} is not a release: give a version such as 3.5.0, a wheel, or `{INSTALLED}`"
         )
-    version = word.removeprefix("v")
-    return ReleaseSpec(word, f"{version}.0" if re.fullmatch(r"\d+\.\d+", version) else version)
+    return ReleaseSpec(text, version)
 
 
-def cache() -> Path:
+def _version(text: str) -> str | None:
+    """Return a version in its normal form; None if `text` is none, or only a major version.
+
+    `3.5` is 3.5.0, the first release of its minor version, as is `v3.5`; `3.5rc1` is 3.5.0rc1.
+    """
+    try:
+        version = Version(text)
+    except InvalidVersion:
+        return None
+    if len(version.release) == 1:
+        return None
+    normal = str(version)
+    if len(version.release) == 2:
+        major_minor = ".".join(map(str, version.release))
+        normal = normal.replace(major_minor, f"{major_minor}.0", 1)
+    return normal
+
+
+def _parse_wheels(text: str) -> ReleaseSpec:
+    """Return the release of a wheel of `mujoco`, or of a folder with one."""
+    path = Path(text)
+    candidates = sorted(path.glob("mujoco-*.whl")) if path.is_dir() else [path]
+    if len(candidates) > 1:
+        raise InputError(f"{text} holds several releases: name one of its wheels")
+    wheel = candidates[0] if candidates else path
+    version = _wheel_version(wheel)
+    if version is None or not wheel.is_file() or not wheel.name.startswith("mujoco-"):
+        raise InputError(f"{text}: no such wheel of mujoco")
+    # From 4.0.0 on a release is several wheels, and the C library is not in `mujoco`.
+    others = [w for w in sorted(wheel.parent.glob("mujoco_*.whl")) if _wheel_version(w) == version]
+    return ReleaseSpec(text, str(version), tuple(w.resolve() for w in (wheel, *others)))
+
+
+def _wheel_version(wheel: Path) -> Version | None:
+    """Return the version in a wheel's file name; None if it is not named as a wheel."""
+    try:
+        return parse_wheel_filename(wheel.name)[1]
+    except InvalidWheelFilename:
+        return None
+
+
+# -- installs -----------------------------------------------------------------------------------
+
+
+def cache_folder() -> Path:
     """Return the folder of all installs: $MJBENCH_CACHE, or one in the user's cache folder."""
-    named = os.environ.get("MJBENCH_CACHE")
-    if named:
-        return Path(named).absolute()
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base).absolute() / "mjbench"
+    chosen = os.environ.get("MJBENCH_CACHE")
+    return Path(chosen or platformdirs.user_cache_path("mjbench")).absolute()
 
 
-def installed() -> list[str]:
-    """Return the names of the installs there are, sorted."""
-    found = cache().glob("*/installed-by-mjbench")
-    return sorted(p.parent.name for p in found if not p.parent.name.startswith("."))
+def install_names() -> list[str]:
+    """Return the names of the installs in the cache folder, sorted."""
+    folders = [marker.parent for marker in cache_folder().glob(f"*/{_MARKER}")]
+    return sorted(folder.name for folder in folders if not folder.name.startswith("."))
 
 
 @contextlib.contextmanager
 def use(release: ReleaseSpec) -> Iterator[Path | None]:
-    """Yield the folder of a release's install, which stays while the block runs.
+    """Yield the folder of a release's install, which is not removed while the block runs.
 
-    It is made first if it is missing. For `installed` it is None.
+    The release is installed first if it is missing. For `installed` the folder is None.
 
     Raises:
       InputError: the index has no such release for this Python.
       MachineError: it cannot be installed.
     """
-    if release.word == INSTALLED:
+    if release.name == INSTALLED:
         yield None
         return
-    folder = cache() / release.key
+    folder = cache_folder() / release.key
     while True:
-        with _lock(release.key, fcntl.LOCK_SH):
-            if _whole(folder):
+        with _locked(release.key, _Lock.SHARED):
+            if _is_complete(folder):
                 yield folder
                 return
         install(release)
@@ -139,20 +182,20 @@ def install(release: ReleaseSpec) -> Path:
       InputError: the index has no such release for this Python.
       MachineError: it cannot be installed.
     """
-    folder = cache() / release.key
-    with _lock(release.key, fcntl.LOCK_EX):
-        if _whole(folder):
+    folder = cache_folder() / release.key
+    with _locked(release.key, _Lock.EXCLUSIVE):
+        if _is_complete(folder):
             return folder
         partial = folder.with_name(f".{release.key}.partial")
         try:
-            for left in (partial, folder):
-                if left.exists():
-                    shutil.rmtree(left)
-            _pip(release, partial)
-            (partial / "installed-by-mjbench").write_text(f"{release.version}\n")
+            for remains in (partial, folder):  # of an install that was killed
+                if remains.exists():
+                    shutil.rmtree(remains)
+            _pip_install(release, partial)
+            (partial / _MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)
         except OSError as error:
-            raise MachineError(f"cannot install into {cache()}: {error.strerror}") from error
+            raise MachineError(f"cannot install into {cache_folder()}: {error.strerror}") from error
         finally:
             shutil.rmtree(partial, ignore_errors=True)
     return folder
@@ -162,61 +205,92 @@ def remove(name: str) -> None:
     """Remove an install by its name.
 
     Raises:
-      InputError: there is none of that name.
+      InputError: there is no install of that name.
       MachineError: it is in use, or cannot be removed.
     """
-    if name not in installed():
-        raise InputError(f"no install {name!r}; there are {', '.join(installed()) or 'none'}")
-    folder = cache() / name
-    with _lock(name, fcntl.LOCK_EX | fcntl.LOCK_NB):
-        gone = folder.with_name(f".{name}.removed")
+    names = install_names()
+    if name not in names:
+        raise InputError(f"no install {name!r}; there are {', '.join(names) or 'none'}")
+    folder = cache_folder() / name
+    with _locked(name, _Lock.EXCLUSIVE_OR_FAIL):
+        doomed = folder.with_name(f".{name}.removed")
         try:
-            folder.rename(gone)
-            shutil.rmtree(gone)
+            folder.rename(doomed)
+            shutil.rmtree(doomed)
         except OSError as error:
             raise MachineError(f"cannot remove {folder}: {error.strerror}") from error
 
 
-def _whole(folder: Path) -> bool:
-    return (folder / "installed-by-mjbench").is_file()
+def _is_complete(folder: Path) -> bool:
+    return (folder / _MARKER).is_file()
+
+
+class _Lock(enum.Enum):
+    """How an install is locked; the values are those of flock."""
+
+    SHARED = fcntl.LOCK_SH
+    """Held by every process that uses the install."""
+    EXCLUSIVE = fcntl.LOCK_EX
+    """Held by the process that makes it."""
+    EXCLUSIVE_OR_FAIL = fcntl.LOCK_EX | fcntl.LOCK_NB
+    """Held by the process that removes it; not waited for."""
 
 
 @contextlib.contextmanager
-def _lock(name: str, kind: int) -> Iterator[None]:
-    file = cache() / "locks" / name
+def _locked(name: str, lock: _Lock) -> Iterator[None]:
+    """Hold the lock of an install while the block runs; the kernel frees it if the process dies.
+
+    This is flock itself, because filelock's FileLock cannot be shared, and its ReadWriteLock waits
+    inside SQLite, where neither Ctrl-C nor SIGTERM ends the wait, and does not support NFS, where
+    cache folders may lie.
+    """
+    file = cache_folder() / "locks" / name
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
         raise MachineError(
-            f"cannot write {file.parent}: {error.strerror}; name another folder by MJBENCH_CACHE"
+            f"cannot write {file.parent}: {error.strerror};"
+            " name another folder by the environment variable MJBENCH_CACHE"
         ) from error
     try:
-        fcntl.flock(descriptor, kind)
+        try:
+            fcntl.flock(descriptor, lock.value)
+        except BlockingIOError:
+            raise MachineError(f"{name} is in use by another process") from None
         yield
-    except BlockingIOError:
-        raise MachineError(f"{name} is in use by another process") from None
     finally:
         os.close(descriptor)
 
 
-def _pip(release: ReleaseSpec, target: Path) -> None:
+# -- pip ----------------------------------------------------------------------------------------
+
+
+def _pip_install(release: ReleaseSpec, target: Path) -> None:
     """Install a release and this environment's NumPy version into a folder."""
-    what = [str(w) for w in release.wheels] or [f"mujoco=={release.version}"]
-    near = [f"--find-links={folder}" for folder in {w.parent for w in release.wheels}]
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    command += ["--only-binary=:all:", "--no-input", f"--target={target}", *near]
-    command += [*what, f"numpy=={metadata.version('numpy')}"]
+    requirements = [str(wheel) for wheel in release.wheels] or [f"mujoco=={release.version}"]
+    wheel_folders = {wheel.parent for wheel in release.wheels}
+    command = [
+        *(sys.executable, "-m", "pip", "install"),
+        *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
+        f"--target={target}",
+        *(f"--find-links={folder}" for folder in wheel_folders),
+        *requirements,
+        f"numpy=={metadata.version('numpy')}",
+    ]
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode == 0:
-        return
-    said = [line for line in done.stderr.splitlines() if line.startswith("ERROR: ")]
-    last = one_line((said or done.stderr.splitlines() or ["pip failed"])[-1])
-    offered = re.search(r"\(from versions: ([^)]*)\)", done.stderr)
-    if "No matching distribution" in last and offered and offered[1] != "none":
+    if done.returncode != 0:
+        raise _pip_error(release.version, done.stderr)
+
+
+def _pip_error(version: str, stderr: str) -> InputError | MachineError:
+    """Return the error that stands for what pip wrote."""
+    lines = stderr.splitlines()
+    errors = [line for line in lines if line.startswith("ERROR: ")]
+    reason = one_line((errors or lines or ["pip failed"])[-1])
+    offered = re.search(r"\(from versions: ([^)]*)\)", stderr)
+    if "No matching distribution" in reason and offered and offered[1] != "none":
         newest = ", ".join(offered[1].split(", ")[-5:])
-        raise InputError(
-            f"there is no MuJoCo {release.version} for this Python; the newest are {newest}"
-        )
-    raise MachineError(f"MuJoCo {release.version} cannot be installed: {last}")
+        return InputError(f"there is no MuJoCo {version} for this Python; the newest are {newest}")
+    return MachineError(f"cannot install MuJoCo {version}: {reason}")

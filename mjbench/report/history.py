@@ -1,245 +1,300 @@
-"""The page that tells what a history shows (docs/history.md), written from asv's results alone.
+"""The page docs/history.md: what changed between releases, written from asv's results alone.
 
-What no measurement can tell, the cause of a step, comes from a table kept by hand
-(benchmarks/causes.toml), which names items of MuJoCo's changelog.
+Only the causes are added by hand (see mjbench.releases.causes).
 """
 
-import re
-import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from itertools import pairwise
 
-from mjbench.errors import InputError, one_line
-from mjbench.releases import history as room
-from mjbench.releases.history import ChangePoint, History, Series
+from mjbench.releases.benchmark_names import STEP_TIMES, BenchmarkName
+from mjbench.releases.causes import Cause, explaining
+from mjbench.releases.history import (
+    COUNT_THRESHOLD,
+    NEIGHBOURS,
+    THRESHOLD,
+    ChangePoint,
+    Gap,
+    History,
+    Series,
+    count_ratio,
+    gaps,
+    paired_change_points,
+    unpaired_change_points,
+    work_changes,
+)
 
-CAUSE = "cause, by MuJoCo's changelog where it names one"
+# Longer lists of parameters are only counted.
+_MOST_LABELS = 4
 
 
-@dataclass(frozen=True)
-class Cause:
-    """An item of MuJoCo's changelog that explains steps.
+def page(history: History, causes: Sequence[Cause], threshold: float = THRESHOLD) -> str:
+    """Return the page, in Markdown.
 
-    Attributes:
-      release: in which it came.
-      where: regular expression over `benchmark (parameters)` of the steps it explains.
-      commit: by which the changelog names the item; empty where it names none.
-      text: what the item changed, in our words.
+    Args:
+      history: asv's results.
+      causes: of change points.
+      threshold: the smallest change of a time that is listed, as a share.
     """
-
-    release: str
-    where: str
-    commit: str
-    text: str
-
-
-def causes(file: Path) -> list[Cause]:
-    """Read the table of causes.
-
-    Raises:
-      InputError: it cannot be read, or an entry lacks something.
-    """
-    try:
-        entries = tomllib.loads(file.read_text(encoding="utf-8")).get("cause", [])
-        return [Cause(**entry) for entry in entries]
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"cannot read {file}: {one_line(error)}") from error
-
-
-def page(history: History, known: Sequence[Cause], threshold: float = room.THRESHOLD) -> str:
-    """Return the page, in Markdown."""
-    engine = room.paired_change_points(history, threshold)
-    others = [
-        s for s in room.change_points(history, threshold) if s.series.benchmark not in room.TIMES
+    of_step = paired_change_points(history, threshold)
+    around_step = [
+        change_point
+        for change_point in unpaired_change_points(history, threshold)
+        if change_point.series.benchmark not in STEP_TIMES
     ]
-    parts = [
-        _head(history, threshold),
-        "## A step of each model\n",
-        "Microseconds of one `mj_step` from Python, median of all samples, unpaired: single values"
-        " are off by up to a quarter where the machine was slow. ▲ and ▼ mark the paired steps told"
-        " below.\n",
-        *_by_release(history, engine),
+    lines = [
+        *_introduction(history, threshold),
+        "\n## Time of a step\n",
+        "Microseconds of one `mj_step` from Python, median of all samples, unpaired: where the"
+        " machine was slow, single values are off by up to a quarter. ▲ and ▼ mark the change"
+        " points of `mj_step` listed below.\n",
+        *_time_table(history, of_step),
         "\n## Instructions of a step\n",
-        "Thousands of instructions of one `mj_step` over the stored work, counted by Callgrind:"
-        " two counts differ by at most 0.1 %. ▲ and ▼ mark changes above"
-        f" {room.COUNT_THRESHOLD:.0%} from the release before. Counts tell what the code does, not"
-        " how long it takes.\n",
-        *_counts(history),
-        "\n## Steps of `mj_step`\n",
-        *_engine_table(history, engine, known, threshold),
-        "\n## Steps around it\n",
-        *_other_table(others, known, threshold),
+        "Thousands of instructions of one `mj_step` over the stored workload, counted by"
+        " Callgrind; two counts of the same work differ by at most 0.1 %. ▲ and ▼ mark changes"
+        f" above {_percent(COUNT_THRESHOLD)} from the release before. A count says what"
+        " the code does, not how long it takes.\n",
+        *_instructions_table(history),
+        "\n## Change points of `mj_step`\n",
+        *_step_table(history, of_step, causes, threshold),
+        "\n## Change points around `mj_step`\n",
+        *_other_table(around_step, causes, threshold),
         "\n## Releases that compute something else\n",
-        "One step from the stored states, and what a hundred steps had to do, against the release"
-        " before.\n",
-        *_physics(history),
-        "\n## What has no number\n",
-        *_gaps(history),
+        "Compared with the release before: what a hundred steps from the stored states had to do,"
+        " and the result of one step.\n",
+        *_work_table(history),
+        "\n## Missing values\n",
+        *_gap_table(history),
     ]
-    return "\n".join(parts).rstrip() + "\n"
+    return "\n".join(lines).rstrip() + "\n"
 
 
-def _head(history: History, threshold: float) -> str:
+def _introduction(history: History, threshold: float) -> Iterator[str]:
     machine = history.machine
-    counted = [s for s in history.series if s.timed]
-    rounds = {len(p.rounds) for s in counted for p in s.points.values() if p.measured}
-    about = [machine[k] for k in ("cpu", "arch", "os") if machine.get(k)]
-    cores = f", {machine['num_cpu']} cores" if machine.get("num_cpu") else ""
-    return (
-        "# What the history shows\n\n"
-        "Written by `mjbench history` from the results in `results/asv`; do not edit.\n\n"
+    timed = [series for series in history.series if series.is_timed]
+    rounds = {len(p.rounds) for series in timed for p in series.points.values() if p.is_measured}
+    description = [machine[key] for key in ("cpu", "arch", "os") if machine.get(key)]
+    if machine.get("num_cpu"):
+        description.append(f"{machine['num_cpu']} cores")
+    decrease = 100 * (1 / (1 + threshold) - 1)  # the same factor downward
+    yield "# What changed between releases\n"
+    yield "Written by `mjbench history` from the results in `results/asv`; do not edit.\n"
+    yield (
         f"{len(history.versions)} releases of MuJoCo, {history.versions[0]} to"
         f" {history.versions[-1]}, measured by asv on `{machine['machine']}`"
-        f" ({', '.join(about)}{cores}). Times: `asv run --interleave-rounds --record-samples`,"
-        f" {max(rounds, default=0)} rounds in opposite orders. Steps of `mj_step` are those of the"
-        " *paired* ratio to one fixed release, which the machine's drift cannot bend"
-        " (`benchmarks/reference.py`), where some unpaired round shows half of it too. Steps around"
-        f" it are of unpaired times: they must show in every round, and separate the {room.LEVEL}"
-        f" releases before from those after. Told is what exceeds {threshold:.0%} from one release"
-        " to the next. Absolute times are this machine's. [method.md](method.md) says how a number"
-        " comes about.\n"
+        f" ({', '.join(description)}) with `asv run --interleave-rounds --record-samples`:"
+        f" {max(rounds, default=0)} rounds, which visit the releases in opposite orders. Absolute"
+        " times hold for this machine only. [method/history.md](method/history.md) describes how"
+        " the releases are measured.\n"
+    )
+    yield (
+        f"Listed: changes above {_percent(threshold)} from one release to the next, and decreases"
+        f" below {decrease:.1f} %, which is the same factor.\n"
+    )
+    yield (
+        "- Change points of `mj_step` are changes of the *paired* ratio to one fixed release"
+        " (`benchmarks/reference.py`), which a drift of the machine does not affect. In at least"
+        " one round the unpaired times must show half of the change."
+    )
+    yield (
+        "- Change points around it are changes of unpaired times. Every round must show the"
+        f" change, and all times of the {NEIGHBOURS} releases before it must be below, or"
+        f" all of them above, those of the {NEIGHBOURS} releases from it on."
+    )
+    yield (
+        "- Causes are items of MuJoCo's changelog, by commit, unless the text says otherwise"
+        " (`benchmarks/causes.toml`)."
     )
 
 
-def _by_release(history: History, steps: Sequence[ChangePoint]) -> Iterator[str]:
-    columns = [s for s in history.series if s.benchmark in room.TIMES]
-    columns.sort(key=lambda s: (s.benchmark == room.TIMES[1], s.label))
-    yield "| release | " + " | ".join(f"`{s.label}`" for s in columns) + " |"
-    yield "|---|" + "---:|" * len(columns)
-    marks = {(s.series.params["model"], s.new): "▲" if s.ratio > 1 else "▼" for s in steps}
-    for version in history.versions:
-        cells = [_micro(s, version) + marks.get((s.label, version), "") for s in columns]
-        yield f"| {version} | " + " | ".join(cells) + " |"
-
-
-def _counts(history: History) -> Iterator[str]:
-    columns = sorted(
-        (s for s in history.series if s.benchmark == room.COUNT), key=lambda s: s.label
+def _time_table(history: History, change_points: Sequence[ChangePoint]) -> Iterator[str]:
+    columns = [series for series in history.series if series.benchmark in STEP_TIMES]
+    columns.sort(key=lambda s: (s.benchmark == BenchmarkName.HEAVY_STEP_TIME, s.label))
+    marks = {
+        (point.series.params["model"], point.release): "▲" if point.ratio > 1 else "▼"
+        for point in change_points
+    }
+    names = [f"`{series.label}`" for series in columns]
+    rows = (
+        [version] + [_microseconds(s, version) + marks.get((s.label, version), "") for s in columns]
+        for version in history.versions
     )
-    if not columns:
-        yield "Not counted."
-        return
-    yield "| release | " + " | ".join(f"`{s.label}`" for s in columns) + " |"
-    yield "|---|" + "---:|" * len(columns)
-    before: dict[str, float] = {}
-    for version in history.versions:
-        cells = []
-        for series in columns:
-            point = series.points.get(version)
-            if point is None or not point.measured:
-                cells.append("–")
-                continue
-            value = float(point.value or 0.0)
-            ratio = value / before.get(series.label, value)
-            mark = "▲" if ratio > 1 + room.COUNT_THRESHOLD else ""
-            mark = "▼" if ratio < 1 - room.COUNT_THRESHOLD else mark
-            cells.append(f"{value / 1000:.4g}{mark}")
-            before[series.label] = value
-        yield f"| {version} | " + " | ".join(cells) + " |"
+    return _table(["release", *names], rows, right_aligned=names)
 
 
-def _micro(series: Series, version: str) -> str:
+def _microseconds(series: Series, version: str) -> str:
+    """Return the time of one step; empty where the release was not measured at all."""
     point = series.points.get(version)
-    if point is None or not point.measured:
-        return "" if point is None else "failed" if point.value is None else "–"
-    # a call does 1000 steps, or 100
-    return f"{1e6 * float(point.value or 0) / series.times:.3g}"
+    if point is None:
+        return ""
+    if point.value is None:
+        return "failed"
+    if not point.is_measured:
+        return "–"
+    return f"{1e6 * point.value / series.repeats:.3g}"
 
 
-def _engine_table(
-    history: History, steps: Sequence[ChangePoint], known: Sequence[Cause], threshold: float
+def _instructions_table(history: History) -> Iterator[str]:
+    columns = [s for s in history.series if s.benchmark == BenchmarkName.INSTRUCTIONS]
+    if not columns:
+        return iter(["Not counted."])
+    columns.sort(key=lambda series: series.label)
+    names = [f"`{series.label}`" for series in columns]
+    cells = [_instruction_cells(series, history.versions) for series in columns]
+    rows = zip(history.versions, *cells, strict=True)
+    return _table(["release", *names], rows, right_aligned=names)
+
+
+def _instruction_cells(series: Series, versions: Sequence[str]) -> list[str]:
+    """Return a model's thousands of instructions for each release, changes marked."""
+    cells = []
+    previous = None
+    for version in versions:
+        point = series.points.get(version)
+        if point is None or point.value is None or not point.is_measured:
+            cells.append("–")
+            continue
+        ratio = point.value / previous if previous else 1.0
+        mark = ""
+        if ratio > 1 + COUNT_THRESHOLD:
+            mark = "▲"
+        elif ratio < 1 - COUNT_THRESHOLD:
+            mark = "▼"
+        cells.append(f"{point.value / 1000:.4g}{mark}")
+        previous = point.value
+    return cells
+
+
+def _step_table(
+    history: History,
+    change_points: Sequence[ChangePoint],
+    causes: Sequence[Cause],
+    threshold: float,
 ) -> Iterator[str]:
-    if not steps:
-        yield f"None above {threshold:.0%}."
-        return
-    heads = ("release", "model", "time of a step, paired", "unpaired, by round", "instructions")
-    yield f"| {' | '.join(heads)} | work | {CAUSE} |"
-    yield "|---|---|---:|---:|---:|---|---|"
-    for step in steps:
-        model = step.series.params["model"]
-        work = room.work_changes(history, model, step.old, step.new)
-        counted = room.count_ratio(history, model, step.old, step.new)
-        yield (
-            f"| {step.new} | `{model}` | {_change(step.ratio)} |"
-            f" {', '.join(_change(r) for r in step.rounds)} |"
-            f" {'' if counted is None else _change(counted)} |"
-            f" {'; '.join(work) or 'the same'} | {_cause(step, known)} |"
-        )
+    if not change_points:
+        return iter([f"None above {_percent(threshold)}."])
+    numbers = ["time, paired", "time, unpaired, by round", "instructions"]
+    rows = (_step_row(history, change_point, causes) for change_point in change_points)
+    headings = ["release", "model", *numbers, "work", "cause"]
+    return _table(headings, rows, right_aligned=numbers)
+
+
+def _step_row(
+    history: History, change_point: ChangePoint, causes: Sequence[Cause]
+) -> Sequence[str]:
+    model = change_point.series.params["model"]
+    releases = (change_point.previous, change_point.release)
+    instructions = count_ratio(history, model, *releases)
+    return (
+        change_point.release,
+        f"`{model}`",
+        _change(change_point.ratio),
+        ", ".join(_change(ratio) for ratio in change_point.rounds),
+        "" if instructions is None else _change(instructions),
+        "; ".join(work_changes(history, model, *releases)) or "the same",
+        _cause_text(change_point, causes),
+    )
 
 
 def _other_table(
-    steps: Sequence[ChangePoint], known: Sequence[Cause], threshold: float
+    change_points: Sequence[ChangePoint], causes: Sequence[Cause], threshold: float
 ) -> Iterator[str]:
-    """One row for a release and benchmark: its parameters usually step together."""
-    if not steps:
-        yield f"None above {threshold:.0%}."
-        return
-    yield f"| release | benchmark | with | change | {CAUSE} |"
-    yield "|---|---|---|---:|---|"
+    if not change_points:
+        return iter([f"None above {_percent(threshold)}."])
+    # One row for a release and benchmark: its parameters usually change together.
     groups: dict[tuple[str, str, bool], list[ChangePoint]] = {}
-    for step in steps:
-        groups.setdefault((step.new, step.series.title, step.ratio > 1), []).append(step)
-    for (release, title, _), group in groups.items():
-        ratios = sorted(s.ratio for s in group)
-        change = _change(ratios[0])
-        if len(ratios) > 1:
-            change += f" to {_change(ratios[-1])}"
-        labels = [s.series.label for s in group if s.series.label]
-        with_ = f"{len(labels)} choices" if len(labels) > 4 else "; ".join(labels)
-        told = sorted({_cause(s, known) for s in group})
-        yield f"| {release} | {title} | {with_} | {change} | {'; '.join(told)} |"
+    for point in change_points:
+        key = (point.release, point.series.title, point.ratio > 1)
+        groups.setdefault(key, []).append(point)
+    rows = (_other_row(group, causes) for group in groups.values())
+    headings = ["release", "benchmark", "parameters", "change", "cause"]
+    return _table(headings, rows, right_aligned=["change"])
+
+
+def _other_row(group: Sequence[ChangePoint], causes: Sequence[Cause]) -> Sequence[str]:
+    ratios = sorted(point.ratio for point in group)
+    change = _change(ratios[0])
+    if len(ratios) > 1:
+        change += f" to {_change(ratios[-1])}"
+    return (
+        group[0].release,
+        group[0].series.title,
+        _labels([point.series.label for point in group]),
+        change,
+        "; ".join(sorted({_cause_text(point, causes) for point in group})),
+    )
+
+
+def _cause_text(change_point: ChangePoint, causes: Sequence[Cause]) -> str:
+    texts = [
+        cause.text + (f" (`{cause.commit}`)" if cause.commit else "")
+        for cause in explaining(change_point, causes)
+    ]
+    return "; ".join(texts) or "unknown"
+
+
+def _work_table(history: History) -> Iterator[str]:
+    models = sorted(
+        {s.params["model"] for s in history.series if s.benchmark == BenchmarkName.DRIFT}
+    )
+    rows = []
+    for previous, release in pairwise(history.versions):
+        changes = {m: work_changes(history, m, previous, release) for m in models}
+        texts = [f"`{model}`: {', '.join(texts)}" for model, texts in changes.items() if texts]
+        if texts:
+            rows.append((release, "<br>".join(texts)))
+    return _table(["release", "model: what changed"], rows) if rows else iter(["None."])
+
+
+def _gap_table(history: History) -> Iterator[str]:
+    missing = gaps(history)
+    if not missing:
+        return iter(["None: every benchmark was measured in every release."])
+    # One row for a benchmark, a reason and the same releases.
+    groups: dict[tuple[str, str, tuple[str, ...]], list[Gap]] = {}
+    for gap in missing:
+        groups.setdefault((gap.title, gap.reason, gap.versions), []).append(gap)
+    rows = (
+        (title, _labels([gap.label for gap in group]), reason, _ranges(history, versions))
+        for (title, reason, versions), group in groups.items()
+    )
+    return _table(["benchmark", "parameters", "why", "releases"], rows)
+
+
+def _labels(labels: Sequence[str]) -> str:
+    """Return the labels, or their number; a benchmark without parameters has an empty one."""
+    if len(labels) > _MOST_LABELS:
+        return f"{len(labels)} combinations"
+    return "; ".join(label for label in labels if label)
+
+
+def _ranges(history: History, versions: Sequence[str]) -> str:
+    """Return versions, neighbours joined as `first to last`."""
+    position = {version: i for i, version in enumerate(history.versions)}
+    ranges: list[list[str]] = []
+    for version in versions:
+        if ranges and position[version] == position[ranges[-1][-1]] + 1:
+            ranges[-1].append(version)
+        else:
+            ranges.append([version])
+    return ", ".join(r[0] if len(r) == 1 else f"{r[0]} to {r[-1]}" for r in ranges)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:g} %"
 
 
 def _change(ratio: float) -> str:
+    """Return a ratio as a change in percent, or as a factor where it is at least twofold."""
     return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"
 
 
-def _cause(step: ChangePoint, known: Sequence[Cause]) -> str:
-    where = f"{step.series.benchmark} ({step.series.label})"
-    found = [c for c in known if c.release == step.new and re.search(c.where, where)]
-    if not found:
-        return "none named"
-    return "; ".join(c.text + (f" (`{c.commit}`)" if c.commit else "") for c in found)
-
-
-def _physics(history: History) -> Iterator[str]:
-    models = sorted({s.params["model"] for s in history.series if s.benchmark == room.DRIFT})
-    yield "| release | model: what changed |"
-    yield "|---|---|"
-    nothing = True
-    for old, new in zip(history.versions, history.versions[1:], strict=False):
-        changed = {m: room.work_changes(history, m, old, new) for m in models}
-        told = [f"`{m}`: {', '.join(words)}" for m, words in changed.items() if words]
-        if told:
-            nothing = False
-            yield f"| {new} | {'<br>'.join(told)} |"
-    if nothing:
-        yield "| none | |"
-
-
-def _gaps(history: History) -> Iterator[str]:
-    found = room.gaps(history)
-    if not found:
-        yield "Everything was measured in every release."
-        return
-    merged: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
-    for title, label, versions, kind in found:
-        merged.setdefault((title, kind, tuple(versions)), []).append(label)
-    yield "| benchmark | with | | releases |"
-    yield "|---|---|---|---|"
-    for (title, kind, missing), labels in merged.items():
-        with_ = f"{len(labels)} choices" if len(labels) > 4 else "; ".join(filter(None, labels))
-        yield f"| {title} | {with_} | {kind} | {_range(history, missing)} |"
-
-
-def _range(history: History, versions: Sequence[str]) -> str:
-    """Return versions with runs of neighbours as `first to last`."""
-    order = list(history.versions)
-    runs: list[list[str]] = []
-    for version in versions:
-        if runs and order.index(version) == order.index(runs[-1][-1]) + 1:
-            runs[-1].append(version)
-        else:
-            runs.append([version])
-    return ", ".join(r[0] if len(r) == 1 else f"{r[0]} to {r[-1]}" for r in runs)
+def _table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    right_aligned: Collection[str] = (),
+) -> Iterator[str]:
+    """Yield the lines of a Markdown table."""
+    yield f"| {' | '.join(headings)} |"
+    yield "|" + "|".join("---:" if h in right_aligned else "---" for h in headings) + "|"
+    for row in rows:
+        yield f"| {' | '.join(row)} |"

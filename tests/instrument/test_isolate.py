@@ -116,7 +116,8 @@ def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     dead, alive = (
-        tmp_path / f"{child._SCRATCH}{child._place()}-{pid}-x" for pid in (2**22 + 1, os.getpid())
+        tmp_path / f"{child._SCRATCH}{child._pid_namespace()}-{pid}-x"
+        for pid in (2**22 + 1, os.getpid())
     )
     dead.mkdir()
     alive.mkdir()

@@ -1,3 +1,4 @@
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,7 +30,7 @@ def test_affinity_limits_the_usable_cores(tmp_path: Path, monkeypatch: pytest.Mo
     assert machine.usable_cores(tmp_path) == 3
 
 
-def test_cores_follow_from_a_pair_of_times(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cores_follow_from_a_pair_of_times() -> None:
     calibration = machine.Calibration(2)
     assert calibration.cores(single_s=1.0, together_s=1.0) == 2.0
     assert calibration.cores(single_s=1.0, together_s=2.0) == 1.0
@@ -45,7 +46,29 @@ def test_both_halves_of_the_calibration_do_the_work_they_stand_for() -> None:
 
 
 def test_the_description_says_what_ran_where() -> None:
-    found = machine.describe()
-    assert found["usable_cores"] >= 1
-    assert found["versions"]["numpy"]
-    assert machine.available_memory_bytes() > 0
+    description = machine.describe()
+    assert description.usable_cores >= 1
+    assert description.versions["numpy"]
+    assert 0 < machine.available_memory_bytes() <= description.memory_bytes
+
+
+@pytest.mark.parametrize("has_psutil", [True, False])
+def test_the_control_group_limits_the_available_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_psutil: bool
+) -> None:
+    if not has_psutil:
+        monkeypatch.setitem(sys.modules, "psutil", None)
+    (tmp_path / "memory.max").write_text("1000000\n")
+    (tmp_path / "memory.current").write_text("700000\n")
+    (tmp_path / "memory.stat").write_text("anon 500000\ninactive_file 200000\n")
+    assert machine.available_memory_bytes(tmp_path) == 500_000
+
+
+@pytest.mark.parametrize("limit", ["max\n", None])
+def test_without_psutil_and_a_limit_memory_counts_as_unlimited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str | None
+) -> None:
+    monkeypatch.setitem(sys.modules, "psutil", None)
+    if limit:
+        (tmp_path / "memory.max").write_text(limit)
+    assert machine.available_memory_bytes(tmp_path) == sys.maxsize

@@ -1,0 +1,128 @@
+"""`mjbench releases`: which releases of MuJoCo there are, and installs of them."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from mjbench.cli.group import cli
+from mjbench.cli.shared import JSON, interruptible, output
+from mjbench.errors import InputError, MachineError
+
+HISTORY = click.option(
+    "--history",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Git bundle with one commit per release"
+    "  [default: benchmarks/releases.bundle of the checkout]",
+)
+
+
+@cli.group(invoke_without_command=True)
+@click.pass_context
+def releases(ctx: click.Context) -> None:
+    """List MuJoCo releases, install them side by side, and keep the history that asv walks.
+
+    Without a subcommand, list the releases.
+    """
+    if ctx.invoked_subcommand is None:
+        ctx.invoke(list_releases)
+
+
+@releases.command("list")
+@HISTORY
+@JSON
+def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
+    """List releases: on the package index, in the history, installed here."""
+    from mjbench.instrument.runs import SCHEMA, to_json
+    from mjbench.releases import bundle, catalogue
+    from mjbench.report.releases import releases_table
+    from mjbench.report.tables import console
+
+    with output(json_file) as write_json:
+        known = catalogue.list_releases(history or bundle.default_path())
+        console(stderr=json_file == "-").print(releases_table(known.releases))
+        if known.problem:
+            click.echo(f"The list lacks the package index: {known.problem}", err=True)
+        write_json({"schema": SCHEMA, "releases": to_json(known.releases)})
+
+
+@releases.command("update")
+@HISTORY
+def update_releases(history: Path | None) -> None:
+    """Append to the history the releases on the package index that it lacks."""
+    from mjbench.releases import bundle, package_index
+
+    path = history or bundle.default_path()
+    appended = bundle.update(path, package_index.releases())
+    if appended:
+        click.echo(f"appended {', '.join(r.tag for r in appended)} to {path}")
+    else:
+        click.echo(f"nothing to append: {path} ends with {bundle.read(path)[-1].tag}")
+
+
+@releases.command("verify")
+@HISTORY
+def verify_releases(history: Path | None) -> None:
+    """Build the history again and compare every hash; exit with 1 if one differs."""
+    from mjbench.releases import bundle, package_index
+
+    path = history or bundle.default_path()
+    indexed, index_problem = None, ""
+    try:
+        indexed = package_index.releases()
+    except MachineError as error:
+        index_problem = str(error)
+    problems = bundle.verify(path, indexed)
+    for problem in problems:
+        click.echo(problem)
+    if index_problem:
+        click.echo(f"Upload times were not checked: {index_problem}", err=True)
+    if problems:
+        sys.exit(1)
+    click.echo(f"{path}: {len(bundle.read(path))} releases, every hash is as expected")
+
+
+@releases.command("install")
+@click.argument("names", nargs=-1, required=True, metavar="RELEASE…")
+def install_releases(names: tuple[str, ...]) -> None:
+    """Install releases, each alone, in the cache folder, for `mjbench versions`.
+
+    RELEASE is a version such as 3.5.0, a wheel of mujoco, or a folder with its wheels.
+    """
+    from mjbench.releases import installs
+
+    interruptible()
+    for release in [installs.parse_release(name) for name in names]:
+        click.echo(installs.install(release))
+
+
+@releases.command("installs")
+def list_installs() -> None:
+    """List the installs in the cache folder."""
+    from mjbench.releases import installs
+
+    click.echo(f"In {installs.cache_folder()}:")
+    for name in installs.install_names():
+        click.echo(name)
+
+
+@releases.command("remove")
+@click.argument("names", nargs=-1, metavar="[NAME…]")
+@click.option("--all", "all_installs", is_flag=True, help="Remove every install.")
+def remove_releases(names: tuple[str, ...], all_installs: bool) -> None:
+    """Remove installs from the cache folder.
+
+    NAME is an install's name (`mjbench releases installs`) or a version, which stands for all
+    installs of it.
+    """
+    from mjbench.releases import installs
+
+    if not names and not all_installs:
+        raise InputError("name what to remove (`mjbench releases installs`), or use --all")
+    present = installs.install_names()
+    for name in present if all_installs else names:
+        matches = [p for p in present if p == name or p.startswith((f"{name}-", f"{name}+"))]
+        for match in matches or [name]:
+            installs.remove(match)
+            click.echo(f"removed {match}")

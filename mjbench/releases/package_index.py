@@ -1,0 +1,105 @@
+"""The releases of MuJoCo on the package index that pip installs from."""
+
+import base64
+import http.client
+import json
+import re
+import subprocess
+import sys
+import urllib.parse
+import urllib.request
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import NotRequired, TypedDict
+
+from packaging.version import InvalidVersion, Version
+
+from mjbench.errors import MachineError, one_line
+from mjbench.releases.release import Release, version_key
+
+# The history begins one release before the first supported one, 2.3.7: a search such as
+# `asv find v2.3.6..v4.0.0` takes the first commit of its range as the good one.
+FIRST = (2, 3, 6)
+# How long the index may take to answer.
+_TIMEOUT_S = 30.0
+
+
+class Upload(TypedDict):
+    """A file of a release, as the index's JSON describes it (other keys are ignored)."""
+
+    upload_time_iso_8601: str
+    yanked: NotRequired[bool]
+
+
+def releases() -> list[Release]:
+    """Return the final releases that pip's package index has, in upload order.
+
+    Raises:
+      MachineError: the index cannot be reached, or its answer lacks upload times.
+    """
+    try:
+        with urllib.request.urlopen(_request(_index_url()), timeout=_TIMEOUT_S) as answer:
+            return _final_releases(json.load(answer)["releases"])
+    except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException) as error:
+        reason = re.sub(r"//[^/@\s]*@", "//", one_line(error))  # without credentials
+        raise MachineError(
+            f"cannot read the releases of mujoco from the package index: {reason}"
+        ) from error
+
+
+def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]:
+    """Return the final releases in upload order, from FIRST on, without yanked ones.
+
+    Args:
+      uploads_of: the files of each release, by version.
+    """
+    final = []
+    for version, uploads in uploads_of.items():
+        times = [
+            datetime.fromisoformat(upload["upload_time_iso_8601"])
+            for upload in uploads
+            if not upload.get("yanked")
+        ]
+        if times and _is_final(version) and version_key(version) >= FIRST:
+            final.append(Release(version, min(times).astimezone(UTC).replace(microsecond=0)))
+    return sorted(final, key=lambda r: (r.uploaded, version_key(r.version)))
+
+
+def _is_final(version: str) -> bool:
+    """Return whether a version is neither a pre-release nor a development version."""
+    try:
+        return not Version(version).is_prerelease
+    except InvalidVersion:
+        return False
+
+
+def _request(url: str) -> urllib.request.Request:
+    """Return the request of an address; credentials in the address become a header."""
+    parts = urllib.parse.urlsplit(url)
+    credentials, at_sign, host = parts.netloc.rpartition("@")
+    request = urllib.request.Request(urllib.parse.urlunsplit(parts._replace(netloc=host)))
+    if at_sign:
+        token = base64.b64encode(urllib.parse.unquote(credentials).encode()).decode()
+        request.add_header("Authorization", f"Basic {token}")
+    return request
+
+
+def _index_url() -> str:
+    """Return the address of mujoco's JSON description on the index that pip installs from."""
+    # pip lists its settings in rising precedence: the last index-url is the one it uses.
+    settings = _run_python("-m", "pip", "--disable-pip-version-check", "config", "list")
+    configured = re.findall(r"^[\w:.]*\.index-url='([^']+)'", settings, flags=re.MULTILINE)
+    if configured:
+        root = re.sub(r"/simple/?$", "", configured[-1]).rstrip("/")
+        return f"{root}/pypi/mujoco/json"
+    # Nothing is configured: ask pip for the address of its default index.
+    default = "from pip._internal.models.index import PyPI; print(PyPI.pypi_url)"
+    return f"{_run_python('-c', default).strip()}/mujoco/json"
+
+
+def _run_python(*arguments: str) -> str:
+    """Return what this environment's Python prints."""
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise MachineError(f"cannot run pip in this environment: {one_line(done.stderr)}")
+    return done.stdout

@@ -1,0 +1,36 @@
+"""A release of MuJoCo, and the order of versions.
+
+Only the standard library is imported: benchmarks/stored.py uses this module in every process that
+asv starts inside the environment of an old release. What a user may name as a release is parsed
+in installs.py, by `packaging`.
+"""
+
+import re
+from dataclasses import dataclass
+from datetime import datetime
+
+
+@dataclass(frozen=True)
+class Release:
+    """A release of MuJoCo.
+
+    Attributes:
+      version: such as `3.5.0`.
+      uploaded: when its first file was uploaded, in whole seconds, UTC.
+    """
+
+    version: str
+    uploaded: datetime
+
+    @property
+    def tag(self) -> str:
+        """Return its tag in the history, such as `v3.5.0`."""
+        return f"v{self.version}"
+
+
+def version_key(version: str) -> tuple[int, ...]:
+    """Return the first three numbers of a version, by which versions sort.
+
+    That is (3, 2, 0) for `3.2.0`, `3.2.0rc1` and `3.2.0.post1` alike.
+    """
+    return tuple(int(number) for number in re.findall(r"\d+", version)[:3])

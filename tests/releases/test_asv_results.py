@@ -1,0 +1,47 @@
+import re
+from pathlib import Path
+
+import pytest
+from commands import ROOT
+
+from mjbench.errors import InputError
+from mjbench.releases import asv_results, bundle
+from mjbench.releases.release import version_key
+
+
+def test_rounds_are_the_parts_of_the_samples() -> None:
+    assert asv_results._round_medians([1.0, 2.0, 3.0, 10.0, 20.0, 30.0], 2) == (2.0, 20.0)
+    assert asv_results._round_medians([], 2) == ()
+
+
+def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no results of asv"):
+        asv_results.load(tmp_path, bundle.default_path())
+
+
+def test_one_of_two_machines_must_be_named(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "machine.json").write_text("{}")
+    with pytest.raises(InputError, match="one, two: name one by --machine"):
+        asv_results.load(tmp_path, bundle.default_path())
+
+
+def test_the_committed_results_span_the_releases() -> None:
+    measured = asv_results.load(ROOT / "results/asv", bundle.default_path())
+    assert len(measured.versions) >= 30
+    minors: dict[str, list[str]] = {}
+    for release in bundle.read(bundle.default_path()):
+        if version_key(release.version) >= (2, 3, 7):
+            minors.setdefault(release.version.rpartition(".")[0], []).append(release.version)
+    for versions in minors.values():
+        assert {versions[0], versions[-1]} <= set(measured.versions)
+    for series in measured.series:
+        for version, point in series.points.items():
+            assert len(point.rounds) == 2 or not series.is_timed or not point.is_measured, version
+
+
+def test_the_committed_results_hold_no_paths_and_addresses() -> None:
+    for file in (ROOT / "results/asv").rglob("*.json"):
+        # an absolute path, or an address; a benchmark's code and texts have slashes within
+        assert not re.search(r'://|(?<=["=\s])/\w+/\w', file.read_text()), file

@@ -1,0 +1,45 @@
+import re
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from commands import ROOT
+from histories import timed
+
+from mjbench.errors import InputError
+from mjbench.releases import causes
+from mjbench.releases.causes import Cause
+from mjbench.releases.history import ChangePoint
+
+
+@pytest.mark.parametrize(
+    ("release", "where", "explains"),
+    [
+        ("1.3", r"step.* \(pole\)", True),
+        ("1.3", r"step.* \(cloth\)", False),
+        ("1.2", r"step.* \(pole\)", False),
+    ],
+)
+def test_a_cause_explains_change_points_of_its_release_and_benchmarks(
+    release: str, where: str, explains: bool
+) -> None:
+    change_point = ChangePoint(timed(1.0), "1.2", "1.3", 1.5, ())
+    cause = Cause(release, where, "abc123", "more contacts")
+    assert causes.explaining(change_point, [cause]) == [cause] * explains
+
+
+def test_an_entry_that_lacks_something_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "causes.toml"
+    file.write_text('[[cause]]\nrelease = "3.0.0"\n')
+    with pytest.raises(InputError, match=r"cannot read .*causes\.toml"):
+        causes.load(file)
+
+
+def test_every_cause_is_an_item_of_its_release_in_the_changelog() -> None:
+    changelog = Path(str(metadata.distribution("mujoco").locate_file("mujoco/doc/changelog.rst")))
+    if not changelog.is_file():
+        pytest.skip("this MuJoCo ships no changelog")
+    parts = re.split(r"^Version (\d+\.\d+\.\d+).*$", changelog.read_text(), flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    for cause in causes.load(ROOT / "benchmarks/causes.toml"):
+        assert cause.commit in sections[cause.release], cause
