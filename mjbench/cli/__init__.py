@@ -1,10 +1,39 @@
-"""The commands. No logic lives here: words are parsed, rooms are called, lines are printed.
+"""The commands, one file each: parse the command line, call one function, print what it returns.
 
-Exit codes: 0 fine; 1 a finding (paths disagree); 2 bad usage or input; 3 the environment failed
-(a crash, a time limit, a full disk); 130 interrupted.
+Exit codes: 0 nothing found; 1 a finding (paths disagree); 2 bad usage or input; 3 the environment
+failed (a crash, a time limit, a full disk); 130 interrupted (see `mjbench.status`).
 """
 
-from mjbench.cli import comparing, counting, history, judging, loops, releases
+from mjbench.cli import (  # each adds its command to the group
+    compare,
+    counting,
+    diff,
+    falls,
+    history,
+    judging,
+    lint,
+    models,
+    overhead,
+    paths,
+    profile,
+    releases,
+    show,
+)
 from mjbench.cli.group import cli
 
-__all__ = ["cli", "comparing", "counting", "history", "judging", "loops", "releases"]
+__all__ = [
+    "cli",
+    "compare",
+    "counting",
+    "diff",
+    "falls",
+    "history",
+    "judging",
+    "lint",
+    "models",
+    "overhead",
+    "paths",
+    "profile",
+    "releases",
+    "show",
+]

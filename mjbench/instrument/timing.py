@@ -68,3 +68,54 @@ def rounds(
             seconds[i] = block_s(contenders[i], clock)
         longest = max(longest, clock() - now)
         yield seconds
+
+
+@dataclass(frozen=True)
+class Quad:
+    """Four blocks in the order ABBA or BAAB, in which a linear drift cancels out.
+
+    Attributes:
+      baseline_s: mean of the two blocks of the baseline (A), in seconds.
+      candidate_s: mean of the two blocks of the candidate (B), in seconds.
+    """
+
+    baseline_s: float
+    candidate_s: float
+
+
+# Not seeded: an order that is the same in every process could favour one side in all of them.
+_RANDOM = random.Random()
+
+
+def draw_orders(count: int, rng: random.Random = _RANDOM) -> list[str]:
+    """Return the orders of `count` quads, each `ABBA` or `BAAB` with equal probability."""
+    return [rng.choice(("ABBA", "BAAB")) for _ in range(count)]
+
+
+def quads(
+    baseline: Callable[[], None],
+    candidate: Callable[[], None],
+    count: int,
+    rng: random.Random = _RANDOM,
+    clock: Clock = time.perf_counter,
+) -> list[Quad]:
+    """Time two blocks against each other in this process, in quads of random order.
+
+    Args:
+      baseline: block A.
+      candidate: block B.
+      count: quads to time.
+      rng: draws the order of each quad.
+      clock: returns seconds.
+    """
+    blocks = {"A": baseline, "B": candidate}
+    timed = []
+    for order in draw_orders(count, rng):
+        seconds = dict.fromkeys(blocks, 0.0)
+        for letter in order:
+            block = blocks[letter]
+            start = clock()
+            block()
+            seconds[letter] += clock() - start
+        timed.append(Quad(seconds["A"] / 2, seconds["B"] / 2))
+    return timed

@@ -1,63 +1,108 @@
-"""What a Python loop adds to `mj_step`: each habit as a snippet inside a stepping loop.
+"""The habits of a Python loop around `mj_step` whose cost is measured: one table.
 
-A snippet is real code. It runs after `mj_step` in every turn of the loop, because beside a step
-an operation costs more than alone: its memory is no longer in the cache. Its cost is the loop's
-time less the bare loop's.
+Each habit is real code that runs after `mj_step` in every iteration of a stepping loop. There an
+operation costs more than alone, because the step has evicted its memory from the cache. A habit's
+cost is the time of the loop with it less the time of the bare loop.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
-import numpy as np
 
 from mjbench.simulation import compat
-from mjbench.simulation.workload import reset_to_start
+
+
+def _always(model: mujoco.MjModel, file: str) -> bool:
+    return True
 
 
 @dataclass(frozen=True)
 class Habit:
-    """One habit.
+    """One habit, as snippets of a loop.
+
+    A run of the loop is an episode: it starts from the start state, whatever the habit does.
+    Snippets may use the names of `mjbench.loop.compiled_loop.LoopNames`, and those that `setup`
+    defines.
 
     Attributes:
-      name: what it is called.
-      inside: statement of the loop's body, after the step.
-      before: statements before the loop.
-      cheaper: name of the source that does the same for less; empty where there is none.
-      value: expression of what it computed, evaluated after the last step; by default `inside`.
-      needs: expression that says whether this release and model have what it needs.
-      around: statements right before and after the loop, each time it runs. An episode is one run
-        of the loop; every run begins at the start state, whatever the source does.
-      steps: what steps, where it is not a loop.
+      name: of the habit; committed results are stored under it.
+      body: statement in the loop's body, after the step.
+      setup: statements that run once, before the first run of the loop.
+      cheaper: name of the habit that does the same for less; empty if there is none.
+      value: expression for what the habit computed, evaluated after the last step; `body` if
+        empty.
+      requires: whether this MuJoCo release, the model and the file it was loaded from have what
+        the habit needs.
+      before_run: statements at the beginning of each run of the loop.
+      after_run: statements at the end of each run of the loop.
+      instead_of_loop: statement that does all steps of a run; a loop with `body` if empty.
     """
 
     name: str
-    inside: str
-    before: str = ""
+    body: str
+    setup: str = ""
     cheaper: str = ""
     value: str = ""
-    needs: str = "True"
-    around: tuple[str, str] = ("pass", "pass")
-    steps: str = ""
+    requires: Callable[[mujoco.MjModel, str], bool] = _always
+    before_run: str = ""
+    after_run: str = ""
+    instead_of_loop: str = ""
+
+
+def _has_named_joint(model: mujoco.MjModel, file: str) -> bool:
+    return any(model.joint(i).name for i in range(model.njnt))
+
+
+def _has_actuators(model: mujoco.MjModel, file: str) -> bool:
+    return bool(model.nu)
+
+
+def _has_bind(model: mujoco.MjModel, file: str) -> bool:
+    return hasattr(mujoco.MjData, "bind") and file.endswith(".xml")
+
+
+def _has_clock(model: mujoco.MjModel, file: str) -> bool:
+    return compat.has_clock(model)
 
 
 BARE = Habit("bare loop", "pass", value="None")
+# The two parts of the bare loop: the binding, as a call that steps nothing, and the engine, as one
+# call for all steps. The first is no habit, and not listed as one.
+ZERO_STEPS = Habit("call of zero steps", "mj_step(model, data, 0)", value="None")
+ONE_CALL = Habit(
+    "one call for all steps",
+    "pass",
+    value="data.time",
+    instead_of_loop="mj_step(model, data, nstep)",
+)
+# The engine reads its clock around every stage of a step. Here its clock becomes a C function that
+# returns at once: libc's difftime, whose result nobody uses.
+CLOCK_OFF = Habit(
+    "engine clock off",
+    "pass",
+    "import ctypes\nprototype = ctypes.CFUNCTYPE(ctypes.c_double)\n"
+    "no_clock = ctypes.cast(ctypes.CDLL(None).difftime, prototype)",
+    value="data.time",
+    requires=_has_clock,
+    before_run="mujoco.set_mjcb_time(no_clock)",
+    after_run="mujoco.set_mjcb_time(None)",
+)
+
 _ROW = "row = np.empty(model.nq + model.nv)"
-_BOTH = "qpos, qvel = data.qpos, data.qvel"
-# The model's joints as elements of the spec it is compiled from, to which values can be bound.
+_QPOS_QVEL = "qpos, qvel = data.qpos, data.qvel"
+# The joints as elements of the model's spec, which is what `MjData.bind` takes.
 _BIND = (
     "robot = mujoco.MjSpec.from_file(file)\nmodel = robot.compile()\ndata = mujoco.MjData(model)\n"
     "joints = robot.joints"
 )
-_BINDS = "hasattr(mujoco.MjData, 'bind') and file.endswith('.xml')"
 HABITS = (
     BARE,
     Habit(
         "named access by name",
         "data.joint(joint_name).qpos",
         cheaper="hoisted accessor",
-        needs="joint_name",
+        requires=_has_named_joint,
     ),
     Habit("named access by id", "data.joint(joint_id).qpos", cheaper="hoisted accessor"),
     Habit(
@@ -90,29 +135,29 @@ HABITS = (
         "qpos = data.qpos\nrows = []",
         cheaper="copy into array",
         value="rows[nstep - 1]",
-        around=("rows.clear()", "pass"),
+        before_run="rows.clear()",
     ),
     Habit("allocate zeros", "np.zeros(model_nv)", "model_nv = model.nv", cheaper="zeros in place"),
     Habit("zeros in place", "row.fill(0.0)", "row = np.empty(model.nv)", value="row"),
     Habit(
         "concatenate",
         "np.concatenate((qpos, qvel))",
-        _BOTH,
+        _QPOS_QVEL,
         cheaper="concatenate into array",
     ),
-    Habit("hstack", "np.hstack((qpos, qvel))", _BOTH, cheaper="concatenate into array"),
+    Habit("hstack", "np.hstack((qpos, qvel))", _QPOS_QVEL, cheaper="concatenate into array"),
     Habit(
         "concatenate into array",
         "np.concatenate((qpos, qvel), out=row)",
-        f"{_BOTH}\n{_ROW}",
+        f"{_QPOS_QVEL}\n{_ROW}",
     ),
-    Habit("control element", "data.ctrl[0] = 0.1", value="data.ctrl", needs="model.nu"),
+    Habit("control element", "data.ctrl[0] = 0.1", value="data.ctrl", requires=_has_actuators),
     Habit(
         "control slice",
         "data.ctrl[:1] = control",
         "control = np.array(data.ctrl[:1])",
         value="data.ctrl",
-        needs="model.nu",
+        requires=_has_actuators,
     ),
     Habit(
         "control whole",
@@ -120,7 +165,7 @@ HABITS = (
         "control = np.array(data.ctrl)",
         cheaper="control hoisted",
         value="data.ctrl",
-        needs="model.nu",
+        requires=_has_actuators,
     ),
     Habit(
         "control by assignment",
@@ -128,7 +173,7 @@ HABITS = (
         "control = np.array(data.ctrl)",
         cheaper="control hoisted",
         value="data.ctrl",
-        needs="model.nu",
+        requires=_has_actuators,
     ),
     Habit(
         "control by accessor",
@@ -136,14 +181,14 @@ HABITS = (
         "control = np.array(data.actuator(0).ctrl)",
         cheaper="control hoisted",
         value="data.ctrl",
-        needs="model.nu",
+        requires=_has_actuators,
     ),
     Habit(
         "control hoisted",
         "ctrl[:] = control",
         "ctrl = data.ctrl\ncontrol = np.array(data.ctrl)",
         value="data.ctrl",
-        needs="model.nu",
+        requires=_has_actuators,
     ),
     Habit(
         "state get",
@@ -163,129 +208,34 @@ HABITS = (
         "callback from Python",
         "pass",
         value="None",
-        around=("mujoco.set_mjcb_control(lambda m, d: None)", "mujoco.set_mjcb_control(None)"),
+        before_run="mujoco.set_mjcb_control(lambda m, d: None)",
+        after_run="mujoco.set_mjcb_control(None)",
     ),
-    Habit("bind in the loop", "data.bind(joints).qpos", _BIND, "bind hoisted", needs=_BINDS),
-    Habit("bind hoisted", "bound.qpos", f"{_BIND}\nbound = data.bind(joints)", needs=_BINDS),
+    Habit("bind in the loop", "data.bind(joints).qpos", _BIND, "bind hoisted", requires=_has_bind),
+    Habit("bind hoisted", "bound.qpos", f"{_BIND}\nbound = data.bind(joints)", requires=_has_bind),
     Habit(
         "new MjData per episode",
         "pass",
         cheaper="reset per episode",
         value="data.time",
-        around=("nonlocal data\ndata = mujoco.MjData(model)", "pass"),
+        before_run="data = mujoco.MjData(model)",
     ),
     Habit(
         "reset per episode",
         "pass",
         value="data.time",
-        around=("mujoco.mj_resetData(model, data)", "pass"),
+        before_run="mujoco.mj_resetData(model, data)",
     ),
-    Habit(
-        "engine clock off",
-        "pass",
-        "import ctypes\nprototype = ctypes.CFUNCTYPE(ctypes.c_double)\n"
-        "no_clock = ctypes.cast(ctypes.CDLL(None).difftime, prototype)",
-        value="data.time",
-        needs="has_clock(model)",
-        around=("mujoco.set_mjcb_time(no_clock)", "mujoco.set_mjcb_time(None)"),
-    ),
-    Habit("call of zero steps", "mj_step(model, data, 0)", value="None"),
-    Habit("one call for all steps", "pass", value="data.time", steps="mj_step(model, data, nstep)"),
+    CLOCK_OFF,
+    ZERO_STEPS,
+    ONE_CALL,
 )
-
-_LOOP = """\
-def loop():
-    {first}
-    start(model, data)
-    {steps}
-    {last}
-def value():
-    i = nstep - 1
-    return {value}
-"""
-
-
-@dataclass(frozen=True)
-class Loop:
-    """A loop with a source inside, compiled.
-
-    Attributes:
-      run: resets, then steps nstep times.
-      value: what the source computed in the last step.
-    """
-
-    run: Callable[[], None]
-    value: Callable[[], Any]
 
 
 def find(name: str) -> Habit:
-    """Return the source called `name`; KeyError if there is none."""
-    return {source.name: source for source in HABITS}[name]
+    """Return the habit called `name`.
 
-
-def available(source: Habit, model: Any, file: str = "") -> bool:
-    """Return whether this release, model, and the file it is from have what a source needs."""
-    names = {"mujoco": mujoco, "model": model, "file": file, "has_clock": compat.has_clock}
-    return bool(eval(source.needs, names | {"joint_name": _joint(model)[1]}))
-
-
-def _joint(model: Any) -> tuple[int, str]:
-    """Return number and name of the first joint that has a name; of the first one if none has."""
-    names = [model.joint(i).name for i in range(model.njnt)]
-    number = next((i for i, name in enumerate(names) if name), 0)
-    return number, names[number]
-
-
-def code(source: Habit) -> str:
-    """Return the source as a script that starts from `model`, `data`, `nstep` and the like."""
-    first, last = (
-        [line for line in part.splitlines() if line != "pass" and not line.startswith("nonlocal")]
-        for part in source.around
-    )
-    return "\n".join([*source.before.splitlines(), *first, *_steps(source), *last])
-
-
-def _steps(source: Habit) -> list[str]:
-    if source.steps:
-        return [source.steps]
-    return ["for i in range(nstep):", "    mj_step(model, data)", f"    {source.inside}"]
-
-
-def loop(source: Habit, model: Any, nstep: int, file: str = "") -> Loop:
-    """Compile the loop with a source inside.
-
-    Every name the snippet uses is local to it, as in a function that a careful user writes.
-
-    Args:
-      source: what is inside.
-      model: the MjModel.
-      nstep: steps of the loop.
-      file: that the model is from, for sources that need its spec.
+    Raises:
+      KeyError: there is none.
     """
-    text = _LOOP.format(
-        first=source.around[0].replace("\n", "\n    "),
-        steps="\n    ".join(_steps(source)),
-        last=source.around[1],
-        value=source.value or source.inside,
-    )
-    body = "\n".join(
-        [
-            "def make(mujoco, np, model, data, nstep, spec, joint_id, joint_name, mj_step, start,",
-            "         file):",
-            *(f"    {line}" for line in source.before.splitlines()),
-            *(f"    {line}" for line in text.splitlines()),
-            "    return loop, value, locals()",
-        ]
-    )
-    found: dict[str, Any] = {}
-    exec(compile(body, f"<{source.name}>", "exec"), found)
-    data = mujoco.MjData(model)
-    reset_to_start(model, data)
-    spec = compat.state_spec("INTEGRATION")
-    joint_id, joint_name = _joint(model)
-    step, start = mujoco.mj_step, reset_to_start
-    run, value, names = found["make"](
-        mujoco, np, model, data, nstep, spec, joint_id, joint_name, step, start, file
-    )
-    run.names = names  # lives as long as the loop, as a script's names do: views need their spec
-    return Loop(run, value)
+    return {habit.name: habit for habit in HABITS}[name]

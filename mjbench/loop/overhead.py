@@ -1,46 +1,46 @@
 """What each habit of a Python loop costs for one model: `mjbench overhead`.
 
-Each launch is a process of its own that times every source (habits.py) in quads with the bare
-loop. The launch gives one number for a source, the median over quads of the difference per step;
-the interval is Student's t over launches, which differ by memory layout.
+Each launch is a process of its own, which times every habit (habits.py) against the bare loop in
+quads. A launch gives one number per habit: the median over quads of the difference per step. The
+interval is Student's t over launches, which differ by their memory layout.
 """
 
+import gc
+import math
 import random
 import statistics
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-from mjbench.errors import InputError, MachineError
-from mjbench.instrument import isolate
+from mjbench.errors import Failure
+from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
+from mjbench.loop import habits
+from mjbench.loop.compiled_loop import compile_loop, script
+from mjbench.loop.habits import BARE, CLOCK_OFF, ONE_CALL, ZERO_STEPS, Habit
+from mjbench.simulation import compat, models, work
 from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
 
-# A block of the bare loop, in seconds; quads of each source in a launch; launches.
+# A block of the bare loop, in seconds; quads of each habit in a launch; launches.
 BLOCK_S, QUADS, LAUNCHES = 0.001, 12, 6
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
-_NSTEP = "steps of a run"
-# The parts of the bare loop: a call that steps nothing, which is no habit, and one call for all.
-BINDING, ENGINE = "call of zero steps", "one call for all steps"
-CLOCK = "engine clock off"
 
 
 @dataclass(frozen=True)
-class Cost:
-    """What a source adds to a step.
+class HabitCost:
+    """What a habit adds to a step.
 
     Attributes:
-      source: its name.
-      ns: added to each step.
-      low: lower end of the interval.
-      high: upper end of the interval.
-      share: of this model's bare step.
-      cheaper: the source that does the same for less; empty where there is none.
-      saved_ns: by writing it the cheaper way; None where there is none.
-      code: the loop with it inside.
+      source: name of the habit.
+      ns: added to each step; mean over launches.
+      low: lower end of its interval, in ns.
+      high: upper end of its interval, in ns.
+      share: `ns` as a share of this model's step in the bare loop.
+      cheaper: name of the habit that does the same for less; empty if there is none.
+      saved_ns: saved in each step by the cheaper habit; None if there is none.
+      code: the loop with the habit in it, as a script.
     """
 
     source: str
@@ -54,16 +54,16 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Table:
+class OverheadTable:
     """What the habits cost for one model.
 
     Attributes:
       model: its name.
-      bare_ns: one step of the bare loop.
-      engine_ns: one step in a call for many steps.
-      binding_ns: a call that steps nothing, made beside a step.
-      nstep: steps of a run of the loop, which is an episode; the median over launches.
-      costs: by source, the dearest first.
+      bare_ns: a step of the bare loop; median over launches.
+      engine_ns: a step in one call for many steps.
+      binding_ns: a call that steps nothing, made after a step.
+      nstep: steps of a run of the loop, which is an episode; median over launches.
+      costs: of the habits, the most expensive first.
     """
 
     model: str
@@ -71,96 +71,169 @@ class Table:
     engine_ns: float
     binding_ns: float
     nstep: int
-    costs: Sequence[Cost]
+    costs: Sequence[HabitCost]
 
 
-def measure(source: ModelSource, limit_s: float = 60.0, launches: int = LAUNCHES) -> Table:
-    """Measure all sources on a model.
+@dataclass(frozen=True)
+class OverheadRow:
+    """What `mjbench overhead --json` holds for one model.
+
+    The other attributes are those of `OverheadTable`, and None where the measurement failed.
+
+    Attributes:
+      model: its name.
+      status: `ok`, `input` or `failed`.
+      detail: why it failed, in one line; empty when ok.
+    """
+
+    model: str
+    status: Status = Status.OK
+    detail: str = ""
+    bare_ns: float | None = None
+    engine_ns: float | None = None
+    binding_ns: float | None = None
+    nstep: int | None = None
+    costs: Sequence[HabitCost] | None = None
+
+    @classmethod
+    def measured(cls, table: OverheadTable) -> "OverheadRow":
+        """Return the row of a model whose habits were measured."""
+        return cls(**vars(table))
+
+    @classmethod
+    def failed(cls, model: str, failure: Failure) -> "OverheadRow":
+        """Return the row of a model whose measurement failed."""
+        return cls(model, failure.status, failure.detail)
+
+
+@dataclass(frozen=True)
+class HabitTime:
+    """From a launch: what a habit added to each step, in ns; the median over its quads."""
+
+    name: str
+    added_ns: float
+
+
+@dataclass(frozen=True)
+class BareTime:
+    """From a launch, last: steps of a run, and a step of the bare loop; the median over quads."""
+
+    nstep: int
+    step_ns: float
+
+
+@dataclass(frozen=True)
+class _Launch:
+    """The messages of one launch.
+
+    Attributes:
+      bare: of the bare loop.
+      added_ns: by the habit's name.
+    """
+
+    bare: BareTime
+    added_ns: Mapping[str, float]
+
+
+def measure(source: ModelSource, limit_s: float = 60.0, launches: int = LAUNCHES) -> OverheadTable:
+    """Return what every habit costs on a model.
+
+    Args:
+      source: of the model.
+      limit_s: a launch is killed after this long without a message.
+      launches: processes that measure, one after the other.
 
     Raises:
       InputError: the model cannot be loaded.
       MachineError: a launch crashed or hung.
     """
-    from mjbench.loop import habits
-
-    values: dict[str, list[float]] = {}
-    request = {"name": source.name, "path": str(source.path)}
-    for _ in range(launches):
-        found: dict[str, float] = {}
-        ended = isolate.run("mjbench.loop.overhead:launch", request, found.update, limit_s)
-        if ended.status != "ok":
-            raise (InputError if ended.status == "input" else MachineError)(ended.detail)
-        for name, value in found.items():
-            values.setdefault(name, []).append(value)
-    bare = statistics.median(values.pop(habits.BARE.name))
-    nstep = int(statistics.median(values.pop(_NSTEP)))
-    known = {one.name: one for one in habits.HABITS}
-    means = {name: statistics.mean(taken) for name, taken in values.items()}
-    costs = [_cost(known[name], taken, bare, means) for name, taken in values.items()]
-    costs = sorted((c for c in costs if c.source != BINDING), key=lambda c: -c.ns)
-    return Table(source.name, bare, bare + means[ENGINE], means[BINDING], nstep, costs)
-
-
-def launch(request: Mapping[str, Any], channel: Channel) -> None:
-    """Time every source against the bare loop; runs in the child."""
-    import gc
-
-    from mjbench.loop import habits
-    from mjbench.simulation import compat, models, work
-
-    model = models.load(ModelSource(request["name"], Path(request["path"])))
-    nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
-    bare = habits.loop(habits.BARE, model, nstep).run
-    runs = {
-        one.name: habits.loop(one, model, nstep, request["path"]).run
-        for one in habits.HABITS
-        if one is not habits.BARE and habits.available(one, model, request["path"])
+    measured = [_launch_in_child(source, limit_s) for _ in range(launches)]
+    bare_ns = statistics.median(launch.bare.step_ns for launch in measured)
+    added_ns = {
+        name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
     }
-    # the clock last: some releases do not get theirs back (compat.has_clock)
-    names = sorted(random.sample(sorted(runs), len(runs)), key=lambda name: name == CLOCK)
-    bares = []
+    mean_ns = {name: statistics.mean(values) for name, values in added_ns.items()}
+    costs = [
+        _cost(habits.find(name), values, bare_ns, mean_ns)
+        for name, values in added_ns.items()
+        if name != ZERO_STEPS.name
+    ]
+    return OverheadTable(
+        model=source.name,
+        bare_ns=bare_ns,
+        engine_ns=bare_ns + mean_ns[ONE_CALL.name],
+        binding_ns=mean_ns[ZERO_STEPS.name],
+        nstep=int(statistics.median(launch.bare.nstep for launch in measured)),
+        costs=sorted(costs, key=lambda cost: -cost.ns),
+    )
+
+
+def _launch_in_child(source: ModelSource, limit_s: float) -> _Launch:
+    messages: list[HabitTime | BareTime] = []
+    isolate.run("mjbench.loop.overhead:launch", source, messages.append, limit_s).check()
+    (bare,) = (message for message in messages if isinstance(message, BareTime))
+    times = (message for message in messages if isinstance(message, HabitTime))
+    return _Launch(bare, {time.name: time.added_ns for time in times})
+
+
+def launch(source: ModelSource, channel: Channel) -> None:
+    """Time every habit against the bare loop; runs in the child."""
+    model, file = models.load(source), str(source.path)
+    nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
+    run_bare = compile_loop(BARE, model, nstep).run
+    runs = {
+        habit.name: compile_loop(habit, model, nstep, file).run
+        for habit in habits.HABITS
+        if habit is not BARE and habit.requires(model, file)
+    }
+    # In random order, but the clock last: some releases do not get theirs back.
+    names = random.sample(sorted(runs), len(runs))
+    names.sort(key=lambda name: name == CLOCK_OFF.name)
+    bare_ns: list[float] = []
     gc.disable()
     for name in names:
-        channel.where(f"timing {name}")
-        differences = []
-        for run in (bare, runs[name]):
-            run()
-        for _ in range(QUADS):
-            order = random.choice(("ABBA", "BAAB"))
-            seconds = {"A": 0.0, "B": 0.0}
-            for letter in order:
-                run = bare if letter == "A" else runs[name]
-                begin = time.perf_counter()
-                run()
-                seconds[letter] += time.perf_counter() - begin
-            bares.append(5e8 * seconds["A"] / nstep)
-            differences.append(5e8 * (seconds["B"] - seconds["A"]) / nstep)
-        difference = statistics.median(differences)
-        if name == CLOCK and not compat.has_clock(model):
-            # the bare loop beside it had none either: those before had
-            difference += statistics.median(bares[-QUADS:]) - statistics.median(bares[:-QUADS])
-            del bares[-QUADS:]
-        channel.send(**{name: difference})
-    channel.send(**{habits.BARE.name: statistics.median(bares), _NSTEP: nstep})
+        channel.doing(f"timing {name}")
+        for warm_up in (run_bare, runs[name]):
+            warm_up()
+        quads = timing.quads(run_bare, runs[name], QUADS)
+        own_bare_ns = [1e9 * quad.baseline_s / nstep for quad in quads]
+        added_ns = statistics.median(
+            1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
+        )
+        if name == CLOCK_OFF.name and not compat.has_clock(model):
+            # This release did not get its clock back, so the bare loop ran without one too:
+            # compare with the bare loops of before.
+            added_ns += statistics.median(own_bare_ns) - statistics.median(bare_ns)
+        else:
+            bare_ns += own_bare_ns
+        channel.send(HabitTime(name, added_ns))
+    channel.send(BareTime(nstep, statistics.median(bare_ns)))
 
 
-def _cost(source: Any, taken: Sequence[float], bare: float, means: Mapping[str, float]) -> Cost:
-    from scipy import stats
-
-    from mjbench.loop import habits
-
-    mean, half = statistics.mean(taken), float("inf")
-    if len(taken) > 1:
-        error = statistics.stdev(taken) / len(taken) ** 0.5
-        half = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(taken) - 1)) * error
-    saved = mean - means[source.cheaper] if source.cheaper in means else None
-    return Cost(
-        source.name,
-        mean,
-        mean - half,
-        mean + half,
-        mean / bare,
-        source.cheaper,
-        saved,
-        habits.code(source),
+def _cost(
+    habit: Habit, added_ns: Sequence[float], bare_ns: float, mean_ns: Mapping[str, float]
+) -> HabitCost:
+    """Return a habit's cost from what it added in each launch; `mean_ns` has those of all."""
+    mean, half_width = statistics.mean(added_ns), _half_width(added_ns)
+    saved_ns = mean - mean_ns[habit.cheaper] if habit.cheaper in mean_ns else None
+    return HabitCost(
+        source=habit.name,
+        ns=mean,
+        low=mean - half_width,
+        high=mean + half_width,
+        share=mean / bare_ns,
+        cheaper=habit.cheaper,
+        saved_ns=saved_ns,
+        code=script(habit),
     )
+
+
+def _half_width(values: Sequence[float]) -> float:
+    """Return half the width of Student's t interval of the mean; infinite with one value."""
+    from scipy import stats  # late: the children import this module, too
+
+    if len(values) < 2:
+        return math.inf
+    standard_error = statistics.stdev(values) / math.sqrt(len(values))
+    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(values) - 1))
+    return quantile * standard_error

@@ -1,15 +1,15 @@
-"""How likely the cart-pole falls, from each initial angle: one question, asked by every path.
+"""How likely the cart-pole falls from each initial angle, computed by every path: `mjbench falls`.
 
-The pole starts at an angle with random small offsets and velocities and is left alone. It has
-fallen when the hinge passes 0.5 rad within a second. Every path must count the same falls; only
-then are their times compared.
+The pole starts at an angle, with small random offsets and velocities, and moves without control.
+It has fallen when the hinge passes 0.5 rad within a second. Every path must count the same falls;
+only then are their times compared.
 """
 
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from statistics import NormalDist
 
 import mujoco
 import numpy as np
@@ -20,131 +20,213 @@ from mjbench.simulation import compat, models
 FALLEN_RAD, WITHIN_S = 0.5, 1.0
 # Standard deviations of the random starts: positions in m and rad, velocities per second.
 POSITION_SD, VELOCITY_SD = 0.02, 0.2
-ANGLES = tuple(round(0.05 * i, 2) for i in range(9))
+ANGLES_RAD = tuple(round(0.05 * i, 2) for i in range(9))
+CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Way:
-    """A way of asking, and how long it took.
+class AngleFalls:
+    """The falls from one initial angle.
 
     Attributes:
-      name: what it is called.
-      counts: falls at each angle.
-      seconds: of stepping, everything made beforehand.
-      threads: that it used.
+      angle: of the pole at the start, in rad.
+      falls: simulations in which it fell.
+      probability: share of the simulations in which it fell.
+      low: lower end of the probability's interval.
+      high: upper end of the probability's interval.
     """
 
-    name: str
-    counts: tuple[int, ...]
-    seconds: float
-    threads: int
+    angle: float
+    falls: int
+    probability: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True)
-class Result:
+class PathFalls:
+    """The falls that one path counted, and the time it took.
+
+    Attributes:
+      path: its name, with its threads.
+      threads: that it used.
+      seconds: of stepping, with everything prepared.
+      speedup: over the Python loop.
+      counts: falls at each angle.
+    """
+
+    path: str
+    threads: int
+    seconds: float
+    speedup: float
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class FallExperiment:
     """Falls of the cart-pole.
 
     Attributes:
-      angles: initial angles, rad.
       samples: starts for each angle.
-      ways: the loop first.
+      angles: the falls from each initial angle.
+      paths: what each path counted; the Python loop first.
     """
 
-    angles: tuple[float, ...]
     samples: int
-    ways: tuple[Way, ...]
-
-    def intervals(self, confidence: float = 0.95) -> list[tuple[float, float, float]]:
-        """Return (probability, low, high) at each angle."""
-        return [wilson(count, self.samples, confidence) for count in self.ways[0].counts]
+    angles: tuple[AngleFalls, ...]
+    paths: tuple[PathFalls, ...]
 
 
-def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float, float]:
+@dataclass(frozen=True)
+class Proportion:
+    """A proportion with its interval."""
+
+    share: float
+    low: float
+    high: float
+
+
+def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
     """Return a proportion with its score interval (Wilson, JASA 22, 1927).
 
     Raises:
-      ValueError: counts that cannot be.
+      ValueError: no trials, or successes outside 0 to trials.
     """
-    from statistics import NormalDist
-
     if not 0 <= successes <= trials or trials < 1:
-        raise ValueError(f"{successes} of {trials}")
+        raise ValueError(f"not a proportion: {successes} of {trials}")
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     share, growth = successes / trials, 1 + z * z / trials
     centre = (share + z * z / (2 * trials)) / growth
     half = z / growth * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
-    return share, max(0.0, centre - half), min(1.0, centre + half)
+    return Proportion(share, max(0.0, centre - half), min(1.0, centre + half))
 
 
-def starts(model: Any, angles: Sequence[float], samples: int, seed: int) -> np.ndarray:
-    """Return (len(angles) * samples, nstate) rows of mjSTATE_INTEGRATION, angle by angle."""
-    spec = compat.state_spec("INTEGRATION")
-    rng = np.random.default_rng(seed)
-    data, hinge = mujoco.MjData(model), model.joint("hinge").qposadr[0]
-    rows = np.empty((len(angles) * samples, compat.state_size(model, spec)))
-    for i, row in enumerate(rows):
-        mujoco.mj_resetData(model, data)
-        data.qpos[:] += POSITION_SD * rng.standard_normal(model.nq)
-        data.qvel[:] += VELOCITY_SD * rng.standard_normal(model.nv)
-        data.qpos[hinge] += angles[i // samples]
-        compat.get_state(model, data, row, spec)
-    return rows
-
-
-def ask(
-    angles: Sequence[float] = ANGLES,
+def measure(
+    angles_rad: Sequence[float] = ANGLES_RAD,
     samples: int = 1000,
     threads: Sequence[int] = (1, 4, 16),
     seed: int = 0,
     clock: Callable[[], float] = time.perf_counter,
-) -> Result:
-    """Count the falls by every way there is here.
+) -> FallExperiment:
+    """Count the falls by every path that this MuJoCo has, and time it.
+
+    Args:
+      angles_rad: initial angles.
+      samples: starts for each angle.
+      threads: numbers of threads for the paths that have any.
+      seed: of the random starts.
+      clock: returns seconds.
 
     Raises:
       InputError: no angle, or no sample.
-      MachineError: two ways count differently.
+      MachineError: two paths count differently.
     """
-    if not angles or samples < 1:
+    if not angles_rad or samples < 1:
         raise InputError("give at least one angle and one sample")
     model = models.load(models.resolve("cartpole"))
-    initial = starts(model, angles, samples, seed)
-    nstep = round(WITHIN_S / model.opt.timestep)
-    ways = []
-    for name, count, run in _ways(model, initial, nstep, threads):
-        run()  # threads are started, memory is touched
+    simulations = _Simulations(
+        model,
+        _starts(model, angles_rad, samples, seed),
+        nstep=round(WITHIN_S / model.opt.timestep),
+        hinge=int(model.joint("hinge").qposadr[0]),
+    )
+    paths: list[PathFalls] = []
+    for counter in _counters(simulations, threads):
+        counter.has_fallen()  # starts threads, touches all memory
         begin = clock()
-        fallen = run()
+        fallen = counter.has_fallen()
         seconds = clock() - begin
-        counts = tuple(int(n) for n in fallen.reshape(len(angles), samples).sum(axis=1))
-        ways.append(Way(name, counts, seconds, count))
-        if counts != ways[0].counts:
-            raise MachineError(f"{name} counts {counts}, the loop {ways[0].counts}")
-    return Result(tuple(angles), samples, tuple(ways))
+        counts = tuple(int(n) for n in fallen.reshape(len(angles_rad), samples).sum(axis=1))
+        loop = paths[0] if paths else None
+        if loop and counts != loop.counts:
+            raise MachineError(
+                f"{counter.path} counts {counts} falls, the Python loop {loop.counts}"
+            )
+        speedup = loop.seconds / seconds if loop else 1.0
+        paths.append(PathFalls(counter.path, counter.threads, seconds, speedup, counts))
+    return FallExperiment(
+        samples,
+        tuple(
+            _angle_falls(angle, count, samples)
+            for angle, count in zip(angles_rad, paths[0].counts, strict=True)
+        ),
+        tuple(paths),
+    )
 
 
-def _ways(
-    model: Any, initial: np.ndarray, nstep: int, threads: Sequence[int]
-) -> list[tuple[str, int, Callable[[], np.ndarray]]]:
-    """Return (name, threads, a function that tells which simulations fell) of each way."""
-    hinge = int(model.joint("hinge").qposadr[0])
-    found = [("python_loop", 1, _loop(model, initial, nstep, hinge))]
+def _angle_falls(angle_rad: float, falls: int, samples: int) -> AngleFalls:
+    probability = wilson(falls, samples)
+    return AngleFalls(angle_rad, falls, probability.share, probability.low, probability.high)
+
+
+def _starts(
+    model: mujoco.MjModel, angles_rad: Sequence[float], samples: int, seed: int
+) -> np.ndarray:
+    """Return (len(angles_rad) * samples, nstate) rows of mjSTATE_INTEGRATION, angle by angle."""
+    spec = compat.state_spec("INTEGRATION")
+    rng = np.random.default_rng(seed)
+    data, hinge = mujoco.MjData(model), model.joint("hinge").qposadr[0]
+    rows = np.empty((len(angles_rad) * samples, compat.state_size(model, spec)))
+    for i, row in enumerate(rows):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] += POSITION_SD * rng.standard_normal(model.nq)
+        data.qvel[:] += VELOCITY_SD * rng.standard_normal(model.nv)
+        data.qpos[hinge] += angles_rad[i // samples]
+        compat.get_state(model, data, row, spec)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Simulations:
+    """What every path steps.
+
+    Attributes:
+      model: the cart-pole.
+      initial: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
+      nstep: steps of each.
+      hinge: index in qpos of the pole's angle.
+    """
+
+    model: mujoco.MjModel
+    initial: np.ndarray
+    nstep: int
+    hinge: int
+
+
+@dataclass(frozen=True)
+class _Counter:
+    """One path.
+
+    Attributes:
+      path: its name, with its threads.
+      threads: that it uses.
+      has_fallen: steps all simulations; returns (nbatch,) whether the pole fell in each.
+    """
+
+    path: str
+    threads: int
+    has_fallen: Callable[[], np.ndarray]
+
+
+def _counters(simulations: _Simulations, threads: Sequence[int]) -> list[_Counter]:
+    """Return every path that this MuJoCo has; the Python loop first."""
+    counters = [_Counter("python_loop", 1, _loop(simulations))]
     if compat.rollout_unavailable() is None:
-        counts = threads if compat.rollout_threads() else [1]
-        found += [
-            (f"rollout, {n} threads", n, _rollout(model, initial, nstep, hinge, n)) for n in counts
+        counters += [
+            _Counter(f"rollout, {n} threads", n, _rollout(simulations, n))
+            for n in (threads if compat.rollout_threads() else [1])
         ]
     if compat.batch_unavailable() is None:
-        found += [
-            (f"Batch, {n} threads", n, _batch(model, initial, nstep, hinge, n)) for n in threads
-        ]
-    return found
+        counters += [_Counter(f"Batch, {n} threads", n, _batch(simulations, n)) for n in threads]
+    return counters
 
 
-def _loop(model: Any, initial: np.ndarray, nstep: int, hinge: int) -> Callable[[], np.ndarray]:
+def _loop(simulations: _Simulations) -> Callable[[], np.ndarray]:
+    model, initial, nstep = simulations.model, simulations.initial, simulations.nstep
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
-    qpos, mj_step = data.qpos, mujoco.mj_step
+    qpos, hinge, mj_step = data.qpos, simulations.hinge, mujoco.mj_step
 
-    def run() -> np.ndarray:
+    def has_fallen() -> np.ndarray:
         fallen = np.zeros(len(initial), dtype=bool)
         for i, row in enumerate(initial):
             mujoco.mj_resetData(model, data)
@@ -154,65 +236,43 @@ def _loop(model: Any, initial: np.ndarray, nstep: int, hinge: int) -> Callable[[
                 fallen[i] |= abs(qpos[hinge]) > FALLEN_RAD
         return fallen
 
-    return run
+    return has_fallen
 
 
-def _rollout(
-    model: Any, initial: np.ndarray, nstep: int, hinge: int, threads: int
-) -> Callable[[], np.ndarray]:
+def _rollout(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray]:
     from mujoco import rollout
 
-    whole = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    model, nstep = simulations.model, simulations.nstep
+    integration = compat.state_columns(model, compat.state_spec("INTEGRATION"))
     physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
-    kept = np.concatenate([np.arange(whole[f].start, whole[f].stop) for f in physics])
-    start, column = np.ascontiguousarray(initial[:, kept]), physics["qpos"].start + hinge
+    columns = np.concatenate(
+        [np.arange(integration[f].start, integration[f].stop) for f in physics]
+    )
+    start = np.ascontiguousarray(simulations.initial[:, columns])
+    hinge_column = physics["qpos"].start + simulations.hinge
     datas = [mujoco.MjData(model) for _ in range(threads)]
     if compat.rollout_threads():
         call = rollout.Rollout(nthread=threads if threads > 1 else 0).rollout
     else:
         call, datas = rollout.rollout, datas[0]
-    return lambda: _passed(call(model, datas, start, nstep=nstep)[0][:, :, column])
+    return lambda: _passed_limit(call(model, datas, start, nstep=nstep)[0][:, :, hinge_column])
 
 
-def _batch(
-    model: Any, initial: np.ndarray, nstep: int, hinge: int, threads: int
-) -> Callable[[], np.ndarray]:
+def _batch(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray]:
     from mujoco import batch
 
-    made = batch.Batch(model, len(initial), threads)
-    out = {"qpos": np.empty((len(initial), nstep, model.nq))}
+    model, initial = simulations.model, simulations.initial
+    stepper = batch.Batch(model, len(initial), threads)
+    out = {"qpos": np.empty((len(initial), simulations.nstep, model.nq))}
 
-    def run() -> np.ndarray:
-        made.state[:] = initial
-        made.rollout(nstep, None, record=("qpos",), out=out)
-        return _passed(out["qpos"][:, :, hinge])
+    def has_fallen() -> np.ndarray:
+        stepper.state[:] = initial
+        stepper.rollout(simulations.nstep, None, record=("qpos",), out=out)
+        return _passed_limit(out["qpos"][:, :, simulations.hinge])
 
-    return run
-
-
-def _passed(angles: np.ndarray) -> np.ndarray:
-    """Return which simulations, of (nbatch, nstep) angles, passed the limit at any step."""
-    return np.asarray((np.abs(angles) > FALLEN_RAD).any(axis=1))
+    return has_fallen
 
 
-def as_result(found: Result) -> dict[str, Any]:
-    """Return what `mjbench falls --json` gives."""
-    return {
-        "samples": found.samples,
-        "angles": [
-            {"angle": angle, "falls": count, "probability": share, "low": low, "high": high}
-            for angle, count, (share, low, high) in zip(
-                found.angles, found.ways[0].counts, found.intervals(), strict=True
-            )
-        ],
-        "ways": [
-            {
-                "path": way.name,
-                "threads": way.threads,
-                "seconds": way.seconds,
-                "speedup": found.ways[0].seconds / way.seconds,
-                "counts": list(way.counts),
-            }
-            for way in found.ways
-        ],
-    }
+def _passed_limit(angles_rad: np.ndarray) -> np.ndarray:
+    """Return (nbatch,) whether (nbatch, nstep) angles passed the limit at any step."""
+    return np.asarray((np.abs(angles_rad) > FALLEN_RAD).any(axis=1))

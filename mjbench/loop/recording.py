@@ -1,21 +1,21 @@
 """Record fields of a simulation: `record(model, data, nstep, ["qpos", "site:pole_tip.xpos"])`.
 
-The commonest silent bug of a logging loop is to keep `data.qpos`, which is a view: after the loop
-every row shows the last state. Here every row is a copy, written into an array made beforehand.
+The most common silent bug of a logging loop is to store `data.qpos`, which is a view: after the
+loop every row shows the last state. Here every row is a copy, written into an array that was
+allocated before the loop.
 """
 
-import difflib
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
-from mjbench.errors import InputError
+from mjbench.errors import InputError, suggestion
 
-# Kinds of named things, and the attribute that is meant where none is named.
+# Kinds of named elements, and the attribute that a field without one means; None: it needs one.
 _KINDS = {
     "actuator": None,
     "body": None,
@@ -27,21 +27,26 @@ _KINDS = {
     "site": "xpos",
     "tendon": None,
 }
-# Fields whose size is that of the step: contacts, and one row a constraint.
+# MjModel's number of elements where it is not `n` and the kind.
+_COUNTS = {"actuator": "nu", "camera": "ncam", "joint": "njnt"}
+# Fields with as many rows as the step has contacts, or scalar constraints.
 _CONTACT, _CONSTRAINT = "contact", "efc_"
-# Fields that lie in the arena besides (MJDATA_ARENA_POINTERS of mjxmacro.h): not recorded.
+# Other fields in the arena (MJDATA_ARENA_POINTERS of mjxmacro.h): not recorded.
 _ARENA = re.compile(r"(iefc_|island_|dof_island|map_|i(M|LD|Dinv|acc)|bvh_active|efm_|tree_island)")
 
-Policy = Callable[[Any, Any], Any]
+Policy = Callable[[mujoco.MjModel, mujoco.MjData], ArrayLike | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Ragged:
-    """A field that has another number of rows in each step.
+    """A field that has another number of rows in each step, such as `contact.dist`.
+
+    It is a sequence of one array a step: `len()` is the number of steps, `[step]` and iteration
+    give the rows of a step, (count, …).
 
     Attributes:
       values: (sum of counts, …) the rows of all steps, one after the other.
-      counts: (nstep,) rows of each step.
+      counts: (nstep,) number of rows of each step.
     """
 
     values: np.ndarray
@@ -52,8 +57,8 @@ class Ragged:
         return len(self.counts)
 
     def __getitem__(self, step: int) -> np.ndarray:
-        """Return the rows of one step, (count, …)."""
-        step = range(len(self.counts))[step]
+        """Return the rows of one step, (count, …); -1 is the last step."""
+        step = range(len(self.counts))[step]  # IndexError beyond the last
         begin = int(self.counts[:step].sum())
         return self.values[begin : begin + int(self.counts[step])]
 
@@ -63,23 +68,25 @@ class Ragged:
 
 
 def record(
-    model: Any,
-    data: Any,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
     nstep: int,
     fields: Sequence[str],
-    controls: Any = None,
+    controls: ArrayLike | None = None,
     policy: Policy | None = None,
-) -> dict[str, Any]:
+) -> dict[str, np.ndarray | Ragged]:
     """Step nstep times; return the fields after every step.
 
-    A field is an array or number of MjData (`qpos`, `time`, `xpos`, …); a part of something named,
-    `KIND:NAME.ATTRIBUTE` (`site:pole_tip.xpos`, `joint:hinge.qpos`, `sensor:pole_angle`, where the
-    attribute may be left out for joints (qpos), sensors (data) and sites (xpos)); or a field that
-    changes its size: `contact.ATTRIBUTE` (`contact.dist`) and `efc_…`.
+    A field is one of
+    - an array or number of MjData: `qpos`, `time`, `xpos`, …;
+    - an attribute of a named element, `KIND:NAME.ATTRIBUTE`: `site:pole_tip.xpos`,
+      `joint:hinge.qvel`. Joints, sensors and sites may leave the attribute out, which then is
+      qpos, data and xpos: `sensor:pole_angle`;
+    - a field whose size changes from step to step: `contact.ATTRIBUTE` (`contact.dist`), `efc_…`.
 
     Args:
-      model: the MjModel.
-      data: the MjData, stepped from where it is.
+      model: that is stepped.
+      data: stepped from the state it is in.
       nstep: steps.
       fields: names.
       controls: (nstep, nu) or (nu,), written to `data.ctrl` before each step.
@@ -87,72 +94,105 @@ def record(
         `data.ctrl`, unless it returns None.
 
     Returns:
-      By field, an array (nstep, *shape), or a `Ragged` for a field that changes its size; with
-      such a one comes `ncon` or `nefc`, (nstep,).
+      By field, an array (nstep, *shape), or a `Ragged` for a field whose size changes; with such
+      a one comes `ncon` or `nefc`, (nstep,).
 
     Raises:
-      InputError: an unknown field or name (the message lists near ones), the same field twice,
+      InputError: an unknown field or name (the message suggests near ones), the same field twice,
         both controls and a policy, or controls of another shape.
     """
     if nstep < 0:
         raise InputError(f"nstep must be at least 0, got {nstep}")
-    given = _controls(model, nstep, controls)
-    if given is not None and policy is not None:
+    if controls is not None and policy is not None:
         raise InputError("give controls or a policy, not both")
-    twice = sorted({name for name in fields if list(fields).count(name) > 1})
-    if twice:
-        raise InputError(f"field {twice[0]!r} is asked for twice")
-    counts = {_count_of(name) for name in fields if _changes_size(name)}
-    fields = list(dict.fromkeys([*fields, *sorted(counts)]))  # a count asked for comes once
-    fixed: list[tuple[np.ndarray, np.ndarray]] = []
-    numbers: list[tuple[np.ndarray, str]] = []
-    ragged: list[tuple[list[np.ndarray], Callable[[], np.ndarray]]] = []
-    rows: dict[str, Any] = {}
-    for name in fields:
-        if _changes_size(name):
-            taken: list[np.ndarray] = []
-            ragged.append((taken, _reader(data, name)))
-            rows[name] = taken
-            continue
-        view = _view(model, data, name)
-        if isinstance(view, np.ndarray):
-            rows[name] = np.empty((nstep, *view.shape), view.dtype)
-            fixed.append((rows[name], view))
-        else:
-            rows[name] = np.empty(nstep, type(view))
-            numbers.append((rows[name], name))
-    _loop(model, data, nstep, given, policy, fixed, numbers, ragged)
-    return {name: _assembled(data, name, found) for name, found in rows.items()}
+    step_controls = _step_controls(model, nstep, controls)
+    log = _Log.of(model, data, nstep, _with_counts(fields))
+    _run(model, data, nstep, step_controls, policy, log)
+    return log.recorded(data)
 
 
-def _loop(
-    model: Any,
-    data: Any,
+@dataclass(frozen=True, eq=False)
+class _Log:
+    """What is recorded, by the way it is read after a step.
+
+    Attributes:
+      fields: in the order of the result.
+      views: rows (nstep, …) and the view of MjData that each row is copied from.
+      numbers: rows (nstep,) of the attributes of MjData that are numbers.
+      ragged: the rows of each step so far, and the function that copies the next.
+    """
+
+    fields: Sequence[str]
+    views: dict[str, tuple[np.ndarray, np.ndarray]]
+    numbers: dict[str, np.ndarray]
+    ragged: dict[str, tuple[list[np.ndarray], Callable[[], np.ndarray]]]
+
+    @classmethod
+    def of(
+        cls, model: mujoco.MjModel, data: mujoco.MjData, nstep: int, fields: Sequence[str]
+    ) -> "_Log":
+        """Return an empty log with all memory allocated, except for fields that change size."""
+        log = cls(fields, {}, {}, {})
+        for name in fields:
+            if _changes_size(name):
+                log.ragged[name] = ([], _reader(data, name))
+                continue
+            value = _value(model, data, name)
+            if isinstance(value, np.ndarray):
+                log.views[name] = (np.empty((nstep, *value.shape), value.dtype), value)
+            else:
+                log.numbers[name] = np.empty(nstep, type(value))
+        return log
+
+    def recorded(self, data: mujoco.MjData) -> dict[str, np.ndarray | Ragged]:
+        """Return what `record` returns."""
+        recorded: dict[str, np.ndarray | Ragged] = {}
+        for name in self.fields:
+            if name in self.views:
+                recorded[name] = self.views[name][0]
+            elif name in self.numbers:
+                recorded[name] = self.numbers[name]
+            else:
+                steps, read = self.ragged[name]
+                counts = np.array([len(rows) for rows in steps], dtype=int)
+                # without a step, no rows of the right shape
+                values = np.concatenate(steps) if steps else read()[:0]
+                recorded[name] = Ragged(values, counts)
+        return recorded
+
+
+def _run(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
     nstep: int,
     controls: np.ndarray | None,
     policy: Policy | None,
-    fixed: Sequence[tuple[np.ndarray, np.ndarray]],
-    numbers: Sequence[tuple[np.ndarray, str]],
-    ragged: Sequence[tuple[list[np.ndarray], Callable[[], np.ndarray]]],
+    log: _Log,
 ) -> None:
+    """Step and record; everything that a step uses is local, as in a careful loop by hand."""
     mj_step, ctrl = mujoco.mj_step, data.ctrl
+    views, numbers = list(log.views.values()), list(log.numbers.items())
+    ragged = list(log.ragged.values())
     for i in range(nstep):
         if controls is not None:
             ctrl[:] = controls[i]
         elif policy is not None:
-            values = policy(model, data)
-            if values is not None:  # it may have written data.ctrl itself
-                ctrl[:] = values
+            action = policy(model, data)
+            if action is not None:  # it may have written data.ctrl itself
+                ctrl[:] = action
         mj_step(model, data)
-        for rows, view in fixed:
+        for rows, view in views:
             rows[i] = view
-        for rows, name in numbers:
+        for name, rows in numbers:
             rows[i] = getattr(data, name)
-        for taken, read in ragged:
-            taken.append(read())
+        for steps, read in ragged:
+            steps.append(read())
 
 
-def _controls(model: Any, nstep: int, controls: Any) -> np.ndarray | None:
+def _step_controls(
+    model: mujoco.MjModel, nstep: int, controls: ArrayLike | None
+) -> np.ndarray | None:
+    """Return (nstep, nu) controls, or None without any."""
     if controls is None:
         return None
     array = np.asarray(controls, dtype=float)
@@ -164,90 +204,87 @@ def _controls(model: Any, nstep: int, controls: Any) -> np.ndarray | None:
     return np.broadcast_to(array, (nstep, model.nu))
 
 
+def _with_counts(fields: Sequence[str]) -> list[str]:
+    """Return the fields, and `ncon` or `nefc` where one of them has as many rows."""
+    for i, name in enumerate(fields):
+        if name in fields[:i]:
+            raise InputError(f"field {name!r} is given twice")
+    counts = {
+        "ncon" if name.startswith(_CONTACT) else "nefc" for name in fields if _changes_size(name)
+    }
+    return list(dict.fromkeys([*fields, *sorted(counts)]))
+
+
 def _changes_size(name: str) -> bool:
     return name.startswith((f"{_CONTACT}.", _CONSTRAINT))
 
 
-def _count_of(name: str) -> str:
-    return "ncon" if name.startswith(_CONTACT) else "nefc"
-
-
-def _reader(data: Any, name: str) -> Callable[[], np.ndarray]:
-    """Return a function that copies a field that changes its size, as it is now."""
+def _reader(data: mujoco.MjData, name: str) -> Callable[[], np.ndarray]:
+    """Return a function that returns a copy of a field that changes size, as it is now."""
     if name.startswith(_CONSTRAINT):
         if not hasattr(data, name):
-            known = [n for n in dir(data) if n.startswith(_CONSTRAINT)]
-            raise InputError(f"MjData has no field {name!r}{_near(name, known)}")
+            known = [n for n in _public(data) if n.startswith(_CONSTRAINT)]
+            raise InputError(f"MjData has no field {name!r}{_choices(name, known)}")
         if re.match(r"efc_(J|AR)", name):
             raise InputError(f"{name!r} is a matrix of the constraints, whose size is not nefc")
         return lambda: np.array(getattr(data, name)[: data.nefc])
     attribute = name.partition(".")[2]
-    if attribute.startswith("_") or not hasattr(data.contact, attribute):
-        known = [n for n in dir(data.contact) if not n.startswith("_")]
-        raise InputError(f"a contact has no {attribute!r}{_near(attribute, known)}")
+    known = _public(data.contact)
+    if attribute not in known:
+        raise InputError(f"a contact has no {attribute!r}{_choices(attribute, known)}")
     # rows beyond ncon are of earlier steps
     return lambda: np.array(getattr(data.contact, attribute)[: data.ncon])
 
 
-def _view(model: Any, data: Any, name: str) -> Any:
-    """Return a view of a field of fixed size, or a number."""
-    kind, colon, rest = name.partition(":")
+def _value(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> np.ndarray | float:
+    """Return a field of fixed size: a view of its array, or its number."""
+    kind, colon, element = name.partition(":")
     if not colon:
         value = _field(data, name)
+    elif kind in _KINDS:
+        value = _of_element(model, data, kind, element)
     else:
-        if kind not in _KINDS:
-            raise InputError(f"{name!r}: no kind {kind!r}{_near(kind, _KINDS)}")
-        value = _named(model, data, name, kind, rest)
-    if isinstance(value, np.ndarray) or (np.isscalar(value) and not isinstance(value, str)):
+        raise InputError(f"{name!r}: no kind {kind!r}{_choices(kind, _KINDS)}")
+    if isinstance(value, np.ndarray | int | float):
         return value
     raise InputError(f"{name!r} is neither an array nor a number, but {type(value).__name__}")
 
 
-def _field(data: Any, name: str) -> Any:
+def _field(data: mujoco.MjData, name: str) -> object:
+    """Return an attribute of MjData."""
     if name == _CONTACT:
         raise InputError("name a field of the contacts, such as contact.dist or contact.pos")
     if name.startswith("_") or not hasattr(data, name):
-        known = [n for n in dir(data) if not n.startswith("_")]
-        raise InputError(f"MjData has no field {name!r}{_near(name, known)}")
+        raise InputError(f"MjData has no field {name!r}{_choices(name, _public(data))}")
     if _ARENA.match(name):
-        raise InputError(f"{name!r} is made anew in every step, and its size with it")
+        raise InputError(f"{name!r} is allocated anew in every step, in another size")
     return getattr(data, name)
 
 
-def _named(model: Any, data: Any, name: str, kind: str, rest: str) -> Any:
-    """Return a view of an attribute of something named; a name may hold dots."""
-    names = _names(model, kind)
-    own, dot, attribute = rest.rpartition(".")
-    if rest in names or not dot:
-        own, attribute = rest, _KINDS[kind] or ""
-    if own not in names:
-        raise InputError(f"{name!r}: no {kind} {own!r}{_near(own, names)}")
-    accessor = getattr(data, kind)(own)
-    known = [n for n in dir(accessor) if not n.startswith("_") and n not in ("id", "name")]
+def _of_element(model: mujoco.MjModel, data: mujoco.MjData, kind: str, text: str) -> object:
+    """Return an attribute of a named element, from `NAME.ATTRIBUTE`; NAME may hold dots."""
+    count = getattr(model, _COUNTS.get(kind, f"n{kind}"))
+    names = [getattr(model, kind)(i).name for i in range(count)]
+    name, dot, attribute = text.rpartition(".")
+    if text in names or not dot:
+        name, attribute = text, _KINDS[kind] or ""
+    field = f"{kind}:{text}"
+    if name not in names:
+        raise InputError(f"{field!r}: no {kind} {name!r}{_choices(name, names)}")
+    accessor = getattr(data, kind)(name)
+    known = [n for n in _public(accessor) if n not in ("id", "name")]
     if attribute not in known:
-        asked = f"no attribute {attribute!r}" if attribute else "no attribute named"
-        raise InputError(
-            f"{name!r}: {asked}{_near(attribute, known)}; there are {', '.join(known)}"
-        )
+        problem = f"no attribute {attribute!r}" if attribute else "no attribute named"
+        near = suggestion(attribute, known)
+        raise InputError(f"{field!r}: {problem}{near}; there are {', '.join(known)}")
     return getattr(accessor, attribute)
 
 
-def _names(model: Any, kind: str) -> list[str]:
-    objects = {"actuator": "nu", "camera": "ncam", "joint": "njnt"}
-    count = getattr(model, objects.get(kind, f"n{kind}"))
-    return [getattr(model, kind)(i).name for i in range(count)]
+def _public(value: object) -> list[str]:
+    return [name for name in dir(value) if not name.startswith("_")]
 
 
-def _assembled(data: Any, name: str, found: Any) -> Any:
-    if isinstance(found, np.ndarray):
-        return found
-    counts = np.array([len(rows) for rows in found], dtype=int)
-    values = np.concatenate(found) if found else np.array(_reader(data, name)())[:0]
-    return Ragged(values, counts)
-
-
-def _near(word: str, known: Any) -> str:
-    close = difflib.get_close_matches(word, list(known), n=4, cutoff=0.5)
-    return (
-        f" (near: {', '.join(close)})" if close else f"; there are {', '.join(sorted(known)[:12])}"
-    )
+def _choices(word: str, known: Iterable[str]) -> str:
+    """Return the known words near `word`; the first of them where none is near."""
+    choices = sorted(known)
+    return suggestion(word, choices) or f"; there are {', '.join(choices[:12])}"

@@ -1,91 +1,80 @@
-"""The page of `mjbench profile`: where a step's time goes."""
-
-from typing import Any
+"""What `mjbench profile` prints: where a step's time goes."""
 
 from rich.console import Console
 from rich.markup import escape
 
-from mjbench.loop import profile as room
-from mjbench.loop.profile import StepProfile
+from mjbench.loop.profile import FRAMES_PER_S, StepProfile
+from mjbench.loop.rendering import FrameTime
 from mjbench.report import tables
 
 _WIDTH = 30
-# Less of a step than this is not told of the engine's clock.
-_CLOCK_PERCENT = 2
+# The engine's clock is mentioned from this share of a step on.
+_LEAST_CLOCK_SHARE = 0.02
 
 
-def print_profile(out: Console, found: StepProfile) -> None:
-    """Print a model's page."""
-    engine, loop = found.engine_ns, found.loop_ns
+def print_profile(out: Console, profile: StepProfile) -> None:
+    """Print a model's profile: its step, the stages, rendering, and a simulated second."""
+    _print_step(out, profile)
+    _print_stages(out, profile)
+    for frame in profile.frames:
+        _print_frame(out, frame, profile.steps.loop_ns)
+    _print_simulated_second(out, profile)
+
+
+def _print_step(out: Console, profile: StepProfile) -> None:
+    steps = profile.steps
+    loop_ns, engine_ns, clock_ns = steps.loop_ns, steps.engine_ns, steps.clock_ns or 0.0
     out.print(
-        f"\n[bold]{escape(found.model)}[/bold]: a step of a Python loop takes {_time(loop)}:"
-        f" engine {_time(engine)} ({100 * engine / loop:.0f} %), Python {_time(loop - engine)}",
+        f"\n[bold]{escape(profile.model)}[/bold]: a step of a Python loop takes {_time(loop_ns)}:"
+        f" engine {_time(engine_ns)} ({100 * engine_ns / loop_ns:.0f} %),"
+        f" Python {_time(profile.python_ns)}",
         soft_wrap=True,
     )
-    counts = ", ".join(
-        f"{value:.3g} {name.replace('_', ' ')}" for name, value in found.work.items()
+    work = steps.work
+    out.print(
+        f"A step has {work.contacts:.3g} contacts, {work.constraints:.3g} constraints,"
+        f" {work.solver_iterations:.3g} solver iterations.",
+        soft_wrap=True,
     )
-    out.print(f"A step has {counts}.", soft_wrap=True)
-    share = 100 * (found.clock_ns or 0.0) / loop
-    if share >= _CLOCK_PERCENT:
+    if clock_ns / loop_ns >= _LEAST_CLOCK_SHARE:
         out.print(
-            f"The engine's own clock, which these timers need, is {share:.0f} % of it"
-            f" ({_time(found.clock_ns or 0.0)}); `mjbench overhead --code` shows how to turn it"
-            " off.",
+            f"The engine's own clock, which these timers need, is {100 * clock_ns / loop_ns:.0f} %"
+            f" of it ({_time(clock_ns)}); `mjbench overhead --code` shows how to turn it off.",
             soft_wrap=True,
         )
+
+
+def _print_stages(out: Console, profile: StepProfile) -> None:
     table = tables.plain_table(["stage", "of a step", "time", ""], right=(1, 2))
-    for stage, share in sorted(found.stages.items(), key=lambda item: -item[1]):
+    for stage, share in sorted(profile.steps.stages.items(), key=lambda item: -item[1]):
         if share > 0:
             bar = "█" * round(_WIDTH * share)
-            table.add_row(stage, f"{100 * share:.1f} %", _time(share * engine), bar)
-    out.print(table)
-    for frame in found.frames:
-        size = f"{room.WIDTH} × {room.HEIGHT}"
-        if frame.seconds is None:
-            out.print(
-                escape(f"Rendering by {frame.backend}: not available ({frame.detail})"),
-                soft_wrap=True,
+            table.add_row(
+                stage, f"{100 * share:.1f} %", _time(share * profile.steps.engine_ns), bar
             )
-            continue
-        steps = 1e9 * frame.seconds / loop
-        out.print(
-            f"Rendering a frame of {size} by {frame.backend}: {_time(1e9 * frame.seconds)}, as"
-            f" long as {steps:,.0f} steps",
-            soft_wrap=True,
+    out.print(table)
+
+
+def _print_frame(out: Console, frame: FrameTime, loop_ns: float) -> None:
+    if frame.seconds is None:
+        text = f"Rendering by {frame.backend}: not available ({frame.detail})"
+    else:
+        frame_ns = 1e9 * frame.seconds
+        text = (
+            f"Rendering a frame of {frame.width} × {frame.height} by {frame.backend}:"
+            f" {_time(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
         )
-    out.print(f"A second of simulated time, with {room.FRAMES_PER_S} frames:")
-    sides = tables.plain_table(["", "takes", ""], right=(1,))
-    parts = found.simulated_second()
+    out.print(escape(text), soft_wrap=True)
+
+
+def _print_simulated_second(out: Console, profile: StepProfile) -> None:
+    out.print(f"A second of simulated time, with {FRAMES_PER_S} frames:")
+    table = tables.plain_table(["", "takes", ""], right=(1,))
+    parts = profile.simulated_second()
     longest = max(parts.values())
     for name, seconds in parts.items():
-        sides.add_row(name, _time(1e9 * seconds), "█" * max(1, round(_WIDTH * seconds / longest)))
-    out.print(sides)
-
-
-def as_result(found: StepProfile) -> dict[str, Any]:
-    """Return what `mjbench profile --json` gives of one model."""
-    return {
-        "model": found.model,
-        "timestep": found.timestep,
-        "loop_ns": found.loop_ns,
-        "engine_ns": found.engine_ns,
-        "python_ns": found.python_ns,
-        "clock_ns": found.clock_ns,
-        "work": dict(found.work),
-        "stages": dict(found.stages),
-        "frames": [
-            {
-                "backend": frame.backend,
-                "width": room.WIDTH,
-                "height": room.HEIGHT,
-                "seconds": frame.seconds,
-                "detail": frame.detail,
-            }
-            for frame in found.frames
-        ],
-        "simulated_second": found.simulated_second(),
-    }
+        table.add_row(name, _time(1e9 * seconds), "█" * max(1, round(_WIDTH * seconds / longest)))
+    out.print(table)
 
 
 def _time(ns: float) -> str:

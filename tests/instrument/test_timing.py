@@ -1,3 +1,5 @@
+import random
+
 from mjbench.instrument import timing
 
 
@@ -59,3 +61,35 @@ def test_it_makes_at_least_and_at_most_the_rounds_asked_for() -> None:
     contenders = [contender(clock, 1.0, [], "a")]
     assert len(list(timing.rounds(contenders, 0.0, 5, 99, clock=clock))) == 5
     assert len(list(timing.rounds(contenders, 1e9, 5, 8, clock=clock))) == 8
+
+
+def test_the_orders_of_quads_are_both_drawn_and_follow_the_generator() -> None:
+    orders = timing.draw_orders(50, random.Random(1))
+    assert orders == timing.draw_orders(50, random.Random(1))
+    assert orders != timing.draw_orders(50, random.Random(2))
+    assert set(orders) == {"ABBA", "BAAB"}
+
+
+def test_quads_time_both_blocks_twice_in_the_order_drawn() -> None:
+    clock, log = FakeClock(), list[str]()
+
+    def spend(name: str, seconds: float) -> None:
+        clock.now += seconds
+        log.append(name)
+
+    quads = timing.quads(
+        lambda: spend("A", 2.0), lambda: spend("B", 3.0), 20, random.Random(3), clock
+    )
+    assert quads == [timing.Quad(2.0, 3.0)] * 20
+    assert "".join(log) == "".join(timing.draw_orders(20, random.Random(3)))
+
+
+def test_a_linear_drift_cancels_out_in_a_quad() -> None:
+    clock, blocks = FakeClock(), list[float]()
+
+    def drift() -> None:  # each block takes a second longer than the one before
+        blocks.append(1.0 + len(blocks))
+        clock.now += blocks[-1]
+
+    for quad in timing.quads(drift, drift, 10, random.Random(4), clock):
+        assert quad.baseline_s == quad.candidate_s

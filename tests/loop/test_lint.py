@@ -1,16 +1,16 @@
 """What lint finds in a script, and what it must leave alone."""
 
-import json
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
 import pytest
-from commands import ROOT, mjbench
+from commands import ROOT
 
 from mjbench.errors import InputError
-from mjbench.loop import lint
+from mjbench.loop import habits, lint
+from mjbench.loop.lint_rules import ALLOCATION_HABITS, NAMED_ACCESS_HABIT, RULES
 
 LOOP = """
 import mujoco
@@ -55,7 +55,7 @@ def codes(tmp_path: Path, line: str) -> list[str]:
         ("deep = data.contact.dist.min()", "MJB004"),
     ],
 )
-def test_what_is_found(tmp_path: Path, line: str, code: str) -> None:
+def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> None:
     assert codes(tmp_path, line) == [code]
 
 
@@ -82,16 +82,16 @@ def test_what_is_found(tmp_path: Path, line: str, code: str) -> None:
         "if i == 12: u = np.zeros(model.nu)",
     ],
 )
-def test_what_is_left_alone(tmp_path: Path, line: str) -> None:
+def test_correct_code_has_no_finding(tmp_path: Path, line: str) -> None:
     assert codes(tmp_path, line) == []
 
 
-def test_a_noqa_of_another_rule_excuses_nothing(tmp_path: Path) -> None:
+def test_noqa_for_another_rule_suppresses_nothing(tmp_path: Path) -> None:
     assert codes(tmp_path, "log.append(data.qpos)  # noqa: MJB002, E501") == ["MJB001"]
 
 
 def test_a_comprehension_that_steps_is_a_loop(tmp_path: Path) -> None:
-    found = findings(
+    results = findings(
         tmp_path,
         """
         def advance():
@@ -100,11 +100,11 @@ def test_a_comprehension_that_steps_is_a_loop(tmp_path: Path) -> None:
         log = [data.qpos for _ in range(9) if advance()]
         """,
     )
-    assert [f.code for f in found] == ["MJB001"]
+    assert [f.code for f in results] == ["MJB001"]
 
 
-def test_episodes_with_a_new_mjdata_and_a_double_loop(tmp_path: Path) -> None:
-    found = findings(
+def test_a_new_mjdata_per_episode_and_serial_simulations_are_found(tmp_path: Path) -> None:
+    results = findings(
         tmp_path,
         """
         for episode in range(10):
@@ -113,11 +113,11 @@ def test_episodes_with_a_new_mjdata_and_a_double_loop(tmp_path: Path) -> None:
                 mujoco.mj_step(model, data)
         """,
     )
-    assert [f.code for f in found] == ["MJB006", "MJB005"]
+    assert [f.code for f in results] == ["MJB006", "MJB005"]
 
 
-def test_what_runs_once_an_episode_is_not_in_every_step(tmp_path: Path) -> None:
-    found = findings(
+def test_what_runs_once_per_episode_does_not_run_in_every_step(tmp_path: Path) -> None:
+    results = findings(
         tmp_path,
         """
         for episode in range(10):
@@ -131,11 +131,11 @@ def test_what_runs_once_an_episode_is_not_in_every_step(tmp_path: Path) -> None:
             mujoco.mj_step(model, data)
         """,
     )
-    assert [(f.line, f.code) for f in found] == [(8, "MJB002")]
+    assert [(f.line, f.code) for f in results] == [(8, "MJB002")]
 
 
-def test_a_new_mjdata_of_a_new_model_is_no_habit(tmp_path: Path) -> None:
-    found = findings(
+def test_a_new_mjdata_of_a_new_model_is_not_found(tmp_path: Path) -> None:
+    results = findings(
         tmp_path,
         """
         for mass in masses:
@@ -145,19 +145,21 @@ def test_a_new_mjdata_of_a_new_model_is_no_habit(tmp_path: Path) -> None:
                 mujoco.mj_step(model, data)
         """,
     )
-    assert [f.code for f in found] == ["MJB006"]
+    assert [f.code for f in results] == ["MJB006"]
 
 
-def test_costs_are_those_of_the_stored_table(tmp_path: Path) -> None:
-    assert {rule.source for rule in lint.RULES if rule.source} <= set(lint.costs())
-    (found,) = findings(tmp_path, LOOP.format(line="n = np.concatenate([data.qpos, data.qvel])"))
-    assert found.ns_per_step == lint.costs()["concatenate"] > 0
-    (found,) = findings(tmp_path, LOOP.format(line="n = np.zeros(9)"))
-    assert found.ns_per_step == lint.costs()["allocate zeros"] > 0
+def test_costs_come_from_the_stored_table(tmp_path: Path) -> None:
+    used = {NAMED_ACCESS_HABIT, *ALLOCATION_HABITS.values()}
+    assert used <= set(lint.costs_ns())
+    assert used <= {habit.name for habit in habits.HABITS}
+    (finding,) = findings(tmp_path, LOOP.format(line="n = np.concatenate([data.qpos, data.qvel])"))
+    assert finding.ns_per_step == lint.costs_ns()["concatenate"] > 0
+    (finding,) = findings(tmp_path, LOOP.format(line="n = np.zeros(9)"))
+    assert finding.ns_per_step == lint.costs_ns()["allocate zeros"] > 0
 
 
-def test_a_loop_that_does_not_step_is_not_looked_at(tmp_path: Path) -> None:
-    found = findings(
+def test_a_loop_that_does_not_step_has_no_finding(tmp_path: Path) -> None:
+    results = findings(
         tmp_path,
         """
         data = mujoco.MjData(model)
@@ -165,11 +167,11 @@ def test_a_loop_that_does_not_step_is_not_looked_at(tmp_path: Path) -> None:
             log.append(data.joint(name).qpos)
         """,
     )
-    assert found == []
+    assert results == []
 
 
-def test_names_of_the_data_follow_from_their_use(tmp_path: Path) -> None:
-    found = findings(
+def test_an_mjdata_is_recognised_by_its_use(tmp_path: Path) -> None:
+    results = findings(
         tmp_path,
         """
         class Env:
@@ -179,38 +181,38 @@ def test_names_of_the_data_follow_from_their_use(tmp_path: Path) -> None:
                     self.log.append(self.d.qpos)
         """,
     )
-    assert [(f.line, f.code) for f in found] == [(6, "MJB001")]
+    assert [(f.line, f.code) for f in results] == [(6, "MJB001")]
 
 
-def test_lines_and_columns_are_those_of_an_editor(tmp_path: Path) -> None:
-    (found,) = findings(tmp_path, LOOP.format(line="log.append(data.qpos)"))
-    assert (found.line, found.col) == (9, 16)
+def test_lines_and_columns_count_from_1(tmp_path: Path) -> None:
+    (finding,) = findings(tmp_path, LOOP.format(line="log.append(data.qpos)"))
+    assert (finding.line, finding.col) == (9, 16)
 
 
 @pytest.mark.parametrize("text", ["def (", "\x00"])
-def test_what_is_not_python_is_told(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_python_is_bad_input(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError, match="script"):
         findings(tmp_path, text)
 
 
-def test_the_command_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
-    (tmp_path / "bad.py").write_text(LOOP.format(line="log.append(data.qpos)"))
-    done = mjbench("lint", "bad.py", "--json", "out.json", cwd=tmp_path)
-    assert done.returncode == 1
-    assert done.stdout.startswith("bad.py:9:16 MJB001 a view is kept")
-    (found,) = json.loads((tmp_path / "out.json").read_text())["findings"]
-    assert set(found) == {"file", "line", "col", "code", "message", "ns_per_step"}
-
-
-def test_a_clean_file_a_folder_and_what_is_missing(tmp_path: Path) -> None:
-    (tmp_path / "good.py").write_text(LOOP.format(line="log.append(data.qpos.copy())"))
-    assert mjbench("lint", ".", cwd=tmp_path).returncode == 0
-    done = mjbench("lint", "missing.py", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "no such file" in done.stderr
-
-
 def test_linting_imports_no_engine() -> None:
-    code = "import sys, mjbench.lint; sys.exit('mujoco' in sys.modules or 'numpy' in sys.modules)"
+    code = (
+        "import sys, mjbench.loop.lint; sys.exit('mujoco' in sys.modules or 'numpy' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT)
     assert done.returncode == 0
+
+
+def test_codes_are_unique() -> None:
+    assert len({rule.code for rule in RULES}) == len(RULES)
+
+
+def test_named_files_and_the_python_files_below_folders_are_checked(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    for name in ("b.py", "sub/a.py", "notes.txt"):
+        (tmp_path / name).touch()
+    named = str(tmp_path / "notes.txt")
+    files = lint.python_files([named, str(tmp_path)])
+    assert files == [named, str(tmp_path / "b.py"), str(tmp_path / "sub" / "a.py")]
+    with pytest.raises(InputError, match="no such file"):
+        lint.python_files([str(tmp_path / "missing.py")])

@@ -1,0 +1,21 @@
+"""Measure models one after the other: a model that fails costs its own row, not the command."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import click
+
+from mjbench.errors import Failure, MjbenchError, failure_of
+from mjbench.simulation.models import ModelSource
+
+_T = TypeVar("_T")
+
+
+def measure_or_report(source: ModelSource, measure: Callable[[ModelSource], _T]) -> _T | Failure:
+    """Return what `measure` returns for a model; or how it failed, after a line on stderr."""
+    try:
+        return measure(source)
+    except MjbenchError as error:
+        detail = failure_of(error).detail.removeprefix(f"{source.name}: ")
+        click.echo(f"mjbench: {source.name}: {detail}", err=True)
+        return Failure(error.status, detail)

@@ -1,0 +1,45 @@
+"""`mjbench lint`: what makes a stepping loop slow or its log wrong."""
+
+import sys
+
+import click
+
+from mjbench.cli.group import cli
+from mjbench.cli.shared import JSON, output
+from mjbench.errors import InputError
+from mjbench.status import ExitCode
+
+
+@cli.command()
+@click.argument("names", nargs=-1, required=True, metavar="FILE.py…")
+@JSON
+def lint(names: tuple[str, ...], json_file: str | None) -> None:
+    """Find in a script what makes a stepping loop slow or its log wrong; it is not executed.
+
+    \b
+    Findings are FILE:LINE:COLUMN CODE MESSAGE, with about what it costs in each step; exit 1 if
+    there are any. A folder stands for all Python files below it. `# noqa: MJB001` at the end of a
+    line suppresses its finding.
+    """
+    from mjbench.instrument import runs
+    from mjbench.loop.lint import Finding, check, python_files
+
+    findings: list[Finding] = []
+    unreadable: list[str] = []
+    with output(json_file) as write_json:
+        for file in python_files(names):
+            try:
+                findings += check(file)
+            except InputError as error:
+                unreadable.append(str(error))
+        for finding in findings:
+            ns = finding.ns_per_step
+            cost = f" (about {ns:.0f} ns per step)" if ns else ""
+            place = f"{finding.file}:{finding.line}:{finding.col}"
+            click.echo(f"{place} {finding.code} {finding.message}{cost}", err=json_file == "-")
+        write_json(runs.to_json({"schema": runs.SCHEMA, "findings": findings}))
+    for problem in unreadable:
+        click.echo(f"mjbench: {problem}", err=True)
+    if unreadable:
+        sys.exit(ExitCode.USAGE)
+    sys.exit(ExitCode.FINDING if findings else ExitCode.OK)

@@ -1,0 +1,138 @@
+"""A stepping loop with a habit in it, compiled as a careful user would have written it."""
+
+import dataclasses
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco import MjData, MjModel  # LoopNames.mujoco hides the module from annotations
+
+from mjbench.loop.habits import Habit
+from mjbench.simulation import compat
+from mjbench.simulation.workload import reset_to_start
+
+
+@dataclass(frozen=True, eq=False)
+class LoopNames:
+    """The names that a habit's snippets may use.
+
+    Attributes:
+      mujoco: the module.
+      np: NumPy.
+      mj_step: `mujoco.mj_step`.
+      start: resets `data` to the start state, as `start(model, data)`.
+      model: that is stepped.
+      data: its MjData; a snippet may assign another one.
+      nstep: steps of a run of the loop.
+      spec: mjSTATE_INTEGRATION.
+      joint_id: number of the first joint that has a name; 0 if none has.
+      joint_name: that joint's name; empty if it has none.
+      file: path of the model's file, for habits that need its spec.
+    """
+
+    mujoco: ModuleType
+    np: ModuleType
+    mj_step: Callable[..., None]
+    start: Callable[[MjModel, MjData], None]
+    model: MjModel
+    data: MjData
+    nstep: int
+    spec: int
+    joint_id: int
+    joint_name: str
+    file: str
+
+    @classmethod
+    def of(cls, model: MjModel, nstep: int, file: str) -> "LoopNames":
+        """Return the names for a model, with a new MjData at the start state."""
+        data = MjData(model)
+        reset_to_start(model, data)
+        joints = [model.joint(i).name for i in range(model.njnt)]
+        joint_id = next((i for i, name in enumerate(joints) if name), 0)
+        return cls(
+            mujoco=mujoco,
+            np=np,
+            mj_step=mujoco.mj_step,
+            start=reset_to_start,
+            model=model,
+            data=data,
+            nstep=nstep,
+            spec=compat.state_spec("INTEGRATION"),
+            joint_id=joint_id,
+            joint_name=joints[joint_id],
+            file=file,
+        )
+
+
+@dataclass(frozen=True)
+class CompiledLoop:
+    """A stepping loop with a habit in it.
+
+    Attributes:
+      run: resets to the start state, then steps nstep times.
+      value: returns what the habit computed in the last step.
+    """
+
+    run: Callable[[], None]
+    value: Callable[[], Any]
+
+
+# The snippets run inside functions, so that every name is a local of `make`: a global costs a
+# dictionary lookup, which would count as the habit's. `run` may assign `data` (a new MjData per
+# episode), and `value` must then see the new one: hence `nonlocal`.
+_PROGRAM = """\
+def make({names}):
+{setup}
+    def run():
+        nonlocal data
+{before_run}
+        start(model, data)
+{steps}
+{after_run}
+    def value():
+        i = nstep - 1
+        return {value}
+    return run, value, locals()
+"""
+
+
+def compile_loop(habit: Habit, model: MjModel, nstep: int, file: str = "") -> CompiledLoop:
+    """Return the loop with a habit in it.
+
+    Args:
+      habit: whose snippets are compiled.
+      model: that is stepped.
+      nstep: steps of a run.
+      file: path of the model's file; habits that need the model's spec cannot do without.
+    """
+    text = _PROGRAM.format(
+        names=", ".join(field.name for field in dataclasses.fields(LoopNames)),
+        setup=textwrap.indent(habit.setup, " " * 4),
+        before_run=textwrap.indent(habit.before_run, " " * 8),
+        steps=textwrap.indent(_steps(habit), " " * 8),
+        after_run=textwrap.indent(habit.after_run, " " * 8),
+        value=habit.value or habit.body,
+    )
+    namespace: dict[str, Any] = {}
+    exec(compile(text, f"<{habit.name}>", "exec"), namespace)
+    run, value, made_locals = namespace["make"](**vars(LoopNames.of(model, nstep, file)))
+    # A view such as `robot.joints` does not keep its spec alive; in a script, the script's own
+    # names do. Here the function does.
+    run.keeps_alive = made_locals
+    return CompiledLoop(run, value)
+
+
+def script(habit: Habit) -> str:
+    """Return the loop as lines of a script in which the `LoopNames` are defined."""
+    parts = (habit.setup, habit.before_run, _steps(habit), habit.after_run)
+    return "\n".join(part for part in parts if part)
+
+
+def _steps(habit: Habit) -> str:
+    if habit.instead_of_loop:
+        return habit.instead_of_loop
+    return f"for i in range(nstep):\n    mj_step(model, data)\n    {habit.body}"

@@ -1,0 +1,98 @@
+"""How long the rendering of a frame takes, by each backend, in a child process of its own."""
+
+import statistics
+import time
+from dataclasses import dataclass
+
+from mjbench.errors import MachineError, one_line
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Channel
+from mjbench.simulation.models import ModelSource
+
+# Frames that are timed, after one that sets everything up; the size of a frame, in pixels.
+FRAMES, WIDTH, HEIGHT = 20, 640, 480
+BACKENDS = ("egl", "osmesa")
+# The system package that holds each backend's library.
+_PACKAGES = {"egl": "libegl1", "osmesa": "libosmesa6"}
+
+
+@dataclass(frozen=True)
+class FrameTime:
+    """The rendering of one frame.
+
+    Attributes:
+      backend: `egl` or `osmesa`.
+      seconds: median of scene update and rendering; None where the backend does not work.
+      detail: why it does not; empty where it does.
+      width: of the frame, in pixels.
+      height: of the frame, in pixels.
+    """
+
+    backend: str
+    seconds: float | None
+    detail: str = ""
+    width: int = WIDTH
+    height: int = HEIGHT
+
+
+@dataclass(frozen=True)
+class RenderRequest:
+    """To the child: the model to render, and the backend to render it by."""
+
+    model: ModelSource
+    backend: str
+
+
+@dataclass(frozen=True)
+class FrameSeconds:
+    """From the child: the median time of a frame."""
+
+    seconds: float
+
+
+def measure(model: ModelSource, backend: str, limit_s: float) -> FrameTime:
+    """Return how long a frame takes; a backend that does not work, crashes or hangs says why."""
+    messages: list[FrameSeconds] = []
+    request = RenderRequest(model, backend)
+    ended = isolate.run(
+        "mjbench.loop.rendering:render",
+        request,
+        messages.append,
+        limit_s,
+        environment={"MUJOCO_GL": backend},
+    )
+    return FrameTime(backend, messages[0].seconds if messages else None, ended.detail)
+
+
+def render(request: RenderRequest, channel: Channel) -> None:
+    """Time the rendering of a frame; runs in a child whose MUJOCO_GL names the backend."""
+    try:  # late: these imports fail where the backend's library is missing
+        import mujoco
+        from mujoco import gl_context  # noqa: F401
+    except Exception as error:
+        raise _not_available(request.backend, error) from error
+    from mjbench.simulation import models, workload
+
+    model = models.load(request.model)
+    model.vis.global_.offwidth = max(WIDTH, model.vis.global_.offwidth)
+    model.vis.global_.offheight = max(HEIGHT, model.vis.global_.offheight)
+    data = workload.start_data(model)
+    mujoco.mj_forward(model, data)
+    try:
+        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+    except Exception as error:
+        raise _not_available(request.backend, error) from error
+    seconds = []
+    for _ in range(1 + FRAMES):
+        begin = time.perf_counter()
+        renderer.update_scene(data)
+        renderer.render()
+        seconds.append(time.perf_counter() - begin)
+    channel.send(FrameSeconds(statistics.median(seconds[1:])))
+
+
+def _not_available(backend: str, error: Exception) -> MachineError:
+    """Return the error of a backend that does not work: why, and what to install."""
+    return MachineError(
+        f"{type(error).__name__}: {one_line(error)}; it needs the system's {_PACKAGES[backend]}"
+    )

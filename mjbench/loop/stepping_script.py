@@ -1,0 +1,296 @@
+"""What a script's syntax says of its stepping loops: its MjData, its views, what runs each step.
+
+A loop steps when it calls `mj_step`, or a function of the same file that does. What an MjData is
+follows from how it is used and named: the second argument of `mj_step`, what `MjData(…)` was
+assigned to, and what is called `data` or `mjdata`, such as `self.data`.
+"""
+
+import ast
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+_STEPS = {"mj_step", "mj_step1", "mj_step2"}
+_ACCESSORS = {"actuator", "body", "camera", "geom", "joint", "light", "sensor", "site", "tendon"}
+# Methods of an array that return a view of it, and methods of a container that store an argument.
+_VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
+_STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
+_NUMPY = {"np", "numpy", "onp"}
+# Array fields of MjData (mjdata.h); nothing else is taken for a view.
+_FIELDS = re.compile(
+    r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
+    r"|qacc_warmstart|qfrc_\w+|xfrc_\w+|xpos|xquat|xmat|xipos|ximat|xanchor|xaxis"
+    r"|geom_x\w+|site_x\w+|cam_x\w+|light_x\w+|subtree_\w+|cdof\w*|cinert|crb|cvel|cacc|cfrc_\w+"
+    r"|flex\w+|ten_\w+|wrap_\w+|actuator_\w+|qM|qLD\w*|energy|efc_\w+|plugin_state)$"
+)
+# Fields with a row of several numbers for each element: an index gives a view, not a number.
+_MATRICES = re.compile(
+    r"(x(pos|quat|mat)|xi(pos|mat)|xanchor|xaxis|mocap_\w+|\w+_x(pos|mat|dir)|subtree_\w+|c(vel|acc|"
+    r"inert|rb|dof\w*|frc_\w+)|xfrc_applied)$"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SteppingLoop:
+    """A `for` or `while` loop that steps.
+
+    Attributes:
+      node: the loop.
+      inner: the expressions and statements inside it, without those of functions that are
+        defined there.
+    """
+
+    node: ast.For | ast.While
+    inner: Sequence[ast.expr | ast.stmt]
+
+
+class SteppingScript:
+    """The syntax of a script, and what follows from it.
+
+    Attributes:
+      loops: that step.
+      episode_loops: those of them, all `for`, that have another one inside.
+      comprehensions: list comprehensions and generators that step.
+    """
+
+    def __init__(self, tree: ast.Module):
+        self._tree = tree
+        self._parents = {
+            child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
+        }
+        self._stepping_functions = {
+            node.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef) and any(_is_step(n) for n in ast.walk(node))
+        }
+        self._data_names = _data_names(tree)
+        steps = (node for node in ast.walk(tree) if _is_step(node))
+        # the innermost loop around each call of mj_step
+        self._step_loops = {next(self._loops_around(node), None) for node in steps}
+        self.loops = [
+            SteppingLoop(node, _nodes_inside(node))
+            for node in ast.walk(tree)
+            if isinstance(node, ast.For | ast.While) and self._steps_inside(node)
+        ]
+        stepping = {loop.node for loop in self.loops}
+        self.episode_loops = [
+            loop
+            for loop in self.loops
+            if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
+        ]
+        self.comprehensions = [
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ListComp | ast.GeneratorExp) and self._steps_inside(node)
+        ]
+
+    def is_view(self, node: ast.AST) -> bool:
+        """Return whether an expression is a view of MuJoCo's memory."""
+        if isinstance(node, ast.Attribute):
+            if node.attr in ("T", "flat"):
+                return self.is_view(node.value)
+            if self.is_named_access(node.value):
+                return True
+            return self._is_data(node.value) and bool(_FIELDS.match(node.attr))
+        if isinstance(node, ast.Subscript):
+            return self.is_view(node.value) and _index_gives_view(node)
+        if isinstance(node, ast.Call):
+            if isinstance(node.func, ast.Attribute) and node.func.attr in _VIEW_METHODS:
+                return self.is_view(node.func.value)
+            is_asarray = last_name(node.func) == "asarray"
+            return is_asarray and bool(node.args) and self.is_view(node.args[0])
+        return False
+
+    def stored_views(self, node: ast.AST) -> Iterator[ast.expr]:
+        """Yield the views that a statement or a call of a loop stores for later."""
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            if node.func.attr in _STORING_METHODS and not self.is_numpy_call(node):
+                for argument in node.args:
+                    yield from self._views_in(argument)
+        elif isinstance(node, ast.Assign):
+            for target in node.targets:
+                in_attribute = isinstance(target, ast.Attribute) and not self._is_data(target.value)
+                in_container = isinstance(target, ast.Subscript) and self._is_container_name(
+                    target.value
+                )
+                if in_attribute or in_container:
+                    yield from self._views_in(node.value)
+
+    def is_named_access(self, node: ast.AST) -> bool:
+        """Return whether a node is `data.joint(…)` or the like."""
+        return (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in _ACCESSORS
+            and self._is_data(node.func.value)
+        )
+
+    def is_numpy_call(self, node: ast.Call) -> bool:
+        """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
+        return isinstance(node.func, ast.Attribute) and _dotted(node.func.value) in _NUMPY
+
+    def runs_each_step(self, node: ast.AST, loop: SteppingLoop) -> bool:
+        """Return whether `loop` is the innermost around a node that calls `mj_step` itself."""
+        around = (n for n in self._loops_around(node) if n in self._step_loops)
+        return next(around, None) is loop.node
+
+    def is_conditional(self, node: ast.AST, loop: SteppingLoop) -> bool:
+        """Return whether a node of a loop is under an `if`: it runs in some iterations only."""
+        while node is not loop.node:
+            node = self._parents[node]
+            if isinstance(node, ast.If):
+                return True
+        return False
+
+    def uses_all_contacts(self, node: ast.AST) -> bool:
+        """Return whether a node uses the contacts without an index or a slice."""
+        if isinstance(node, ast.For):
+            return self._is_contact(node.iter)
+        if isinstance(node, ast.Call) and last_name(node.func) in ("len", "enumerate"):
+            return bool(node.args) and self._is_contact(node.args[0])
+        return (
+            isinstance(node, ast.Attribute)
+            and self._is_contact(node.value)
+            and isinstance(node.ctx, ast.Load)
+            and not isinstance(self._parents.get(node), ast.Subscript)
+        )
+
+    def is_new_data(self, node: ast.AST, loop: SteppingLoop) -> bool:
+        """Return whether a node creates an MjData of a model that `loop` does not assign."""
+        if not (isinstance(node, ast.Call) and last_name(node.func) == "MjData" and node.args):
+            return False
+        assigned = {
+            _dotted(target) for n in loop.inner if isinstance(n, ast.Assign) for target in n.targets
+        }
+        return _dotted(node.args[0]) not in assigned
+
+    def is_for_over_steps(self, node: ast.AST) -> bool:
+        """Return whether a node is a `for` loop that calls `mj_step` itself."""
+        return isinstance(node, ast.For) and any(_is_step(n) for n in _nodes_inside(node))
+
+    def _steps_inside(self, node: ast.AST) -> bool:
+        """Return whether `mj_step`, or a function that calls it, is called inside a node."""
+        return any(
+            _is_step(n)
+            or (isinstance(n, ast.Call) and last_name(n.func) in self._stepping_functions)
+            for n in _nodes_inside(node)
+        )
+
+    def _is_data(self, node: ast.AST) -> bool:
+        """Return whether an expression is an MjData."""
+        name = _dotted(node)
+        return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
+
+    def _is_contact(self, node: ast.AST) -> bool:
+        return (
+            isinstance(node, ast.Attribute) and node.attr == "contact" and self._is_data(node.value)
+        )
+
+    def _views_in(self, node: ast.AST) -> Iterator[ast.expr]:
+        """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
+        if isinstance(node, ast.expr) and self.is_view(node):
+            yield node
+        elif isinstance(node, ast.Tuple | ast.List):
+            for element in node.elts:
+                yield from self._views_in(element)
+        elif isinstance(node, ast.Dict):
+            for value in node.values:
+                yield from self._views_in(value)
+        elif isinstance(node, ast.Call) and last_name(node.func) == "dict":
+            for keyword in node.keywords:
+                yield from self._views_in(keyword.value)
+
+    def _is_container_name(self, node: ast.AST) -> bool:
+        """Return whether a name was assigned a list or a dict; an array copies what is put in."""
+        name = _dotted(node)
+        return bool(name) and any(
+            _dotted(target) == name and _creates_container(value)
+            for target, value in _assignments(self._tree)
+        )
+
+    def _loops_around(self, node: ast.AST) -> Iterator[ast.AST]:
+        """Yield the loops in whose every iteration a node runs, the innermost first."""
+        child, parent = node, self._parents.get(node)
+        while parent is not None:
+            is_iterable = isinstance(parent, ast.For) and child is parent.iter  # evaluated once
+            if isinstance(parent, ast.For | ast.While) and not is_iterable:
+                yield parent
+            child, parent = parent, self._parents.get(parent)
+
+
+def last_name(function: ast.AST) -> str:
+    """Return the last part of a dotted name: `zeros` of `np.zeros`; empty for anything else."""
+    return _dotted(function).rpartition(".")[2]
+
+
+def _dotted(node: ast.AST) -> str:
+    """Return a dotted name, such as `self.env.data`; empty for any other expression."""
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute):
+        value = _dotted(node.value)
+        return f"{value}.{node.attr}" if value else ""
+    return ""
+
+
+def _is_step(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and last_name(node.func) in _STEPS
+
+
+def _data_names(tree: ast.Module) -> set[str]:
+    """Return the dotted names that are an MjData, by assignment or as argument of `mj_step`."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            if last_name(node.value.func) == "MjData":
+                names |= {_dotted(target) for target in node.targets}
+        elif isinstance(node, ast.Call) and _is_step(node) and len(node.args) > 1:
+            names.add(_dotted(node.args[1]))
+    return names - {""}
+
+
+def _assignments(tree: ast.Module) -> Iterator[tuple[ast.AST, ast.AST]]:
+    """Yield the target and the value of every assignment, those of tuples one by one."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.AnnAssign) and node.value is not None:
+            yield node.target, node.value
+        elif isinstance(node, ast.Assign):
+            for target in node.targets:
+                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                    yield from zip(target.elts, node.value.elts, strict=False)
+                else:
+                    yield target, node.value
+
+
+def _nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
+    """Return the expressions and statements below a node, without those of functions in it."""
+    inside: list[ast.expr | ast.stmt] = []
+    waiting = list(ast.iter_child_nodes(node))
+    while waiting:
+        child = waiting.pop()
+        if isinstance(child, ast.FunctionDef | ast.Lambda | ast.ClassDef):
+            continue
+        if isinstance(child, ast.expr | ast.stmt):
+            inside.append(child)
+        waiting += ast.iter_child_nodes(child)
+    return inside
+
+
+def _index_gives_view(node: ast.Subscript) -> bool:
+    """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number."""
+    index = node.slice
+    parts = index.elts if isinstance(index, ast.Tuple) else [index]
+    if any(isinstance(part, ast.Slice) for part in parts):
+        return True
+    if isinstance(index, ast.Tuple | ast.List) or not isinstance(node.value, ast.Attribute):
+        return False
+    return bool(_MATRICES.match(node.value.attr))
+
+
+def _creates_container(node: ast.AST) -> bool:
+    """Return whether an expression creates a list or a dict."""
+    if isinstance(node, ast.BinOp):  # [None] * n
+        return _creates_container(node.left)
+    if isinstance(node, ast.Call):
+        return last_name(node.func) in ("list", "dict", "defaultdict", "deque")
+    return isinstance(node, ast.List | ast.Dict | ast.ListComp | ast.DictComp)

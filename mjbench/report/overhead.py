@@ -1,0 +1,42 @@
+"""The table of what habits of a Python loop cost."""
+
+from rich.console import Console
+from rich.markup import escape
+
+from mjbench.loop import habits
+from mjbench.loop.compiled_loop import script
+from mjbench.loop.overhead import OverheadTable
+from mjbench.report import tables
+
+
+def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
+    """Print what every habit adds to a step, the most expensive first; its loop, too, on `code`."""
+    out.print(
+        f"\n[bold]{escape(overhead.model)}[/bold]: a step of the bare loop"
+        f" {overhead.bare_ns:,.0f} ns, engine {overhead.engine_ns:,.0f}"
+        f" + binding {overhead.binding_ns:,.0f}; an episode is {overhead.nstep} steps",
+        soft_wrap=True,
+    )
+    headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]
+    table = tables.plain_table(headings, right=(1, 2, 3, 5))
+    for cost in overhead.costs:
+        table.add_row(
+            cost.source,
+            f"{cost.ns:,.0f}",
+            f"{cost.low:,.0f}–{cost.high:,.0f}",
+            f"{100 * cost.share:.1f} %",
+            cost.cheaper,
+            "" if cost.saved_ns is None else f"{cost.saved_ns:,.0f}",
+        )
+    out.print(table)
+    if code:
+        _print_code(out, overhead)
+
+
+def _print_code(out: Console, overhead: OverheadTable) -> None:
+    """Print the loop of each habit, and that of its cheaper form."""
+    for cost in overhead.costs:
+        out.print(f"\n[bold]{cost.source}[/bold]\n{escape(cost.code)}", soft_wrap=True)
+        if cost.cheaper:
+            cheaper = script(habits.find(cost.cheaper))
+            out.print(f"# cheaper: {cost.cheaper}\n{escape(cheaper)}", soft_wrap=True)

@@ -1,0 +1,30 @@
+"""`mjbench profile` as a user types it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from commands import mjbench
+
+
+def test_it_measures_and_writes_json(tmp_path: Path) -> None:
+    done = mjbench("profile", "cartpole", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["loop_ns"] > 0
+    assert row["engine_ns"] > 0
+    assert row["python_ns"] == pytest.approx(row["loop_ns"] - row["engine_ns"])
+    assert sum(row["stages"].values()) == pytest.approx(1.0)
+    assert set(row["work"]) == {"contacts", "constraints", "solver_iterations"}
+    assert [frame["backend"] for frame in row["frames"]] == ["egl", "osmesa"]
+    for frame in row["frames"]:
+        assert (frame["seconds"] is None) == bool(frame["detail"])
+
+
+def test_a_model_that_does_not_load_costs_its_row(tmp_path: Path) -> None:
+    (tmp_path / "broken.xml").write_text("<mujoco><nothing/></mujoco>")
+    done = mjbench("profile", "broken.xml", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "broken.xml: " in done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["status"] == "input"

@@ -1,0 +1,19 @@
+"""A step's profile with round numbers."""
+
+from mjbench.loop.profile import StepProfile, StepTimes
+from mjbench.loop.rendering import FrameTime
+from mjbench.simulation.work import Work
+
+
+def step_profile(clock_ns: float | None = 500.0) -> StepProfile:
+    """Return the profile of a model with 4 contacts, rendered by EGL alone."""
+    steps = StepTimes(
+        timestep=0.002,
+        loop_ns=3000.0,
+        engine_ns=2000.0,
+        clock_ns=clock_ns,
+        work=Work(contacts=4.0, constraints=0.0, solver_iterations=2.5),
+        stages={"kinematics": 0.25, "other": 0.75, "actuation": 0.0},
+    )
+    frames = [FrameTime("egl", 0.01), FrameTime("osmesa", None, "it needs libosmesa6")]
+    return StepProfile("pole", steps, frames)
