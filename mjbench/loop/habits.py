@@ -68,7 +68,7 @@ def _has_clock(model: mujoco.MjModel, file: str) -> bool:
 
 BARE = Habit("bare loop", "pass", value="None")
 # The two parts of the bare loop: the binding, as a call that steps nothing, and the engine, as one
-# call for all steps. The first is no habit, and not listed as one.
+# call for all steps. They are measured like habits; the table of costs leaves the first one out.
 ZERO_STEPS = Habit("call of zero steps", "mj_step(model, data, 0)", value="None")
 ONE_CALL = Habit(
     "one call for all steps",

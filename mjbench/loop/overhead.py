@@ -124,11 +124,11 @@ class BareTime:
 
 @dataclass(frozen=True)
 class _Launch:
-    """The messages of one launch.
+    """What one launch measured.
 
     Attributes:
-      bare: of the bare loop.
-      added_ns: by the habit's name.
+      bare: time of the bare loop.
+      added_ns: added to each step by a habit, by its name.
     """
 
     bare: BareTime
@@ -201,8 +201,8 @@ def launch(source: ModelSource, channel: Channel) -> None:
             1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
         )
         if name == CLOCK_OFF.name and not compat.has_clock(model):
-            # This release did not get its clock back, so the bare loop ran without one too:
-            # compare with the bare loops of before.
+            # This release did not get its clock back, so these bare loops ran without it, too:
+            # compare with the bare loops timed before.
             added_ns += statistics.median(own_bare_ns) - statistics.median(bare_ns)
         else:
             bare_ns += own_bare_ns
@@ -213,7 +213,7 @@ def launch(source: ModelSource, channel: Channel) -> None:
 def _cost(
     habit: Habit, added_ns: Sequence[float], bare_ns: float, mean_ns: Mapping[str, float]
 ) -> HabitCost:
-    """Return a habit's cost from what it added in each launch; `mean_ns` has those of all."""
+    """Return a habit's cost from what it added in each launch; `mean_ns` has all habits' means."""
     mean, half_width = statistics.mean(added_ns), _half_width(added_ns)
     saved_ns = mean - mean_ns[habit.cheaper] if habit.cheaper in mean_ns else None
     return HabitCost(
