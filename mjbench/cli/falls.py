@@ -2,8 +2,9 @@
 
 import click
 
+from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, Numbers, output
+from mjbench.cli.shared import JSON, Numbers
 from mjbench.errors import InputError
 
 
@@ -22,9 +23,9 @@ def falls(
     passes 0.5 rad within a second. All paths must count the same falls; then their times are
     compared.
     """
-    from mjbench.instrument import machine, runs
+    from mjbench.instrument.machine import usable_cores
     from mjbench.loop import pole_example
-    from mjbench.report import tables
+    from mjbench.report.documents import FallsDocument
     from mjbench.report.pole_example import print_falls
 
     try:
@@ -33,14 +34,7 @@ def falls(
         )
     except ValueError as error:
         raise InputError(f"--angles {angles}: {error}") from error
-    out = tables.console(stderr=json_file == "-")
-    with output(json_file) as write_json:
+    with RunContext("falls", json_file) as run:
         experiment = pole_example.measure(angles_rad, samples, threads, seed)
-        print_falls(out, experiment, machine.usable_cores())
-        document = {
-            "schema": runs.SCHEMA,
-            "samples": experiment.samples,
-            "angles": experiment.angles,
-            "ways": experiment.paths,
-        }
-        write_json(runs.to_json(document))
+        print_falls(run.out, experiment, usable_cores())
+        run.write(FallsDocument.of(experiment))

@@ -4,8 +4,9 @@ import sys
 
 import click
 
+from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, output
+from mjbench.cli.shared import JSON
 from mjbench.errors import InputError
 from mjbench.status import ExitCode
 
@@ -21,23 +22,20 @@ def lint(names: tuple[str, ...], json_file: str | None) -> None:
     there are any. A folder stands for all Python files below it. `# noqa: MJB001` at the end of a
     line suppresses its finding.
     """
-    from mjbench.instrument import runs
     from mjbench.loop.lint import Finding, check, python_files
+    from mjbench.report.lint import LintDocument, finding_line
 
     findings: list[Finding] = []
     unreadable: list[str] = []
-    with output(json_file) as write_json:
+    with RunContext("lint", json_file) as run:
         for file in python_files(names):
             try:
                 findings += check(file)
             except InputError as error:
                 unreadable.append(str(error))
         for finding in findings:
-            ns = finding.ns_per_step
-            cost = f" (about {ns:.0f} ns per step)" if ns else ""
-            place = f"{finding.file}:{finding.line}:{finding.col}"
-            click.echo(f"{place} {finding.code} {finding.message}{cost}", err=json_file == "-")
-        write_json(runs.to_json({"schema": runs.SCHEMA, "findings": findings}))
+            click.echo(finding_line(finding), err=json_file == "-")
+        run.write(LintDocument(findings=findings))
     for problem in unreadable:
         click.echo(f"mjbench: {problem}", err=True)
     if unreadable:

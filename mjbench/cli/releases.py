@@ -5,8 +5,9 @@ from pathlib import Path
 
 import click
 
+from mjbench.cli.context import RunContext, interruptible
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, interruptible, output
+from mjbench.cli.shared import JSON
 from mjbench.errors import InputError, MachineError
 
 HISTORY = click.option(
@@ -34,17 +35,16 @@ def releases(ctx: click.Context) -> None:
 @JSON
 def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
     """List releases: on the package index, in the history, installed here."""
-    from mjbench.instrument.runs import SCHEMA, to_json
     from mjbench.releases import bundle, catalogue
+    from mjbench.report.documents import ReleasesDocument
     from mjbench.report.releases import releases_table
-    from mjbench.report.tables import console
 
-    with output(json_file) as write_json:
+    with RunContext("releases", json_file) as run:
         known = catalogue.list_releases(history or bundle.default_path())
-        console(stderr=json_file == "-").print(releases_table(known.releases))
+        run.out.print(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)
-        write_json({"schema": SCHEMA, "releases": to_json(known.releases)})
+        run.write(ReleasesDocument(releases=known.releases))
 
 
 @releases.command("update")

@@ -18,9 +18,14 @@ from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
+from mjbench.loop.overhead import OverheadRow
+from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
+from mjbench.loop.profile import ProfileRow
 from mjbench.paired.records import SelfcheckRow, TrialRecord, VerdictRecord, VerdictRow
+from mjbench.releases.catalogue import ReleaseRow
 from mjbench.report.advice import Advice, advise
 from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import PathResult
 from mjbench.report.run_differences import RunDifference
@@ -125,6 +130,47 @@ class SelfcheckDocument:
     results: Sequence[SelfcheckRow]
 
 
+@dataclass(frozen=True, kw_only=True)
+class OverheadDocument:
+    """What `mjbench overhead --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[OverheadRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileDocument:
+    """What `mjbench profile --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[ProfileRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FallsDocument:
+    """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
+
+    schema: int = SCHEMA
+    samples: int
+    angles: Sequence[AngleFalls]
+    ways: Sequence[PathFalls]
+
+    @classmethod
+    def of(cls, experiment: FallExperiment) -> "FallsDocument":
+        """Return the document of an experiment."""
+        return cls(samples=experiment.samples, angles=experiment.angles, ways=experiment.paths)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleasesDocument:
+    """What `mjbench releases --json` writes."""
+
+    schema: int = SCHEMA
+    releases: Sequence[ReleaseRow]
+
+
 # The document of each command that takes `--json`.
 DOCUMENTS: Mapping[str, type] = {
     "compare": CompareDocument,
@@ -134,6 +180,11 @@ DOCUMENTS: Mapping[str, type] = {
     "versions": VerdictDocument,
     "ab": VerdictDocument,
     "selfcheck": SelfcheckDocument,
+    "overhead": OverheadDocument,
+    "profile": ProfileDocument,
+    "falls": FallsDocument,
+    "lint": LintDocument,
+    "releases": ReleasesDocument,
 }
 
 
