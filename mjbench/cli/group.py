@@ -1,4 +1,4 @@
-"""The group of all commands."""
+"""The group of all commands, and how an error becomes one line and an exit code."""
 
 import sys
 from typing import Any
@@ -6,15 +6,15 @@ from typing import Any
 import click
 
 import mjbench
-from mjbench.cli.shared import INTERRUPTED
 from mjbench.errors import MjbenchError
+from mjbench.status import ExitCode
 
 
 class Cli(click.Group):
     """A group whose errors are one line with the exit code they stand for."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; end with the exit code of its error, told in a line."""
+        """Run the command; report its error in a line, and end with the error's exit code."""
         try:
             return super().invoke(ctx)
         except MjbenchError as error:
@@ -22,27 +22,28 @@ class Cli(click.Group):
             sys.exit(error.exit_code)
         except (KeyboardInterrupt, click.Abort):
             click.echo("mjbench: interrupted", err=True)
-            sys.exit(INTERRUPTED)
+            sys.exit(ExitCode.INTERRUPTED)
 
 
 @click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(mjbench.__version__, message="mjbench %(version)s")
 def cli() -> None:
-    """Which way of stepping MuJoCo from Python is fastest, for your model on your machine?
+    """Measure MuJoCo in Python: ways of stepping, your loop, releases.
 
     \b
     Examples:
-      mjbench compare                        every path on our ten models
-      mjbench compare cartpole humanoid      two of them
-      mjbench compare robot.xml --threads 1,2,4 --nbatch 256
-      mjbench compare gymnasium:ant --hold 5 --paths python_loop_hold,batch_step
-      mjbench models                         what there is to run
-      mjbench paths                          what can be compared here
-      mjbench releases                       which MuJoCo releases exist, here and elsewhere
+      mjbench compare robot.xml              which way of stepping is fastest; do all agree?
+      mjbench compare humanoid --threads 1,2,4 --nbatch 256
+      mjbench profile robot.xml              where does a step's time go?
+      mjbench lint train.py                  what makes my loop slow, or its log wrong?
+      mjbench versions 3.17.0 4.0.0 robot.xml    is the new release slower?
+      mjbench explain 3.17.0 4.0.0 pile      which functions account for it?
+      mjbench selfcheck                      how often is a verdict wrong here?
+      mjbench models                         the models that are shipped
 
-    MODEL is one of ours (`mjbench models`), a path to .xml or .mjb, or PACKAGE:NAME for a model
-    inside an installed package, such as gymnasium:ant or dm_control:humanoid.
+    MODEL is one of the shipped models, a path to .xml or .mjb, or PACKAGE:NAME for a model inside
+    an installed package, such as gymnasium:ant or dm_control:humanoid.
 
-    Exit codes: 0 fine, 1 a finding (paths disagree), 2 bad usage or input, 3 the environment
-    failed (crash, time limit, disk), 130 interrupted.
+    Exit codes: 0 nothing found, 1 a finding (paths disagree), 2 bad usage or input, 3 the
+    environment failed (crash, time limit, disk), 130 interrupted.
     """
