@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
+from mjbench.counts import counted_program
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CountedWorkPair, CountPair, ExplainRow, FunctionDifference
 from mjbench.instrument.stats import Verdict
@@ -153,7 +154,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
     details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
     return VerdictRow(
         model=candidate.model,
-        path="python_loop",
+        path=counted_program.PATH,
         metric=Metric.INSTRUCTIONS,
         old=baseline.release,
         new=candidate.release,
@@ -181,7 +182,9 @@ def drift(baseline: ModelCount, candidate: ModelCount) -> float | None:
 
 
 def _target_row(count: ModelCount) -> TargetRow:
-    return TargetRow(count.release, count.model, path="python_loop", options={}, model_options={})
+    return TargetRow(
+        count.release, count.model, path=counted_program.PATH, options={}, model_options={}
+    )
 
 
 def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:

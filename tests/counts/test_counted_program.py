@@ -17,7 +17,7 @@ INSTALLED = installs.parse_release(installs.INSTALLED)
 
 @pytest.fixture
 def marked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the calls of the marker, of `mj_step` in between left out."""
+    """Return a list that gets an entry at each call of the marker."""
     calls: list[str] = []
     monkeypatch.setattr(mujoco, counted_program.MARKER, lambda: calls.append("marker"))
     return calls
