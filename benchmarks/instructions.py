@@ -1,77 +1,93 @@
 """Instructions of a step, counted by Callgrind: exact, whatever else the machine does.
 
-One process under Callgrind counts all models of a release, each over its stored start states and
-controls (see mjbench.counts.instructions).
+One process under Callgrind counts all models, each over its stored start states and controls (see
+mjbench.counts.instructions).
 """
 
 import pickle
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench.counts import instructions as room
+from mjbench.counts.instructions import InstructionCounter, ModelCount, unavailable
 from mjbench.releases import installs
 from mjbench.simulation import models, workload
+from mjbench.status import Status
 
 # Simulations of each model; Callgrind runs some fifty times slower than the processor.
 NBATCH = 2
 
 
+@dataclass(frozen=True)
+class CachedCount:
+    """What `setup_cache` hands to each model's process; asv pickles it.
+
+    Attributes:
+      status: `ok`, `unavailable` where this release or machine cannot count, or `failed`.
+      detail: one line; empty when ok.
+      instructions_per_step: of the engine; 0 unless ok.
+    """
+
+    status: Status
+    detail: str = ""
+    instructions_per_step: float = 0.0
+
+
 class Instructions(Tracked):
-    """Instructions of one step."""
+    """Instructions that `mj_step` executes, with all that it calls, per step."""
 
     params = models.shipped()
     param_names = ("model",)
     timeout = 600
 
-    def setup_cache(self) -> dict[str, tuple[str, float | str]]:
-        """Count; return, by model, (`ok`, instructions per step), or how and why not.
-
-        It is (`unable`, …) where this release or machine cannot, (`failed`, …) where it should.
-        """
-        problem = room.unavailable()
+    def setup_cache(self) -> dict[str, CachedCount]:
+        """Count all models at once; return the counts by model."""
+        problem = unavailable()
         if problem:
-            return dict.fromkeys(models.shipped(), ("unable", problem))
-        found: dict[str, tuple[str, float | str]] = {}
-        with tempfile.TemporaryDirectory() as folder, room.Counter() as counter:
+            return dict.fromkeys(models.shipped(), CachedCount(Status.UNAVAILABLE, problem))
+        cache: dict[str, CachedCount] = {}
+        with tempfile.TemporaryDirectory() as folder, InstructionCounter() as counter:
             sources = []
             for name in models.shipped():
                 source = models.resolve(name)
                 try:
-                    counter.give(source, _write(name, Path(folder)))
+                    counter.use_workload(source, _write_workload(name, Path(folder)))
                     sources.append(source)
                 except NotImplementedError as reason:
-                    found[name] = ("unable", str(reason))
+                    cache[name] = CachedCount(Status.UNAVAILABLE, str(reason))
             for count in counter.count(installs.parse_release(installs.INSTALLED), sources):
-                if count.instructions_per_step is None:
-                    found[count.model] = ("failed", count.detail)
-                else:
-                    found[count.model] = ("ok", count.instructions_per_step)
-        return found
+                cache[count.model] = _cached(count)
+        return cache
 
     setup_cache.timeout = 600  # type: ignore[attr-defined]
 
-    def setup(self, counts: dict[str, tuple[str, float | str]], model: str) -> None:
-        """See whether the model was counted."""
-        status, found = counts[model]
-        if status != "ok":
-            raise (RuntimeError if status == "failed" else NotImplementedError)(found)
+    def setup(self, cache: dict[str, CachedCount], model: str) -> None:
+        """Skip a model that cannot be counted; fail for one that should have been."""
+        count = cache[model]
+        if count.status == Status.UNAVAILABLE:
+            raise NotImplementedError(count.detail)
+        if count.status != Status.OK:
+            raise RuntimeError(count.detail)
 
-    def track_instructions_per_step(
-        self, counts: dict[str, tuple[str, float | str]], model: str
-    ) -> float:
-        """Tell."""
-        return float(counts[model][1])
+    def track_instructions_per_step(self, cache: dict[str, CachedCount], model: str) -> float:
+        """Return the engine's instructions per step, a mean over all steps of all simulations."""
+        return cache[model].instructions_per_step
 
     track_instructions_per_step.unit = "instructions/step"
     track_instructions_per_step.pretty_name = "instructions per step"
 
 
-def _write(name: str, folder: Path) -> Path:
-    """Write the stored workload of a model to a file; return it."""
+def _cached(count: ModelCount) -> CachedCount:
+    if count.instructions_per_step is None:
+        return CachedCount(Status.FAILED, count.detail)
+    return CachedCount(Status.OK, instructions_per_step=count.instructions_per_step)
+
+
+def _write_workload(name: str, folder: Path) -> Path:
+    """Write the stored workload of a model to a file; return the file."""
     nstep = stored.HEAVY_NSTEP if name in stored.HEAVY else stored.NSTEP
-    made = stored.stored_workload(name, NBATCH, nstep)
     file = folder / f"{name}.pickle"
-    file.write_bytes(pickle.dumps(workload.portable(made)))
+    file.write_bytes(pickle.dumps(workload.portable(stored.stored_workload(name, NBATCH, nstep))))
     return file

@@ -6,10 +6,11 @@ failed (a crash, a time limit, a full disk); 130 interrupted (see `mjbench.statu
 
 from mjbench.cli import (  # each adds its command to the group
     compare,
-    counting,
     diff,
+    explain,
     falls,
     history,
+    instructions,
     judging,
     lint,
     models,
@@ -21,19 +22,4 @@ from mjbench.cli import (  # each adds its command to the group
 )
 from mjbench.cli.group import cli
 
-__all__ = [
-    "cli",
-    "compare",
-    "counting",
-    "diff",
-    "falls",
-    "history",
-    "judging",
-    "lint",
-    "models",
-    "overhead",
-    "paths",
-    "profile",
-    "releases",
-    "show",
-]
+__all__ = ["cli"]

@@ -256,7 +256,7 @@ def _count(
     from mjbench.report import tables, verdicts
 
     plan, about = plan_of(**chosen), machine.describe()
-    with output(json_file) as write_json, instructions.Counter(plan.sizes) as counter:
+    with output(json_file) as write_json, instructions.InstructionCounter(plan.sizes) as counter:
         arguments = {**plan.as_dict(), "metric": "instructions"}
         run_file = RunFile(results, "versions", {"machine": about, "arguments": arguments})
         out = tables.console(stderr=json_file == "-")
@@ -266,7 +266,7 @@ def _count(
                 advance(number, f"MuJoCo {release.version}", 0.0)
                 counts.append(counter.count(release, sources))
         found = [
-            explain.verdict(before, after, plan.min_effect)
+            explain.verdict_row(before, after, plan.min_effect)
             for counted in counts[1:]
             for before, after in zip(counts[0], counted, strict=True)
         ]

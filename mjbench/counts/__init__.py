@@ -1,1 +1,1 @@
-"""Instructions instead of seconds: counted by Callgrind, and explained by function."""
+"""Instruction counts: measured with Callgrind, and compared between releases by function."""

@@ -1,74 +1,78 @@
-"""The program whose instructions are counted: steps models between calls of a marker.
+"""The program that Callgrind counts: it steps models between calls of a marker function.
 
-It runs under Callgrind, inside the environment of any release (see instructions.py). For each
-model the work is done once to warm it up, then twice, each time between two calls of `mj_version`,
-at which Callgrind writes out what it counted so far.
+It runs inside the environment of any release (see instructions.py). The work of each model is done
+once to warm up, then twice between markers. Callgrind is told to write out its counts, and to start
+again from zero, whenever the marker is called.
 """
 
-import json
 import pickle
 from pathlib import Path
-from typing import Any
 
-# Calls of the marker for each model.
+import mujoco
+
+from mjbench import paths
+from mjbench.counts import messages
+from mjbench.counts.messages import CountedWork, ModelAnswer, ModelRequest
+from mjbench.errors import Failure, MjbenchError, failure_of
+from mjbench.releases import install_check
+from mjbench.simulation import models, work, workload
+
+# A function of the engine that nothing else calls, and how often it is called for each model.
+MARKER = "mj_version"
 MARKERS = 3
+# The way of stepping that is counted.
+PATH = "python_loop"
 
 
-def main(request_file: str) -> None:
-    """Step the models of a request; write what the work was beside it, a line of JSON for each.
-
-    The request names `version` and `models`: name, path, and `work`, the file of a workload; where
-    there is no such file it is made, of nbatch, nstep, hold and seed.
-    """
-    import mujoco
-
-    from mjbench.errors import MjbenchError
-    from mjbench.releases import install_check
-
-    request = json.loads(Path(request_file).read_text(encoding="utf-8"))
-    problem = install_check.imported_problem(request["version"])
+def main(request_file: str, answers_file: str) -> None:
+    """Step the models of a request; append an answer for each (see messages.py)."""
+    request = messages.read_request(Path(request_file))
+    problem = install_check.imported_problem(request.version)
     if problem:
         raise SystemExit(problem)
-    with Path(request_file).with_name("answers.jsonl").open("w", encoding="utf-8") as out:
-        for entry in request["models"]:
-            try:
-                answer = {"name": entry["name"], "status": "ok", **_count(entry)}
-            except MjbenchError as error:
-                answer = {"name": entry["name"], "status": "input", "detail": str(error)}
-                for _ in range(MARKERS):
-                    mujoco.mj_version()
-            out.write(json.dumps(answer) + "\n")
-            out.flush()
+    with Path(answers_file).open("wb") as stream:
+        for model_request in request.models:
+            answer = ModelAnswer(model_request.source.name, _outcome(model_request))
+            messages.append_answer(stream, answer)
 
 
-def _count(entry: dict[str, Any]) -> dict[str, Any]:
-    """Do the work of one model between markers; return what it was."""
-    import mujoco
+def _outcome(request: ModelRequest) -> CountedWork | Failure:
+    """Do the work of one model; return it, or why it could not be done."""
+    try:
+        return _step_between_markers(request)
+    except MjbenchError as error:
+        for _ in range(MARKERS):  # the dumps of the next model are found by their number
+            mujoco.mj_version()
+        return failure_of(error)
 
-    from mjbench import paths
-    from mjbench.simulation import models, work, workload
 
-    model = models.load(models.ModelSource(entry["name"], Path(entry["path"])))
-    file = Path(entry["work"])
-    if not file.is_file():
-        made, _, _ = work.stable_workload(
-            model, *(entry[key] for key in ("nbatch", "nstep", "hold", "seed"))
-        )
-        whole = file.with_suffix(".part")
-        whole.write_bytes(pickle.dumps(workload.portable(made)))
-        whole.rename(file)
-    made = workload.restore(model, pickle.loads(file.read_bytes()))
-    seen = work.observe(made)
-    run = paths.find("python_loop").prepare(made, {}, paths.Resources(made)).run
+def _step_between_markers(request: ModelRequest) -> CountedWork:
+    model = models.load(request.source)
+    shared = _workload(model, request)
+    observation = work.observe(shared)
+    run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
     run()
     mujoco.mj_version()
     for _ in range(MARKERS - 1):
         run()
         mujoco.mj_version()
-    after = work.one_step(model, made.initial_state)
-    return {
-        "steps": made.steps,
-        "work": seen.work.as_dict(),
-        "diverged": int((~seen.healthy).sum()),
-        "after": {field: values.tolist() for field, values in after.items()},
-    }
+    return CountedWork(
+        steps=shared.steps,
+        work=observation.work,
+        diverged=int((~observation.healthy).sum()),
+        after=work.one_step(model, shared.initial_state),
+    )
+
+
+def _workload(model: mujoco.MjModel, request: ModelRequest) -> workload.Workload:
+    """Return the workload of a request; create its file where it is missing."""
+    file = request.workload_file
+    if not file.is_file():
+        created, _, _ = work.stable_workload(
+            model, request.nbatch, request.nstep, request.hold, request.seed
+        )
+        partial = file.with_suffix(".part")  # a killed program must leave no half of a file
+        partial.write_bytes(pickle.dumps(workload.portable(created)))
+        partial.rename(file)
+    # read back even if it was just created: every release restores the same numbers
+    return workload.restore(model, pickle.loads(file.read_bytes()))

@@ -1,163 +1,219 @@
-"""Why is a release slower: instructions by function and stage, old against new."""
+"""Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 
-import numpy as np
-
-from mjbench.counts.instructions import Count
-from mjbench.paired.verdict import PairedResult
+from mjbench.counts import counted_program
+from mjbench.counts.instructions import ModelCount
+from mjbench.counts.records import CountedWorkPair, CountPair, ExplainRow, FunctionDifference
+from mjbench.instrument.stats import Verdict
+from mjbench.paired.records import (
+    DivergedPair,
+    Metric,
+    Ratio,
+    TargetRow,
+    VerdictRow,
+    WorkPair,
+)
 from mjbench.simulation import agreement
+from mjbench.status import Status
 
-# Two counts of the same work differ by less (tests/test_instructions.py).
-REPEATS = 0.001
-# Where the clock and the instructions disagree by more than this, something else is at work.
+# Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
+REPEATABILITY = 0.001
+# Ratios of time and of instructions that differ by more have a cause that instructions do not show.
 DISAGREEMENT = 0.03
 
 
 @dataclass(frozen=True)
-class Change:
-    """A function, in both releases.
+class FunctionChange:
+    """What a function executes itself in both releases, in instructions per step.
 
     Attributes:
       name: of the function.
-      old: instructions per step of the function itself; None where it does not occur.
-      new: the same in the new release.
+      baseline: None where it does not occur.
+      candidate: None where it does not occur.
     """
 
     name: str
-    old: float | None
-    new: float | None
+    baseline: float | None
+    candidate: float | None
 
     @property
     def difference(self) -> float:
-        """Return new less old, per step."""
-        return (self.new or 0.0) - (self.old or 0.0)
+        """Candidate minus baseline, per step."""
+        return (self.candidate or 0.0) - (self.baseline or 0.0)
 
     @property
     def kind(self) -> str:
-        """Return `new`, `gone`, or nothing."""
-        return "new" if self.old is None else "gone" if self.new is None else ""
+        """`new` or `gone` for a function of one release only; empty otherwise."""
+        return "new" if self.baseline is None else "gone" if self.candidate is None else ""
 
 
-def changes(old: Count, new: Count) -> list[Change]:
-    """Return all functions that differ, the largest contribution first."""
-    before = {f.name: f.self for f in old.functions if f.self}
-    after = {f.name: f.self for f in new.functions if f.self}
-    found = [Change(name, before.get(name), after.get(name)) for name in {**before, **after}]
-    found = [change for change in found if change.difference]
-    return sorted(found, key=lambda c: (-abs(c.difference), c.name))
-
-
-def sentence(old: Count, new: Count, outcome: PairedResult | None) -> list[str]:
-    """Return what changed, in lines: code, work, or the clock alone."""
-    assert old.instructions_per_step and new.instructions_per_step
-    ratio = new.instructions_per_step / old.instructions_per_step
-    lines = [
-        f"instructions per step {old.instructions_per_step:,.0f} → {new.instructions_per_step:,.0f}"
-        f" ({100 * (ratio - 1):+.2f} %)"
+def function_changes(baseline: ModelCount, candidate: ModelCount) -> list[FunctionChange]:
+    """Return all functions that differ, the largest difference first."""
+    before = {function.name: function.self for function in baseline.functions if function.self}
+    after = {function.name: function.self for function in candidate.functions if function.self}
+    changes = [
+        FunctionChange(name, before.get(name), after.get(name)) for name in {**before, **after}
     ]
-    work = agreement.work_changes(
-        old.work or {}, new.work or {}, drift(old, new), (old.diverged, new.diverged)
-    )
-    lines.append("changed work: " + ", ".join(work) if work else "same work")
-    judged = outcome.judgement if outcome else None
-    if outcome and outcome.status != "ok":
-        lines.append(f"time not compared: {outcome.detail}")
-    if judged is None:
+    return sorted((c for c in changes if c.difference), key=lambda c: (-abs(c.difference), c.name))
+
+
+def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[float, float]]:
+    """Return the instructions per step of every stage: (baseline, candidate)."""
+    before, after = baseline.stages or {}, candidate.stages or {}
+    return {stage: (before.get(stage, 0.0), after.get(stage, 0.0)) for stage in {**before, **after}}
+
+
+def summary(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> list[str]:
+    """Return lines that say what changed: the instructions, the work, or the time alone.
+
+    Args:
+      baseline: a model in the old release, counted.
+      candidate: the same in the new one.
+      time: the paired comparison of time; None where time was not compared.
+    """
+    assert baseline.instructions_per_step
+    assert candidate.instructions_per_step
+    ratio = candidate.instructions_per_step / baseline.instructions_per_step
+    changes = _work_changes(baseline, candidate)
+    lines = [
+        f"instructions per step {baseline.instructions_per_step:,.0f} →"
+        f" {candidate.instructions_per_step:,.0f} ({_percent(ratio)} %)",
+        "changed work: " + ", ".join(changes) if changes else "same work",
+    ]
+    return lines + (_time_lines(time, ratio) if time else [])
+
+
+def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
+    """Return what the comparison of time adds to that of instructions."""
+    lines = [] if time.status == Status.OK else [f"time not compared: {time.detail}"]
+    if time.ratio is None:
         return lines
-    lines.append(
-        f"time {100 * (judged.ratio - 1):+.2f} % ({100 * (judged.low - 1):+.2f} to"
-        f" {100 * (judged.high - 1):+.2f}), {judged.verdict}"
-    )
-    apart = abs(judged.ratio - ratio)
-    certain = not judged.low - DISAGREEMENT <= ratio <= judged.high + DISAGREEMENT
-    if apart > DISAGREEMENT and certain:
+    estimate, low, high = time.ratio.estimate, time.ratio.low, time.ratio.high
+    if low is None or high is None:
+        return [*lines, f"time {_percent(estimate)} % (interval unknown), {time.verdict}"]
+    interval = f"{_percent(low)} to {_percent(high)}"
+    lines.append(f"time {_percent(estimate)} % ({interval}), {time.verdict}")
+    difference = abs(estimate - instruction_ratio)
+    is_outside = not low - DISAGREEMENT <= instruction_ratio <= high + DISAGREEMENT
+    if difference > DISAGREEMENT and is_outside:
         lines.append(
-            f"time and instructions disagree by {100 * apart:.1f} points: what instructions do not"
-            " see are cache misses, mispredicted branches, wider or slower instructions (SIMD,"
+            f"time and instructions disagree by {100 * difference:.1f} points: instruction counts"
+            " do not show cache misses, mispredicted branches, wider or slower instructions (SIMD,"
             " division), memory allocation in the kernel, and system calls"
         )
     return lines
 
 
-def as_result(old: Count, new: Count, outcome: PairedResult | None) -> dict[str, Any]:
-    """Return what `mjbench explain --json` gives of one model."""
-    return {
-        "model": new.model,
-        "old": old.release,
-        "new": new.release,
-        "status": next((c.status for c in (old, new) if c.status != "ok"), "ok"),
-        "instructions_per_step": {
-            "old": old.instructions_per_step,
-            "new": new.instructions_per_step,
-        },
-        "outside_per_step": {"old": old.outside_per_step, "new": new.outside_per_step},
-        "work": {"old": old.work, "new": new.work},
-        "stages": _stages(old, new),
-        "functions": [
-            {"name": c.name, "old": c.old, "new": c.new, "difference": c.difference}
-            for c in changes(old, new)
-        ],
-        "time": outcome.as_result() if outcome else None,
-    }
+def explain_row(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> ExplainRow:
+    """Return one model's row of `mjbench explain --json`.
 
-
-def _stages(old: Count, new: Count) -> dict[str, dict[str, float]]:
-    before, after = old.stages or {}, new.stages or {}
-    return {
-        stage: {"old": before.get(stage, 0.0), "new": after.get(stage, 0.0)}
-        for stage in {**before, **after}
-    }
-
-
-def verdict(old: Count, new: Count, min_effect: float) -> dict[str, Any]:
-    """Return what `mjbench versions --metric instructions --json` gives of one model.
-
-    It has the keys of a verdict on time. The interval is what two counts may differ by.
+    Args:
+      baseline: a model in the old release.
+      candidate: the same in the new one.
+      time: the paired comparison of time; None where time was not compared.
     """
-    failed = next((count for count in (old, new) if count.status != "ok"), None)
-    ratio = None
-    if not failed and old.instructions_per_step and new.instructions_per_step:
-        ratio = new.instructions_per_step / old.instructions_per_step
-    work = None if failed else {"old": dict(old.work or {}), "new": dict(new.work or {})}
-    side = {"path": "python_loop", "options": {}, "model_options": {}, "slowdown": 0.0}
-    notes = [f"MuJoCo {c.release}: {c.detail}" for c in (old, new) if c.detail]
-    moved, diverged = drift(old, new), (old.diverged, new.diverged)
-    return {
-        "model": new.model,
-        "path": "python_loop",
-        "metric": "instructions",
-        "old": old.release,
-        "new": new.release,
-        "sides": [{"release": c.release, "model": c.model, **side} for c in (old, new)],
-        "status": failed.status if failed else "ok",
-        "detail": "; ".join(notes),
-        "verdict": ratio and _verdict(ratio, min_effect),
-        "ratio": ratio
-        and {"estimate": ratio, "low": ratio / (1 + REPEATS), "high": ratio * (1 + REPEATS)},
-        "changed_work": work
-        and bool(agreement.work_changes(work["old"], work["new"], moved, diverged)),
-        "work": work,
-        "drift": moved,
-        "diverged": {"old": old.diverged, "new": new.diverged},
-        "nbatch": None,
-        "nstep": None,
-        "launches": 0,
-        "pairs": 0,
-        "seconds": new.seconds + old.seconds,
-    }
+    return ExplainRow(
+        model=candidate.model,
+        old=baseline.release,
+        new=candidate.release,
+        status=baseline.status if baseline.status != Status.OK else candidate.status,
+        instructions_per_step=CountPair(
+            baseline.instructions_per_step, candidate.instructions_per_step
+        ),
+        outside_per_step=CountPair(baseline.outside_per_step, candidate.outside_per_step),
+        work=CountedWorkPair(baseline.work, candidate.work),
+        stages={
+            stage: CountPair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()
+        },
+        functions=[
+            FunctionDifference(change.name, change.baseline, change.candidate, change.difference)
+            for change in function_changes(baseline, candidate)
+        ],
+        time=time,
+    )
 
 
-def drift(old: Count, new: Count) -> float | None:
-    """Return how far one step leads apart from the same states, in SI units; None if unknown."""
-    if old.after is None or new.after is None:
+def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:
+    """Return one model's row of `mjbench versions --metric instructions --json`.
+
+    Instructions are exact, so there is no inconclusive verdict; the interval is how far two counts
+    of the same work may differ.
+
+    Args:
+      baseline: a model in the old release.
+      candidate: the same in the new one.
+      min_effect: smallest change of instructions that matters, such as 0.01.
+    """
+    failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
+    ratio = None if failed else _ratio(baseline, candidate)
+    work = None
+    if not failed and baseline.work and candidate.work:
+        work = WorkPair(baseline.work, candidate.work)
+    details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
+    return VerdictRow(
+        model=candidate.model,
+        path=counted_program.PATH,
+        metric=Metric.INSTRUCTIONS,
+        old=baseline.release,
+        new=candidate.release,
+        sides=[_target_row(baseline), _target_row(candidate)],
+        status=failed.status if failed else Status.OK,
+        detail="; ".join(details),
+        verdict=_verdict(ratio, min_effect) if ratio else None,
+        ratio=ratio,
+        changed_work=None if failed else bool(_work_changes(baseline, candidate)),
+        work=work,
+        drift=drift(baseline, candidate),
+        diverged=DivergedPair(baseline.diverged, candidate.diverged),
+        seconds=baseline.seconds + candidate.seconds,
+    )
+
+
+def drift(baseline: ModelCount, candidate: ModelCount) -> float | None:
+    """Return the largest difference of one step from the same states; None if it is unknown.
+
+    It is that of any number in qpos, qvel and act, in SI units.
+    """
+    if baseline.after is None or candidate.after is None:
         return None
-    before, after = ({k: np.array(v) for k, v in c.after.items()} for c in (old, new) if c.after)
-    return agreement.drift(after, before)
+    return agreement.drift(candidate.after, baseline.after)
 
 
-def _verdict(ratio: float, min_effect: float) -> str:
-    if ratio >= 1 + min_effect:
-        return "slower"
-    return "faster" if ratio <= 1 / (1 + min_effect) else "same"
+def _target_row(count: ModelCount) -> TargetRow:
+    return TargetRow(
+        count.release, count.model, path=counted_program.PATH, options={}, model_options={}
+    )
+
+
+def _ratio(baseline: ModelCount, candidate: ModelCount) -> Ratio | None:
+    if not baseline.instructions_per_step or not candidate.instructions_per_step:
+        return None
+    estimate = candidate.instructions_per_step / baseline.instructions_per_step
+    return Ratio(estimate, estimate / (1 + REPEATABILITY), estimate * (1 + REPEATABILITY))
+
+
+def _verdict(ratio: Ratio, min_effect: float) -> Verdict:
+    if ratio.estimate >= 1 + min_effect:
+        return Verdict.SLOWER
+    return Verdict.FASTER if ratio.estimate <= 1 / (1 + min_effect) else Verdict.SAME
+
+
+def _work_changes(baseline: ModelCount, candidate: ModelCount) -> list[str]:
+    """Return how the work of the two differs, for people; empty where it is the same."""
+    return agreement.work_changes(
+        _counters(baseline),
+        _counters(candidate),
+        drift(baseline, candidate),
+        (baseline.diverged, candidate.diverged),
+    )
+
+
+def _counters(count: ModelCount) -> Mapping[str, float]:
+    return asdict(count.work) if count.work else {}
+
+
+def _percent(ratio: float) -> str:
+    """Return the change that a ratio stands for, in percent, with its sign."""
+    return f"{100 * (ratio - 1):+.2f}"

@@ -1,109 +1,65 @@
-"""Instructions per step, by function, counted by Callgrind: exact on the noisiest machine.
+"""Count instructions per step with Callgrind, by function: exact on the noisiest machine.
 
-One process under Callgrind (counted_program.py) steps all models of a release. Callgrind writes its
-counts at each call of a marker; what lies between two markers of a model is one pass over its work by a
-Python loop: the engine (what `mj_step` called, inclusive) and, outside it, the bindings and Python.
-Counts repeat to about 1e-4; a second pass tells for each model. They say what code did, not how
-long it took: memory, caches, branches and system calls cost time that no instruction tells.
+One process under Callgrind (counted_program.py) steps all models of a release. Callgrind writes out
+its counts at each call of a marker; between two markers of a model lies one pass over its workload
+by a Python loop. `mj_step` with all that it calls is the engine; the rest is the bindings and
+Python. Counts repeat to about 1e-4, and a second pass checks that for each model. They say what the
+code did, not how long it took: cache misses, mispredicted branches and system calls take time
+without taking instructions.
 """
 
 import contextlib
-import json
-import re
 import shutil
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
-from mjbench.counts import callgrind, counted_program
-from mjbench.errors import MachineError
+import numpy as np
+
+from mjbench.counts import callgrind, counted_program, messages
+from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
+from mjbench.counts.records import FunctionCount, InstructionsRow
+from mjbench.counts.stages import ENGINE, instructions_by_stage
+from mjbench.errors import Failure, MachineError
 from mjbench.instrument import child
 from mjbench.paired import worker
 from mjbench.paired.protocol import Sizes
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
 
-MARKER = "mj_version"
-ENGINE = "mj_step"
-# Simulations and steps of each model. Callgrind runs about fifty times slower than the processor.
+# Simulations and steps of each, unless the sizes say otherwise. Callgrind runs about fifty times
+# slower than the processor.
 NBATCH, NSTEP = 2, 50
+# A random hash seed changes how Python's dictionaries collide, and with that the counts.
 HASH_SEED = "0"
-# Without these, glibc copies and clears large blocks by one instruction that Callgrind counts once
-# for every byte: false steps of 50 %.
-_LARGE = 1_000_000_000
-TUNABLES = f"glibc.cpu.x86_rep_stosb_threshold={_LARGE}:glibc.cpu.x86_rep_movsb_threshold={_LARGE}"
-# Functions of the pipeline that only call others: what they call is told apart by stage.
-TRUNK = (
-    "mj_step",
-    "mj_forward",
-    "mj_forwardSkip",
-    "mj_fwdKinematics",
-    "mj_fwdPosition",
-    "mj_fwdVelocity",
-    "mj_RungeKutta",
+# Above these thresholds glibc copies and clears memory with one instruction, `rep movsb` or
+# `rep stosb`, which Callgrind counts once for every byte: apparent changes of 50 %. No block
+# reaches a gigabyte.
+_NEVER_BYTES = 1_000_000_000
+TUNABLES = (
+    f"glibc.cpu.x86_rep_stosb_threshold={_NEVER_BYTES}"
+    f":glibc.cpu.x86_rep_movsb_threshold={_NEVER_BYTES}"
 )
-STAGES: Mapping[str, str] = {
-    "kinematics": r"mj_(kinematics\w*|comPos|camlight|flex|tendon|transmission|updateSleep\w*)$",
-    "inertia": r"mj_(crb|makeM|factorM|factorI|tendonArmature)$",
-    "collision": r"mj_(collision|broadphase)$",
-    "constraint making": r"mj_(makeConstraint|projectConstraint|referenceConstraint|island|"
-    r"instantiate\w*|makeImpulse|constructIsland\w*)$",
-    "velocity and forces": r"mj_(comVel|passive|rne\w*|fwdActuation|fwdAcceleration|subtreeVel|"
-    r"tendonBias|tendonDot|xfrcAccumulate|actuator\w*|fwdVelocity)$",
-    "solver": r"mj_(fwdConstraint|solPGS|solCG|solNewton|solNoSlip)$",
-    "sensors": r"mj_(sensor\w+|energy\w+)$",
-    "integration": r"mj_(Euler\w*|implicit\w*|advance|discrete\w*)$",
-    "checks": r"mj_(check\w+)$",
-}
 
 
-@dataclass(frozen=True)
-class Function:
-    """Instructions of one function, per step."""
-
-    name: str
-    self: float
-    inclusive: float
-
-
-@dataclass(frozen=True)
-class Count:
-    """What one model's steps cost in one release.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelCount(InstructionsRow):
+    """What one model's steps cost in one release; a row, and the states that two releases compare.
 
     Attributes:
-      model: its name.
-      release: of MuJoCo.
-      status: `ok`, `input`, `crashed` or `timeout`.
-      detail: one line; empty when ok.
-      instructions_per_step: of the engine, all below `mj_step`.
-      outside_per_step: of the bindings, Python, and all else that is not the engine.
-      functions: of the engine, the most expensive first.
-      stages: instructions per step by stage of the pipeline.
-      steps: that were counted.
-      work: contacts, constraints, solver iterations per step.
-      repeats: by how much a second pass over the same work differed, as a share.
-      diverged: simulations that did.
-      after: qpos, qvel and act, each (nbatch, size), one step after each start.
-      seconds: that counting it and the models beside it took, over their number.
+      after: qpos, qvel and act by name, each (nbatch, size), one step after each start state, in
+        SI units; None where the model was not counted.
     """
 
-    model: str
-    release: str
-    status: str = "ok"
-    detail: str = ""
-    instructions_per_step: float | None = None
-    outside_per_step: float | None = None
-    functions: Sequence[Function] = ()
-    stages: Mapping[str, float] | None = None
-    steps: int = 0
-    work: Mapping[str, float] | None = None
-    repeats: float | None = None
-    diverged: int = 0
-    after: Mapping[str, Sequence[Sequence[float]]] | None = None
-    seconds: float = 0.0
+    after: Mapping[str, np.ndarray] | None = None
+
+    def row(self) -> InstructionsRow:
+        """Return the row of `mjbench instructions --json`."""
+        names = [field.name for field in fields(InstructionsRow)]
+        return InstructionsRow(**{name: getattr(self, name) for name in names})
 
 
 def unavailable() -> str | None:
@@ -113,19 +69,29 @@ def unavailable() -> str | None:
     return "counting instructions needs valgrind: install it, such as by `apt install valgrind`"
 
 
-class Counter:
-    """Counts models, each doing the same work in every release.
+class InstructionCounter:
+    """Counts models, each with the same workload in every release; used as a context manager.
 
-    That work is what `give` named, or what the first release to count the model drew. Used as a
-    context; it keeps the work in a folder of its own.
+    The workload is the one that `use_workload` set; otherwise the first release that counts the
+    model creates it.
     """
 
     def __init__(self, sizes: Sizes | None = None):
-        self.sizes = sizes or Sizes()
-        self._works: dict[ModelSource, Path] = {}
+        """Prepare a counter.
+
+        Args:
+          sizes: of the workloads to create; None stands for the default sizes.
+        """
+        self._sizes = sizes or Sizes()
+        self._workload_files: dict[ModelSource, Path] = {}
         self._closing = contextlib.ExitStack()
 
-    def __enter__(self) -> "Counter":
+    def __enter__(self) -> "InstructionCounter":
+        """Create a temporary directory for workloads.
+
+        Raises:
+          MachineError: valgrind is missing, or there is no temporary directory.
+        """
         problem = unavailable()
         if problem:
             raise MachineError(problem)
@@ -135,173 +101,184 @@ class Counter:
     def __exit__(self, *exception: object) -> None:
         self._closing.close()
 
-    def give(self, source: ModelSource, work: Path) -> None:
-        """Name the work of a model: the pickle of what `workload.portable` returns."""
-        self._works[source] = work
+    def use_workload(self, source: ModelSource, file: Path) -> None:
+        """Set the workload of a model: a pickle of what `workload.portable` returns."""
+        self._workload_files[source] = file
 
     def count(
         self, release: installs.ReleaseSpec, sources: Sequence[ModelSource], limit_s: float = 600.0
-    ) -> list[Count]:
+    ) -> list[ModelCount]:
         """Count the instructions of models in one release.
 
         Args:
-          release: of MuJoCo.
+          release: of MuJoCo; installed if it is missing.
           sources: the models.
-          limit_s: the process is killed when it counted no model for this long.
+          limit_s: kill the process when it finishes no model for this long.
+
+        Returns:
+          One count per model, in their order; a model that failed says so in its status.
 
         Raises:
-          MachineError: valgrind fails.
+          InputError: the release does not exist.
+          MachineError: the release cannot be installed, or valgrind fails.
         """
-        entries = [self._entry(source) for source in sources]
-        found: list[Count] = []
+        requests = [self._request(source) for source in sources]
+        counts: list[ModelCount] = []
         begin = time.monotonic()
-        while len(found) < len(entries):
-            # a model that ends the process costs its own row: another counts the others
+        while len(counts) < len(requests):
+            # a model that ends the process costs only its own row: a new process counts the rest
             with child.scratch() as folder:
-                found += _count(release, entries[len(found) :], folder, limit_s)
-        seconds = (time.monotonic() - begin) / max(1, len(found))
-        return [replace(count, seconds=seconds) for count in found]
+                counts += _count_until_death(release, requests[len(counts) :], folder, limit_s)
+        seconds = (time.monotonic() - begin) / max(1, len(counts))
+        return [replace(count, seconds=seconds) for count in counts]
 
-    def _entry(self, source: ModelSource) -> dict[str, Any]:
-        work = self._works.setdefault(source, self._folder / f"{len(self._works)}.pickle")
-        hold = self.sizes.hold
-        return {
-            "name": source.name,
-            "path": str(source.path),
-            "work": str(work),
-            "nbatch": self.sizes.nbatch or NBATCH,
-            "nstep": self.sizes.nstep or hold * max(1, NSTEP // hold),
-            "hold": hold,
-            "seed": self.sizes.seed,
-        }
+    def _request(self, source: ModelSource) -> ModelRequest:
+        unused = self._folder / f"{len(self._workload_files)}.pickle"
+        sizes = self._sizes
+        return ModelRequest(
+            source,
+            workload_file=self._workload_files.setdefault(source, unused),
+            nbatch=sizes.nbatch or NBATCH,
+            nstep=sizes.nstep or sizes.hold * max(1, NSTEP // sizes.hold),
+            hold=sizes.hold,
+            seed=sizes.seed,
+        )
 
 
-def _count(
-    release: installs.ReleaseSpec, entries: Sequence[dict[str, Any]], folder: Path, limit_s: float
-) -> list[Count]:
-    """Count models until one ends the process; its row, the last, says how."""
-    request = folder / "request.json"
-    request.write_text(json.dumps({"version": release.version, "models": entries}))
-    ended = _run(release, folder, request, limit_s)
-    answers = [
-        json.loads(line) for line in child.text(folder / "answers.jsonl").splitlines() if line
-    ]
+def _count_until_death(
+    release: installs.ReleaseSpec, requests: Sequence[ModelRequest], folder: Path, limit_s: float
+) -> list[ModelCount]:
+    """Count models until one ends the process; the last count then says how."""
+    request = CountRequest(release.version, tuple(requests))
+    failure = _run_program(release, request, folder, limit_s)
+    answers = messages.read_answers(_answers_file(folder))
     counts = [
-        _counted(release, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
+        _model_count(release, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
         for i, answer in enumerate(answers)
     ]
-    if len(counts) < len(entries):
-        if ended is None:
-            raise MachineError("valgrind ended before its work was done")
-        counts.append(Count(entries[len(counts)]["name"], release.version, *ended))
+    if len(counts) < len(requests):
+        if failure is None:
+            raise MachineError("valgrind ended before it had counted all models")
+        counts.append(_failed(requests[len(counts)].source.name, release, failure))
     return counts
 
 
-def _run(
-    release: installs.ReleaseSpec, folder: Path, request: Path, limit_s: float
-) -> tuple[str, str] | None:
-    """Run the program under Callgrind; return how it failed, (status, detail), or None."""
-    core = folder / "core"
+def _run_program(
+    release: installs.ReleaseSpec, request: CountRequest, folder: Path, limit_s: float
+) -> Failure | None:
+    """Run the counted program under Callgrind; return how it failed, or None.
+
+    The dumps become `callgrind.out.1`, `callgrind.out.2`, … in the folder.
+    """
+    core, request_file = folder / "core", folder / "request.pickle"
+    output_file, answers_file = folder / "output.txt", _answers_file(folder)
     core.mkdir()
     worker.make_core(core)
-    options = ["--tool=callgrind", f"--dump-before={MARKER}", "--quiet"]
-    options += [f"--callgrind-out-file={folder / 'callgrind.out'}"]
-    with installs.use(release) as install, (folder / "said.txt").open("wb") as said:
+    messages.write_request(request_file, request)
+    main = f"main({str(request_file)!r}, {str(answers_file)!r})"
+    with installs.use(release) as install, output_file.open("wb") as output:
         program = worker.command(
-            f"from mjbench.counts.counted_program import main; main({str(request)!r})",
-            core,
-            install,
+            f"from mjbench.counts.counted_program import main; {main}", core, install
         )
-        environment = worker.environment(install)
-        environment |= {"GLIBC_TUNABLES": TUNABLES, "PYTHONHASHSEED": HASH_SEED}
-        environment["TMPDIR"] = str(folder)  # Callgrind's own files end with it
         process = subprocess.Popen(
-            ["valgrind", *options, *program],
+            [*_callgrind(folder), *program],
             stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=said,
+            stdout=output,
+            stderr=output,
             cwd=folder,
-            env=environment,
+            env=_environment(install, folder),
             start_new_session=True,
             preexec_fn=child.die_with_parent,
         )
         try:
-            code = _wait(process, folder / "answers.jsonl", limit_s)
+            code = _wait(process, answers_file, limit_s)
         except subprocess.TimeoutExpired:
-            return "timeout", f"no answer within {limit_s:g} s, killed"
+            return Failure(Status.TIMEOUT, f"no answer within {limit_s:g} s, killed")
         finally:
             child.end_group(process)
     if code == 0:
         return None
-    last = child.last_words(child.text(folder / "said.txt"))
-    return "crashed", child.cause_of_death(code) + last
+    last_line = child.last_words(child.text(output_file))
+    return Failure(Status.CRASHED, child.cause_of_death(code) + last_line)
 
 
-def _wait(process: "subprocess.Popen[bytes]", answers: Path, limit_s: float) -> int:
-    """Return the exit code of a process that answers for one model after the other.
+def _callgrind(folder: Path) -> list[str]:
+    """Return the beginning of a command that runs the rest under Callgrind."""
+    return [
+        *("valgrind", "--tool=callgrind", "--quiet"),
+        f"--dump-before={counted_program.MARKER}",
+        f"--callgrind-out-file={folder / 'callgrind.out'}",
+    ]
+
+
+def _environment(install: Path | None, folder: Path) -> dict[str, str]:
+    return worker.environment(install) | {
+        "GLIBC_TUNABLES": TUNABLES,
+        "PYTHONHASHSEED": HASH_SEED,
+        "TMPDIR": str(folder),  # valgrind's own temporary files are removed with the folder
+    }
+
+
+def _answers_file(folder: Path) -> Path:
+    return folder / "answers.pickle"
+
+
+def _wait(process: "subprocess.Popen[bytes]", answers_file: Path, limit_s: float) -> int:
+    """Return the exit code of the counted program.
 
     Raises:
-      subprocess.TimeoutExpired: no answer for `limit_s` seconds.
+      subprocess.TimeoutExpired: `limit_s` seconds passed without a new answer.
     """
-    answered = ""
+    known_bytes = 0
     while True:
         try:
             return process.wait(timeout=limit_s)
         except subprocess.TimeoutExpired:
-            told = child.text(answers)
-            if told == answered:
+            size_bytes = answers_file.stat().st_size if answers_file.exists() else 0
+            if size_bytes == known_bytes:
                 raise
-            answered = told
+            known_bytes = size_bytes
 
 
-def _dumps(number: int) -> range:
-    """Return the numbers of the dumps that hold a model's passes; one holds what lies before."""
-    first = counted_program.MARKERS * number + 2
+def _dumps(index: int) -> range:
+    """Return the numbers of the dumps that hold the passes of the model at `index`.
+
+    Dumps are numbered from 1. Each model's first one holds what came before its passes.
+    """
+    first = counted_program.MARKERS * index + 2
     return range(first, first + counted_program.MARKERS - 1)
 
 
-def _counted(
-    release: installs.ReleaseSpec, answer: Mapping[str, Any], dumps: Sequence[Path]
-) -> Count:
-    if answer["status"] != "ok":
-        return Count(answer["name"], release.version, answer["status"], answer["detail"])
-    profile, again = (callgrind.parse(child.text(dump)) for dump in dumps)
-    steps = answer["steps"]
-    engine = profile.inclusive(ENGINE)
+def _model_count(
+    release: installs.ReleaseSpec, answer: ModelAnswer, dumps: Sequence[Path]
+) -> ModelCount:
+    """Return the count of one model, from its answer and the dumps of its two passes."""
+    counted = answer.outcome
+    if isinstance(counted, Failure):
+        return _failed(answer.model, release, counted)
+    profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
+    steps, engine = counted.steps, profile.inclusive(ENGINE)
     if engine == 0:
         raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {release.version}")
-    return Count(
-        answer["name"],
-        release.version,
+    return ModelCount(
+        model=answer.model,
+        release=release.version,
         instructions_per_step=engine / steps,
         outside_per_step=(profile.total - engine) / steps,
         functions=[
-            Function(name, self / steps, inclusive / steps)
-            for name, self, inclusive in profile.below(ENGINE)
+            FunctionCount(cost.name, cost.self_cost / steps, cost.inclusive_cost / steps)
+            for cost in profile.reachable_from(ENGINE)
         ],
-        stages={stage: cost / steps for stage, cost in stages(profile).items()},
+        stages={stage: cost / steps for stage, cost in instructions_by_stage(profile).items()},
         steps=steps,
-        repeats=abs(again.inclusive(ENGINE) / engine - 1),
-        work=answer["work"],
-        diverged=answer["diverged"],
-        after=answer["after"],
+        work=counted.work,
+        repeats=abs(repeated.inclusive(ENGINE) / engine - 1),
+        diverged=counted.diverged,
+        after=counted.after,
     )
 
 
-def as_result(count: Count) -> dict[str, Any]:
-    """Return what `mjbench instructions --json` gives of one model in one release."""
-    told = {key: value for key, value in asdict(count).items() if key != "after"}
-    return {**told, "functions": [asdict(function) for function in count.functions]}
-
-
-def stages(profile: callgrind.CallgrindProfile) -> dict[str, int]:
-    """Return instructions of the engine by stage of the pipeline; they sum up to all of it."""
-    found = dict.fromkeys(STAGES, 0)
-    for (caller, callee), cost in profile.arcs.items():
-        if caller in TRUNK and callee not in TRUNK:
-            for stage, names in STAGES.items():
-                if re.match(names, callee):
-                    found[stage] += cost
-                    break
-    found["other"] = profile.inclusive(ENGINE) - sum(found.values())
-    return found
+def _failed(model: str, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
+    return ModelCount(
+        model=model, release=release.version, status=failure.status, detail=failure.detail
+    )

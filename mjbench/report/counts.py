@@ -1,4 +1,4 @@
-"""Tables of instruction counts, and of what explains the difference of two."""
+"""Tables of instruction counts, and of what explains the difference between two releases."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,13 +6,20 @@ from rich.console import Console
 from rich.markup import escape
 
 from mjbench.counts import explain
-from mjbench.counts.instructions import Count
-from mjbench.paired.verdict import PairedResult
+from mjbench.counts.instructions import ModelCount
+from mjbench.paired.records import VerdictRow
 from mjbench.report import tables
+from mjbench.status import Status
 
 
-def print_counts(out: Console, counts: Sequence[Count], top: int) -> None:
-    """Print instructions per step of every model and release, then functions and stages."""
+def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
+    """Print instructions per step of every model and release, then stages and functions of each.
+
+    Args:
+      out: where to.
+      counts: what was counted.
+      top: how many functions to list.
+    """
     headings = ["model", "release", "instructions/step", "outside the engine/step", ""]
     table = tables.plain_table(headings, right=(2, 3))
     for count in counts:
@@ -25,58 +32,83 @@ def print_counts(out: Console, counts: Sequence[Count], top: int) -> None:
         )
     out.print(table)
     for count in counts:
-        if count.status != "ok" or not count.instructions_per_step:
-            continue
-        out.print(f"\n{escape(count.model)}, MuJoCo {count.release}")
-        out.print(_shares(count.stages or {}, count.instructions_per_step), soft_wrap=True)
-        functions = tables.plain_table(["function", "self/step", "share", "inclusive"], (1, 2, 3))
-        for one in count.functions[:top]:
-            share = f"{100 * one.self / count.instructions_per_step:.1f} %"
-            functions.add_row(escape(one.name), f"{one.self:,.0f}", share, f"{one.inclusive:,.0f}")
-        out.print(functions)
+        if count.status == Status.OK and count.instructions_per_step:
+            _print_functions(out, count, count.instructions_per_step, top)
+
+
+def _print_functions(out: Console, count: ModelCount, total: float, top: int) -> None:
+    out.print(f"\n{escape(count.model)}, MuJoCo {count.release}")
+    out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
+    table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))
+    for function in count.functions[:top]:
+        table.add_row(
+            escape(function.name),
+            _number(function.self),
+            f"{100 * function.self / total:.1f} %",
+            _number(function.inclusive),
+        )
+    out.print(table)
 
 
 def print_explanation(
-    out: Console, old: Count, new: Count, outcome: PairedResult | None, top: int
+    out: Console, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None, top: int
 ) -> None:
-    """Print what changed from one release to another on one model."""
-    out.print(f"\n[bold]{escape(new.model)}[/bold], MuJoCo {old.release} → {new.release}")
-    for count in (old, new):
-        if count.status != "ok":
+    """Print what changed from one release to another on one model.
+
+    Args:
+      out: where to.
+      baseline: the model in the old release.
+      candidate: the model in the new one.
+      time: the paired comparison of time; None where time was not compared.
+      top: how many functions to list.
+    """
+    releases = f"MuJoCo {baseline.release} → {candidate.release}"
+    out.print(f"\n[bold]{escape(candidate.model)}[/bold], {releases}")
+    for count in (baseline, candidate):
+        if count.status != Status.OK:
             out.print(escape(f"MuJoCo {count.release}: {count.detail}"), soft_wrap=True)
             return
-    for line in explain.sentence(old, new, outcome):
+    for line in explain.summary(baseline, candidate, time):
         out.print(escape(line), soft_wrap=True)
-    whole = new.instructions_per_step or 1.0
-    before, after = old.stages or {}, new.stages or {}
-    table = tables.plain_table(["stage", "old/step", "new/step", "difference"], (1, 2, 3))
-    for stage in sorted(after, key=lambda s: -abs(after[s] - before.get(s, 0.0))):
-        was, now = before.get(stage, 0.0), after[stage]
-        if was or now:
-            table.add_row(stage, _number(was), _number(now), f"{now - was:+,.0f}")
+    _print_stage_changes(out, baseline, candidate)
+    _print_function_changes(out, baseline, candidate, top)
+
+
+def _print_stage_changes(out: Console, baseline: ModelCount, candidate: ModelCount) -> None:
+    table = tables.plain_table(["stage", "old/step", "new/step", "difference"], right=(1, 2, 3))
+    pairs = explain.stage_pairs(baseline, candidate)
+    for stage in sorted(pairs, key=lambda name: -abs(pairs[name][1] - pairs[name][0])):
+        before, after = pairs[stage]
+        if before or after:
+            table.add_row(stage, _number(before), _number(after), f"{after - before:+,.0f}")
     out.print(table)
-    functions = tables.plain_table(
-        ["function", "old/step", "new/step", "difference", ""], (1, 2, 3)
-    )
-    changes = explain.changes(old, new)
+
+
+def _print_function_changes(
+    out: Console, baseline: ModelCount, candidate: ModelCount, top: int
+) -> None:
+    headings = ["function", "old/step", "new/step", "difference", ""]
+    table = tables.plain_table(headings, right=(1, 2, 3))
+    changes = explain.function_changes(baseline, candidate)
     for change in changes[:top]:
-        functions.add_row(
+        table.add_row(
             escape(change.name),
-            _number(change.old),
-            _number(change.new),
+            _number(change.baseline),
+            _number(change.candidate),
             f"{change.difference:+,.0f}",
             change.kind,
         )
-    out.print(functions)
-    rest = sum(change.difference for change in changes[top:])
-    if changes[top:]:
-        share = 100 * rest / whole
-        out.print(f"{len(changes) - top} further functions: {rest:+,.0f} ({share:+.2f} %)")
+    out.print(table)
+    further = changes[top:]
+    if further:
+        rest = sum(change.difference for change in further)
+        share = 100 * rest / (candidate.instructions_per_step or 1.0)
+        out.print(f"{len(further)} further functions: {rest:+,.0f} ({share:+.2f} %)")
 
 
-def _shares(stages: Mapping[str, float], whole: float) -> str:
+def _stage_shares(stages: Mapping[str, float], total: float) -> str:
     ordered = sorted(stages.items(), key=lambda item: -item[1])
-    return ", ".join(f"{name} {100 * cost / whole:.1f} %" for name, cost in ordered if cost)
+    return ", ".join(f"{name} {100 * cost / total:.1f} %" for name, cost in ordered if cost)
 
 
 def _number(value: float | None) -> str:

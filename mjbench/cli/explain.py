@@ -1,0 +1,101 @@
+"""`mjbench explain`: what changed from one release to another, by function."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.judging import plan_of
+from mjbench.cli.shared import JSON, JUDGING, SIZES, with_options
+from mjbench.errors import InputError
+from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.counts.instructions import InstructionCounter
+    from mjbench.counts.records import ExplainRow
+    from mjbench.paired.protocol import Target
+    from mjbench.paired.records import VerdictRow
+    from mjbench.paired.verdict import VerdictPlan
+    from mjbench.paired.worker_pool import WorkerPool
+
+
+@cli.command()
+@click.argument("words", nargs=-1, required=True, metavar="OLD NEW MODEL…")
+@click.option(
+    "--top",
+    type=click.IntRange(min=1),
+    default=15,
+    show_default=True,
+    help="List this many functions.",
+)
+@click.option("--clock/--no-clock", default=True, help="Compare wall-clock times too.")
+@with_options(*JUDGING, *SIZES, JSON)
+def explain(
+    words: tuple[str, ...], top: int, clock: bool, json_file: str | None, **options: Any
+) -> None:
+    """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
+
+    Needs valgrind. Lists instructions per step by function and by stage, the largest difference
+    first, with the work done and the ratio of wall-clock times. Times and counts are of the same
+    simulations.
+    """
+    from mjbench.counts.explain import explain_row
+    from mjbench.counts.instructions import InstructionCounter
+    from mjbench.instrument.runs import SCHEMA
+    from mjbench.paired.protocol import Target
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.releases import installs
+    from mjbench.report import counts
+    from mjbench.simulation import models
+
+    release_words = [word for word in words if installs.is_release(word)]
+    if len(release_words) != 2:
+        raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
+    specs = [installs.parse_release(word) for word in release_words]
+    names = [word for word in words if word not in release_words]
+    sources = [models.resolve(name) for name in names or models.shipped()]
+    plan = plan_of(**options)
+    rows: list[ExplainRow] = []
+    statuses: list[Status] = []
+    with (
+        RunContext("explain", json_file) as run,
+        WorkerPool() as pool,  # workloads last as long as the pool
+        InstructionCounter(plan.sizes) as counter,
+    ):
+        times = [
+            _compare_times(pool, counter, [Target(spec, source) for spec in specs], plan)
+            if clock
+            else None
+            for source in sources
+        ]
+        baselines, candidates = (counter.count(spec, sources) for spec in specs)
+        for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
+            counts.print_explanation(run.out, baseline, candidate, time, top)
+            rows.append(explain_row(baseline, candidate, time))
+            statuses += [baseline.status, candidate.status, time.status if time else Status.OK]
+        run.write({"schema": SCHEMA, "results": rows})
+    run.exit(statuses)
+
+
+def _compare_times(
+    pool: "WorkerPool",
+    counter: "InstructionCounter",
+    targets: Sequence["Target"],
+    plan: "VerdictPlan",
+) -> "VerdictRow":
+    """Compare the times of one model; have the counter count the same simulations.
+
+    Raises:
+      KeyboardInterrupt: the user stopped the comparison.
+    """
+    from mjbench.paired import verdict
+
+    baseline, candidate = targets
+    result = verdict.decide(pool, baseline, candidate, plan)
+    if result.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.work:
+        counter.use_workload(baseline.model, result.work)
+    return result.row()

@@ -1,0 +1,69 @@
+"""`mjbench instructions`: instructions per step, counted by Callgrind."""
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.shared import JSON, SEED, seconds, with_options
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--release",
+    "releases",
+    multiple=True,
+    metavar="RELEASE",
+    help="Release to count in; may be given several times.  [default: installed]",
+)
+@click.option(
+    "--top",
+    type=click.IntRange(min=1),
+    default=10,
+    show_default=True,
+    help="List this many functions.",
+)
+@click.option(
+    "--time-limit",
+    "limit_s",
+    default="600s",
+    show_default=True,
+    metavar="SECONDS",
+    callback=seconds,
+    help="Kill the process when it finishes no model for this long.",
+)
+@with_options(SEED, JSON)
+def instructions(
+    names: tuple[str, ...],
+    releases: tuple[str, ...],
+    top: int,
+    limit_s: float,
+    seed: int,
+    json_file: str | None,
+) -> None:
+    """Count instructions per step, by function and stage; exact on any machine.
+
+    Needs valgrind. The first RELEASE draws start states and controls, and every other one does the
+    same work.
+    """
+    from mjbench.counts.instructions import InstructionCounter, ModelCount
+    from mjbench.instrument.runs import SCHEMA
+    from mjbench.paired.protocol import Sizes
+    from mjbench.releases import installs
+    from mjbench.report import counts
+    from mjbench.simulation import models
+
+    sources = [models.resolve(name) for name in names or models.shipped()]
+    specs = [installs.parse_release(word) for word in releases or (installs.INSTALLED,)]
+    model_counts: list[ModelCount] = []
+    with (
+        RunContext("instructions", json_file) as run,
+        InstructionCounter(Sizes(seed=seed)) as counter,
+    ):
+        with run.progress(len(specs)) as advance:
+            for number, spec in enumerate(specs):
+                advance(number, f"MuJoCo {spec.version}", 0.0)
+                model_counts += counter.count(spec, sources, limit_s)
+        counts.print_counts(run.out, model_counts, top)
+        run.write({"schema": SCHEMA, "results": [count.row() for count in model_counts]})
+    run.exit(count.status for count in model_counts)

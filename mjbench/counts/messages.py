@@ -1,0 +1,111 @@
+"""What `instructions` asks of the counted program, and what that answers: pickles in files.
+
+Both sides run the same code under the same Python and NumPy. The program appends an answer after
+each model; a program that is killed loses only the answer that it was writing.
+"""
+
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from mjbench.errors import Failure
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.work import Work
+
+
+@dataclass(frozen=True)
+class ModelRequest:
+    """A model to count, and its workload.
+
+    Attributes:
+      source: of the model.
+      workload_file: a pickle of `workload.portable`; the program creates it where it is missing.
+      nbatch: simulations of a workload to create.
+      nstep: steps of each.
+      hold: steps that each control is held.
+      seed: decides start states and controls.
+    """
+
+    source: ModelSource
+    workload_file: Path
+    nbatch: int
+    nstep: int
+    hold: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class CountRequest:
+    """The program's work.
+
+    Attributes:
+      version: that MuJoCo must have there.
+      models: to count, in this order.
+    """
+
+    version: str
+    models: tuple[ModelRequest, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CountedWork:
+    """What was done between two markers.
+
+    Attributes:
+      steps: number of steps of one pass.
+      work: contacts, constraints, solver iterations per step.
+      diverged: number of simulations that diverged.
+      after: qpos, qvel and act, each (nbatch, size), one step after each start, in SI units.
+    """
+
+    steps: int
+    work: Work
+    diverged: int
+    after: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelAnswer:
+    """What became of one model.
+
+    Attributes:
+      model: its name.
+      outcome: the work whose instructions Callgrind wrote out, or why there is none.
+    """
+
+    model: str
+    outcome: CountedWork | Failure
+
+
+def write_request(file: Path, request: CountRequest) -> None:
+    """Write a request."""
+    file.write_bytes(pickle.dumps(request))
+
+
+def read_request(file: Path) -> CountRequest:
+    """Return the request in a file."""
+    request: CountRequest = pickle.loads(file.read_bytes())
+    return request
+
+
+def append_answer(stream: BinaryIO, answer: ModelAnswer) -> None:
+    """Append an answer to an open file, and flush it."""
+    pickle.dump(answer, stream)
+    stream.flush()
+
+
+def read_answers(file: Path) -> list[ModelAnswer]:
+    """Return the complete answers in a file, also while it is being written; [] without a file."""
+    answers: list[ModelAnswer] = []
+    if not file.exists():
+        return answers
+    with file.open("rb") as stream:
+        while True:
+            try:
+                answers.append(pickle.load(stream))
+            except (EOFError, pickle.UnpicklingError):  # the end, or an answer cut short
+                return answers

@@ -1,0 +1,42 @@
+"""Callgrind's format: compressed names, relative positions, calls and recursion."""
+
+from callgrind_dump import DUMP
+
+from mjbench.counts import callgrind
+
+
+def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
+    profile = callgrind.parse(DUMP)
+    assert profile.self_cost == {
+        "main": 5,
+        "mj_step": 150,
+        "mj_forward": 50,
+        "mj_collision": 500,
+        "mj_solNewton": 300,
+    }
+    assert profile.total == 1005
+    assert profile.inclusive("mj_step") == 1000
+    assert profile.inclusive("mj_collision") == 500
+
+
+def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
+    costs = callgrind.parse(DUMP).reachable_from("mj_step")
+    assert [(cost.name, cost.self_cost, cost.inclusive_cost) for cost in costs] == [
+        ("mj_collision", 500, 500),
+        ("mj_solNewton", 300, 300),
+        ("mj_step", 150, 1000),
+        ("mj_forward", 50, 850),
+    ]
+
+
+def test_recursion_is_not_counted_twice() -> None:
+    text = DUMP + "fn=(6) mju_sort'2\n60 7\ncfn=(7) mju_sort\ncalls=1 60\n61 3\n"
+    profile = callgrind.parse(text)
+    assert profile.self_cost["mju_sort"] == 7
+    assert profile.inclusive("mju_sort") == 7
+
+
+def test_functions_that_call_each_other_are_listed_once() -> None:
+    calls_back = "fn=(5)\ncfn=(3)\ncalls=1 30\n51 20\n"
+    costs = callgrind.parse(DUMP + calls_back).reachable_from("mj_forward")
+    assert sorted(cost.name for cost in costs) == ["mj_collision", "mj_forward", "mj_solNewton"]

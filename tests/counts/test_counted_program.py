@@ -1,0 +1,84 @@
+"""The program that Callgrind counts, run here without Callgrind."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from mjbench.counts import counted_program, messages
+from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, ModelRequest
+from mjbench.errors import Failure
+from mjbench.releases import installs
+from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
+
+INSTALLED = installs.parse_release(installs.INSTALLED)
+
+
+@pytest.fixture
+def marked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that gets an entry at each call of the marker."""
+    calls: list[str] = []
+    monkeypatch.setattr(mujoco, counted_program.MARKER, lambda: calls.append("marker"))
+    return calls
+
+
+def run(
+    folder: Path, *requests: ModelRequest, version: str = INSTALLED.version
+) -> list[ModelAnswer]:
+    request_file, answers_file = folder / "request", folder / "answers"
+    messages.write_request(request_file, CountRequest(version, requests))
+    counted_program.main(str(request_file), str(answers_file))
+    return messages.read_answers(answers_file)
+
+
+def request_for(model_file: str, workload_file: Path, seed: int = 0) -> ModelRequest:
+    source = ModelSource("contact", Path(model_file))
+    return ModelRequest(source, workload_file, nbatch=2, nstep=6, hold=3, seed=seed)
+
+
+def test_an_answer_says_what_work_was_done(
+    contact_file: str, tmp_path: Path, marked: list[str]
+) -> None:
+    (answer,) = run(tmp_path, request_for(contact_file, tmp_path / "0.pickle"))
+    assert answer.model == "contact"
+    assert isinstance(answer.outcome, CountedWork)
+    assert answer.outcome.steps == 12
+    assert answer.outcome.diverged == 0
+    assert answer.outcome.work.contacts > 0
+    assert answer.outcome.after["qpos"].shape[0] == 2
+    assert len(marked) == counted_program.MARKERS
+
+
+def test_the_second_release_does_the_work_that_the_first_one_drew(
+    contact_file: str, tmp_path: Path, marked: list[str]
+) -> None:
+    file = tmp_path / "0.pickle"
+    (first,) = run(tmp_path, request_for(contact_file, file))
+    workload = file.read_bytes()
+    (second,) = run(tmp_path, request_for(contact_file, file, seed=7))
+    assert file.read_bytes() == workload
+    assert isinstance(first.outcome, CountedWork)
+    assert isinstance(second.outcome, CountedWork)
+    assert first.outcome.after["qpos"].tolist() == second.outcome.after["qpos"].tolist()
+
+
+def test_a_broken_model_leaves_the_numbers_of_later_dumps_as_they_are(
+    contact_file: str, tmp_path: Path, marked: list[str]
+) -> None:
+    broken_file = tmp_path / "broken.xml"
+    broken_file.write_text("<mujoco><worldbody/></mujoco>")
+    broken, whole = run(
+        tmp_path,
+        request_for(str(broken_file), tmp_path / "0.pickle"),
+        request_for(contact_file, tmp_path / "1.pickle"),
+    )
+    assert isinstance(broken.outcome, Failure)
+    assert broken.outcome.status is Status.INPUT
+    assert isinstance(whole.outcome, CountedWork)
+    assert len(marked) == 2 * counted_program.MARKERS
+
+
+def test_another_release_than_the_one_asked_for_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"2\.3\.7"):
+        run(tmp_path, version="2.3.7")

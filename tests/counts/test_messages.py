@@ -1,0 +1,43 @@
+"""Requests and answers in files: typed on both sides, and readable when cut short."""
+
+from pathlib import Path
+
+import numpy as np
+
+from mjbench.counts import messages
+from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, ModelRequest
+from mjbench.errors import Failure
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.work import Work
+from mjbench.status import Status
+
+
+def test_a_request_is_read_as_it_was_written(tmp_path: Path) -> None:
+    source = ModelSource("pile", tmp_path / "pile.xml")
+    model_request = ModelRequest(source, tmp_path / "0.pickle", nbatch=2, nstep=50, hold=5, seed=1)
+    request = CountRequest("4.0.0", (model_request,))
+    messages.write_request(tmp_path / "request", request)
+    assert messages.read_request(tmp_path / "request") == request
+
+
+def test_a_program_killed_while_it_writes_loses_its_last_answer_alone(tmp_path: Path) -> None:
+    file = tmp_path / "answers"
+    work = CountedWork(100, Work(1.0, 4.0, 2.0), 0, {"qpos": np.arange(6.0).reshape(2, 3)})
+    with file.open("wb") as stream:
+        messages.append_answer(stream, ModelAnswer("broken", Failure(Status.INPUT, "no joint")))
+        first_end = stream.tell()
+        messages.append_answer(stream, ModelAnswer("pile", work))
+    content = file.read_bytes()
+    broken, pile = messages.read_answers(file)
+    assert broken.outcome == Failure(Status.INPUT, "no joint")
+    assert isinstance(pile.outcome, CountedWork)
+    assert pile.outcome.work == work.work
+    assert np.array_equal(pile.outcome.after["qpos"], work.after["qpos"])
+    for end in range(len(content)):
+        file.write_bytes(content[:end])
+        expected = ["broken"] if end >= first_end else []
+        assert [answer.model for answer in messages.read_answers(file)] == expected
+
+
+def test_a_program_that_has_written_nothing_has_no_answers(tmp_path: Path) -> None:
+    assert messages.read_answers(tmp_path / "answers") == []
