@@ -43,11 +43,11 @@ def explain(
     """
     from mjbench.counts.explain import explain_row
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.instrument.runs import SCHEMA
     from mjbench.paired.protocol import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
     from mjbench.report import counts
+    from mjbench.report.documents import ExplainDocument
     from mjbench.simulation import models
 
     release_words = [word for word in words if installs.is_release(word)]
@@ -75,7 +75,7 @@ def explain(
             counts.print_explanation(run.out, baseline, candidate, time, top)
             rows.append(explain_row(baseline, candidate, time))
             statuses += [baseline.status, candidate.status, time.status if time else Status.OK]
-        run.write({"schema": SCHEMA, "results": rows})
+        run.write(ExplainDocument(results=rows))
     run.exit(statuses)
 
 

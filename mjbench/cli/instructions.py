@@ -47,10 +47,10 @@ def instructions(
     same work.
     """
     from mjbench.counts.instructions import InstructionCounter, ModelCount
-    from mjbench.instrument.runs import SCHEMA
     from mjbench.paired.protocol import Sizes
     from mjbench.releases import installs
     from mjbench.report import counts
+    from mjbench.report.documents import InstructionsDocument
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or models.shipped()]
@@ -65,5 +65,5 @@ def instructions(
                 advance(number, f"MuJoCo {spec.version}", 0.0)
                 model_counts += counter.count(spec, sources, limit_s)
         counts.print_counts(run.out, model_counts, top)
-        run.write({"schema": SCHEMA, "results": [count.row() for count in model_counts]})
+        run.write(InstructionsDocument(results=[count.row() for count in model_counts]))
     run.exit(count.status for count in model_counts)

@@ -16,6 +16,7 @@ import msgspec
 
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
+from mjbench.counts.records import ExplainRow, InstructionsRow
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.overhead import OverheadRow
@@ -164,6 +165,22 @@ class FallsDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class InstructionsDocument:
+    """What `mjbench instructions --json` writes."""
+
+    schema: int = SCHEMA
+    results: Sequence[InstructionsRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplainDocument:
+    """What `mjbench explain --json` writes."""
+
+    schema: int = SCHEMA
+    results: Sequence[ExplainRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReleasesDocument:
     """What `mjbench releases --json` writes."""
 
@@ -180,6 +197,8 @@ DOCUMENTS: Mapping[str, type] = {
     "versions": VerdictDocument,
     "ab": VerdictDocument,
     "selfcheck": SelfcheckDocument,
+    "instructions": InstructionsDocument,
+    "explain": ExplainDocument,
     "overhead": OverheadDocument,
     "profile": ProfileDocument,
     "falls": FallsDocument,
