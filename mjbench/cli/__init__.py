@@ -4,7 +4,7 @@ Exit codes: 0 fine; 1 a finding (paths disagree); 2 bad usage or input; 3 the en
 (a crash, a time limit, a full disk); 130 interrupted.
 """
 
-from mjbench.cli import comparing, counting, history, judging, loops
+from mjbench.cli import ab, comparing, counting, history, loops, selfcheck, versions
 from mjbench.cli.group import cli
 
-__all__ = ["cli", "comparing", "counting", "history", "judging", "loops"]
+__all__ = ["ab", "cli", "comparing", "counting", "history", "loops", "selfcheck", "versions"]

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from mjbench.cli.group import cli
-from mjbench.cli.judging import plan_of
+from mjbench.cli.paired_options import verdict_plan
 from mjbench.cli.shared import (
     JSON,
     JUDGING,
@@ -46,7 +46,7 @@ def instructions(
     Needs valgrind. Every release does the work that the first one named drew.
     """
     from mjbench.counts import instructions as room
-    from mjbench.paired import protocol
+    from mjbench.paired.preparation import Sizes
     from mjbench.releases import installs
     from mjbench.report import counts, tables
     from mjbench.simulation import models
@@ -55,7 +55,7 @@ def instructions(
     releases = [installs.parse_release(word) for word in words or (installs.INSTALLED,)]
     out = tables.console(stderr=json_file == "-")
     found = []
-    with output(json_file) as write_json, room.Counter(protocol.Sizes(seed=seed)) as counter:
+    with output(json_file) as write_json, room.Counter(Sizes(seed=seed)) as counter:
         with progress(out, len(releases)) as advance:
             for number, release in enumerate(releases):
                 advance(number, f"MuJoCo {release.version}", 0.0)
@@ -82,7 +82,7 @@ def explain(
     from mjbench.counts import explain as derive
     from mjbench.counts import instructions as room
     from mjbench.paired import verdict
-    from mjbench.paired.protocol import Target
+    from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
     from mjbench.report import counts, tables
@@ -94,7 +94,7 @@ def explain(
     releases = [installs.parse_release(word) for word in named]
     given = [word for word in words if word not in named]
     sources = [models.resolve(name) for name in given or models.shipped()]
-    plan = plan_of(**chosen)
+    plan = verdict_plan(**chosen)
     out = tables.console(stderr=json_file == "-")
     results, statuses = [], []
     with (
@@ -108,8 +108,8 @@ def explain(
             outcome = verdict.decide(pool, before, after, plan) if clock else None
             if outcome and outcome.status == "interrupted":
                 raise KeyboardInterrupt
-            if outcome and outcome.work:
-                counter.give(source, outcome.work)
+            if outcome and outcome.workload_file:
+                counter.give(source, outcome.workload_file)
             outcomes.append(outcome)
         counted = [counter.count(release, sources) for release in releases]
         for old, new, outcome in zip(*counted, outcomes, strict=True):

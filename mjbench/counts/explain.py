@@ -99,7 +99,7 @@ def as_result(old: Count, new: Count, outcome: PairedResult | None) -> dict[str,
             {"name": c.name, "old": c.old, "new": c.new, "difference": c.difference}
             for c in changes(old, new)
         ],
-        "time": outcome.as_result() if outcome else None,
+        "time": outcome.row() if outcome else None,
     }
 
 

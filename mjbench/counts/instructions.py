@@ -21,8 +21,8 @@ from typing import Any
 from mjbench.counts import callgrind, counted_program
 from mjbench.errors import MachineError
 from mjbench.instrument import child
-from mjbench.paired import worker
-from mjbench.paired.protocol import Sizes
+from mjbench.paired import release_python
+from mjbench.paired.preparation import Sizes
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 
@@ -203,16 +203,16 @@ def _run(
     """Run the program under Callgrind; return how it failed, (status, detail), or None."""
     core = folder / "core"
     core.mkdir()
-    worker.make_core(core)
+    release_python.link_mjbench(core)
     options = ["--tool=callgrind", f"--dump-before={MARKER}", "--quiet"]
     options += [f"--callgrind-out-file={folder / 'callgrind.out'}"]
     with installs.use(release) as install, (folder / "said.txt").open("wb") as said:
-        program = worker.command(
+        program = release_python.command(
             f"from mjbench.counts.counted_program import main; main({str(request)!r})",
             core,
             install,
         )
-        environment = worker.environment(install)
+        environment = release_python.environment(install)
         environment |= {"GLIBC_TUNABLES": TUNABLES, "PYTHONHASHSEED": HASH_SEED}
         environment["TMPDIR"] = str(folder)  # Callgrind's own files end with it
         process = subprocess.Popen(
