@@ -32,11 +32,11 @@ class Finding(StrEnum):
 
 
 def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> list[Finding]:
-    words = [word.strip() for word in (value or "").split(",") if word.strip()]
-    for word in words:
-        if word not in list(Finding):
-            raise click.BadParameter(f"{word!r} is not one of {', '.join(Finding)}")
-    return [Finding(word) for word in words]
+    names = [name.strip() for name in (value or "").split(",") if name.strip()]
+    for name in names:
+        if name not in list(Finding):
+            raise click.BadParameter(f"{name!r} is not one of {', '.join(Finding)}")
+    return [Finding(name) for name in names]
 
 
 FAIL_ON = click.option(

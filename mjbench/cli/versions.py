@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@click.argument("words", nargs=-1, metavar="[OLD NEW… MODEL…]")
-@click.option("--old", metavar="RELEASE", help="The old release, where it is not the first word.")
+@click.argument("names", nargs=-1, metavar="[OLD NEW… MODEL…]")
+@click.option(
+    "--old", metavar="RELEASE", help="The old release, where it is not the first argument."
+)
 @click.option("--new", "news", multiple=True, metavar="RELEASE", help="A new release.")
 @click.option("--paths", "path_names", type=Words(), help="Ways of stepping  [python_loop]")
 @click.option(
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 @FAIL_ON
 @with_options(*JUDGING, *SIZES, RESULTS, JSON)
 def versions(
-    words: tuple[str, ...],
+    names: tuple[str, ...],
     old: str | None,
     news: tuple[str, ...],
     path_names: list[str] | None,
@@ -67,14 +69,14 @@ def versions(
     from mjbench.releases import installs
     from mjbench.simulation import models
 
-    release_words = [word for word in words if installs.is_release(word)]
-    old_word = old or next(iter(release_words), None)
-    new_words = [*news, *(release_words if old else release_words[1:])]
-    if not old_word or not new_words:
+    release_names = [name for name in names if installs.is_release(name)]
+    old_name = old or next(iter(release_names), None)
+    new_names = [*news, *(release_names if old else release_names[1:])]
+    if not old_name or not new_names:
         raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
-    model_names = [word for word in words if word not in release_words]
+    model_names = [name for name in names if name not in release_names]
     sources = [models.resolve(name) for name in model_names or models.shipped()]
-    baseline, *candidates = [installs.parse_release(word) for word in (old_word, *new_words)]
+    baseline, *candidates = [installs.parse_release(name) for name in (old_name, *new_names)]
     path_names = path_names or ["python_loop"]
     plan = paired_options.verdict_plan(**chosen)
     if metric == "instructions":

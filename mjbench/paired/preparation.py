@@ -5,7 +5,7 @@ the plain way; simulations that diverge in either are left out, and the work is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +75,7 @@ class WorkCheck:
     def changes(self) -> list[str]:
         """How the work changed, in a few words each; empty where it is the same."""
         return agreement.work_changes(
-            self.baseline.as_dict(), self.candidate.as_dict(), self.drift, self.diverged
+            asdict(self.baseline), asdict(self.candidate), self.drift, self.diverged
         )
 
     @property

@@ -25,7 +25,7 @@ from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 # How often a launch lays out its memory anew. Layouts of one program differ about as much as
 # programs do, and take less time.
 LAYOUTS = 3
-# Seconds of blocks in each layout, and the quads that this is made of, at least and at most.
+# Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
 LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.1, 2, 100
 
 

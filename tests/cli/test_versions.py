@@ -47,7 +47,7 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (("installed",), "name an OLD and a NEW release"),
         (("--new", "installed"), "name an OLD and a NEW release"),
@@ -60,9 +60,9 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("installed", "installed", "--nstep", "5", "--hold", "2"), "not a multiple"),
     ],
 )
-def test_bad_words_are_reported_in_one_line(
-    tmp_path: Path, words: tuple[str, ...], message: str
+def test_bad_arguments_are_reported_in_one_line(
+    tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
-    done = mjbench("versions", *words, cwd=tmp_path)
+    done = mjbench("versions", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr
