@@ -1,7 +1,7 @@
 """mjbench: which way of stepping MuJoCo from Python is fastest, and do all ways agree.
 
-Importing this package imports neither MuJoCo nor any optional dependency; import the room you
-need, such as `mjbench.simulation.models` or `mjbench.paths`. docs/architecture.md is the map.
+Importing this package loads neither MuJoCo nor any optional dependency; import the module you need,
+such as `mjbench.simulation.models` or `mjbench.paths`. docs/architecture.md is the map.
 """
 
 __version__ = "0.1.0"
@@ -10,7 +10,7 @@ __all__ = ["record"]
 
 
 def __getattr__(name: str) -> object:
-    """Import `record` when it is first asked for: it needs MuJoCo."""
+    """Import `record` when it is first used: it needs MuJoCo."""
     if name == "record":
         from mjbench.loop.recording import record
 

@@ -5,20 +5,22 @@ failed (a crash, a time limit, a full disk); 130 interrupted (see `mjbench.statu
 """
 
 from mjbench.cli import (  # each adds its command to the group
+    ab,
     compare,
     diff,
     explain,
     falls,
     history,
     instructions,
-    judging,
     lint,
     models,
     overhead,
     paths,
     profile,
     releases,
+    selfcheck,
     show,
+    versions,
 )
 from mjbench.cli.group import cli
 

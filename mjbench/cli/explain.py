@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.judging import plan_of
+from mjbench.cli.paired_options import verdict_plan
 from mjbench.cli.shared import JSON, JUDGING, SIZES, with_options
 from mjbench.errors import InputError
 from mjbench.status import Status
@@ -15,8 +15,8 @@ from mjbench.status import Status
 if TYPE_CHECKING:
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.counts.records import ExplainRow
-    from mjbench.paired.protocol import Target
     from mjbench.paired.records import VerdictRow
+    from mjbench.paired.targets import Target
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.paired.worker_pool import WorkerPool
 
@@ -43,7 +43,7 @@ def explain(
     """
     from mjbench.counts.explain import explain_row
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.paired.protocol import Target
+    from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.releases import installs
     from mjbench.report import counts
@@ -56,7 +56,7 @@ def explain(
     specs = [installs.parse_release(word) for word in release_words]
     names = [word for word in words if word not in release_words]
     sources = [models.resolve(name) for name in names or models.shipped()]
-    plan = plan_of(**options)
+    plan = verdict_plan(**options)
     rows: list[ExplainRow] = []
     statuses: list[Status] = []
     with (
@@ -96,6 +96,6 @@ def _compare_times(
     result = verdict.decide(pool, baseline, candidate, plan)
     if result.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
-    if result.work:
-        counter.use_workload(baseline.model, result.work)
+    if result.workload_file:
+        counter.use_workload(baseline.model, result.workload_file)
     return result.row()

@@ -47,7 +47,7 @@ def instructions(
     same work.
     """
     from mjbench.counts.instructions import InstructionCounter, ModelCount
-    from mjbench.paired.protocol import Sizes
+    from mjbench.paired.preparation import Sizes
     from mjbench.releases import installs
     from mjbench.report import counts
     from mjbench.report.documents import InstructionsDocument

@@ -1,18 +1,15 @@
-"""What several commands share: types of options, options, output, exit codes."""
+"""Options that several commands share, and the types of their values."""
 
-import contextlib
-import json
-import signal
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from mjbench.errors import InputError, MachineError
-from mjbench.instrument.runs import FOLDER
+from mjbench.errors import InputError
 
-INTERRUPTED = 130
+# Where run files are stored unless --results says otherwise.
+RESULTS_FOLDER = Path("results/runs")
 
 
 class Numbers(click.ParamType[list[int]]):
@@ -21,7 +18,7 @@ class Numbers(click.ParamType[list[int]]):
     name = "N,N,…"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
-        """Return the numbers that a word stands for."""
+        """Return the numbers of a list such as `1,2,4`."""
         if isinstance(value, list):
             return value
         try:
@@ -39,12 +36,12 @@ class Names(click.ParamType[list[str]]):
     name = "NAME,…"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> list[str]:
-        """Return the names that a word lists."""
+        """Return the names of a list such as `rollout,mjx`."""
         if isinstance(value, list):
             return value
         names = [name.strip() for name in value.split(",") if name.strip()]
         if not names:
-            self.fail("names nothing", param, ctx)
+            self.fail("no name given", param, ctx)
         return names
 
 
@@ -54,7 +51,7 @@ class Share(click.ParamType[float]):
     name = "PERCENT"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
-        """Return the share that a percentage stands for."""
+        """Return a percentage as a share."""
         if isinstance(value, float):
             return value
         try:
@@ -82,30 +79,20 @@ def seconds(ctx: click.Context, param: click.Parameter, value: str) -> float:
     try:
         number = float(value.removesuffix("s"))
     except ValueError:
-        raise click.BadParameter(f"{value!r} is no time such as 60s") from None
+        raise click.BadParameter(f"{value!r} is not a time such as 60s") from None
     if not 0 < number < float("inf"):
         raise click.BadParameter(f"{value} is not above 0")
     return number
 
 
 def check_sizes(nstep: int | None, hold: int) -> None:
-    """Refuse steps that are not whole holds.
+    """Refuse a number of steps that is not a multiple of hold.
 
     Raises:
       InputError: they are not.
     """
     if nstep and nstep % hold:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
-
-
-def exit_code(statuses: Iterable[str]) -> int:
-    """Return what a command ends with, from how its rows ended."""
-    found = set(statuses)
-    if "disagrees" in found:
-        return 1
-    if found & {"crashed", "timeout", "failed"}:
-        return 3
-    return 2 if "input" in found else 0
 
 
 JSON = click.option(
@@ -117,29 +104,29 @@ LIMIT = click.option(
     show_default=True,
     type=click.FloatRange(min=0.1),
     metavar="SECONDS",
-    help="Kill a model's process when it is silent for longer.",
+    help="Kill a model's process that is silent for longer.",
 )
 RESULTS = click.option(
     "--results",
-    default=FOLDER,
+    default=RESULTS_FOLDER,
     show_default=True,
     metavar="DIR",
     type=click.Path(path_type=Path, file_okay=True),
-    help="Where run files are kept.",
+    help="Folder for run files.",
 )
 HOLD = click.option(
     "--hold",
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Steps that each control is held.",
+    help="Steps for which each control is held.",
 )
 SEED = click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Decides start states and controls.",
+    help="Seed of start states and controls.",
 )
 JUDGING = (
     click.option(
@@ -147,21 +134,21 @@ JUDGING = (
         type=Share(),
         default="1%",
         show_default=True,
-        help="Smallest change that matters; what is surely within it is `same`.",
+        help="Smallest change that matters; a change that is certainly smaller is `same`.",
     ),
     click.option(
         "--confidence",
         type=Share(),
         default="99%",
         show_default=True,
-        help="That a verdict is right.",
+        help="Probability that a verdict is right.",
     ),
     click.option(
         "--precision",
         type=Share(),
         default="0.5%",
         show_default=True,
-        help="Stop when the interval is this narrow (half of its width).",
+        help="Stop when half the interval's width is below this.",
     ),
     click.option(
         "--time-limit",
@@ -169,7 +156,7 @@ JUDGING = (
         show_default=True,
         metavar="SECONDS",
         callback=seconds,
-        help="Of launches, for each verdict; after it, `inconclusive` if it is not certain.",
+        help="Time for each verdict; after it, an uncertain one is `inconclusive`.",
     ),
 )
 SIZES = (
@@ -178,64 +165,3 @@ SIZES = (
     HOLD,
     SEED,
 )
-
-
-@contextlib.contextmanager
-def output(name: str | None) -> Iterator[Callable[[Any], None]]:
-    """Yield a function that writes a document; the target is opened before the work begins.
-
-    From here on there is something to save: signals end the command by way of its cleaning up.
-    """
-    interruptible()
-    if name is None:
-        yield lambda document: None
-        return
-    if name == "-":
-        yield lambda document: click.echo(json.dumps(document, indent=1))
-        return
-    file = Path(name)
-    with _writing(name):
-        file.write_text("", encoding="utf-8")
-
-    def write(document: Any) -> None:
-        with _writing(name):
-            file.write_text(json.dumps(document, indent=1), encoding="utf-8")
-
-    yield write
-
-
-@contextlib.contextmanager
-def _writing(name: str) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise MachineError(f"cannot write {name}: {error.strerror}") from error
-
-
-@contextlib.contextmanager
-def progress(out: Any, count: int) -> Iterator[Callable[[int, str, float], None]]:
-    """Yield a function that moves a progress bar; there is none unless `out` is a terminal."""
-    if not out.is_terminal:
-        yield lambda number, name, share: None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    # no refreshing thread: it would take time from the blocks being timed
-    with Progress(*columns, console=out, auto_refresh=False, transient=True) as bar:
-        task = bar.add_task("starting", total=count)
-
-        def advance(number: int, name: str, share: float) -> None:
-            bar.update(task, completed=number + share, description=name, refresh=True)
-
-        yield advance
-
-
-def interruptible() -> None:
-    """Have signals end the command by way of its cleaning up."""
-    signal.signal(signal.SIGTERM, _interrupt)
-    signal.signal(signal.SIGINT, _interrupt)
-
-
-def _interrupt(signum: int, frame: Any) -> None:
-    raise KeyboardInterrupt

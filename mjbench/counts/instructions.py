@@ -24,8 +24,8 @@ from mjbench.counts.records import FunctionCount, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError
 from mjbench.instrument import child
-from mjbench.paired import worker
-from mjbench.paired.protocol import Sizes
+from mjbench.paired import release_python
+from mjbench.paired.preparation import Sizes
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -173,11 +173,11 @@ def _run_program(
     core, request_file = folder / "core", folder / "request.pickle"
     output_file, answers_file = folder / "output.txt", _answers_file(folder)
     core.mkdir()
-    worker.make_core(core)
+    release_python.link_mjbench(core)
     messages.write_request(request_file, request)
     main = f"main({str(request_file)!r}, {str(answers_file)!r})"
     with installs.use(release) as install, output_file.open("wb") as output:
-        program = worker.command(
+        program = release_python.command(
             f"from mjbench.counts.counted_program import main; {main}", core, install
         )
         process = subprocess.Popen(
@@ -212,7 +212,7 @@ def _callgrind(folder: Path) -> list[str]:
 
 
 def _environment(install: Path | None, folder: Path) -> dict[str, str]:
-    return worker.environment(install) | {
+    return release_python.environment(install) | {
         "GLIBC_TUNABLES": TUNABLES,
         "PYTHONHASHSEED": HASH_SEED,
         "TMPDIR": str(folder),  # valgrind's own temporary files are removed with the folder

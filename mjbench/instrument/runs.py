@@ -22,7 +22,6 @@ from mjbench.instrument.machine import Machine
 # The version of run files and of every document that `--json` writes.
 #   1  first version
 SCHEMA = 1
-FOLDER = Path("results/runs")
 
 
 _T = TypeVar("_T")
@@ -166,7 +165,7 @@ def _lines(path: Path) -> list[Any]:
 
 
 def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> Any:
-    kind = types.get(value.get("type")) if isinstance(value, dict) else None
+    kind = types.get(str(value.get("type"))) if isinstance(value, dict) else None
     if kind is None:
         raise InputError(f"{path}, line {number}: not a record of a run file")
     upgrade = getattr(kind, "upgrade", None)

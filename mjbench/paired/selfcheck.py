@@ -1,7 +1,7 @@
 """How often paired comparison is wrong, slow or undecided on this machine, now.
 
-Both sides of a trial are the same release, path and work; the new one may do a known share of the
-simulations once more. Whatever a verdict says beyond that is an error of the instrument.
+Both targets of a trial are the same release, path and work; the candidate may do a known share of
+the simulations twice. Whatever a verdict says beyond that is an error of the instrument.
 """
 
 import contextlib
@@ -11,133 +11,155 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import child
-from mjbench.instrument.runs import Record
+from mjbench.instrument.stats import Verdict
 from mjbench.paired import verdict
-from mjbench.paired.protocol import Sizes, Target
+from mjbench.paired.preparation import Sizes
+from mjbench.paired.records import SelfcheckRow, TrialRecord
+from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
 
-# The most simulations of a block: a slowdown is a whole number of them.
-MOST_NBATCH = 200
+# Simulations of a block, at most: a slowdown is a whole number of them.
+MAX_NBATCH = 200
 
 
 @dataclass(frozen=True)
-class Arm:
-    """A model with a slowdown of known size; 0 is an A/A comparison."""
+class Case:
+    """A model with a slowdown of known size.
+
+    Attributes:
+      model: to step.
+      slowdown: share of the work that is done once more; 0 is an A/A comparison.
+      sizes: the fewest simulations of which the slowdown is a whole number; the usual ones for 0.
+    """
 
     model: ModelSource
     slowdown: float
+    sizes: Sizes
 
-    @property
-    def sizes(self) -> Sizes:
-        """The fewest simulations of which the slowdown is a whole number; the default ones for 0.
+    @classmethod
+    def create(cls, model: ModelSource, slowdown: float) -> "Case":
+        """Return the case of a slowdown, such as 0.01.
 
         Raises:
-          InputError: there is no such number.
+          InputError: it is not a whole number of at most MAX_NBATCH simulations.
         """
-        if self.slowdown == 0:
-            return Sizes()
-        share = Fraction(self.slowdown).limit_denominator(MOST_NBATCH)
-        if share <= 0 or abs(share - self.slowdown) > 1e-9:
+        if slowdown == 0:
+            return cls(model, slowdown, Sizes())
+        share = Fraction(slowdown).limit_denominator(MAX_NBATCH)
+        if share <= 0 or abs(share - slowdown) > 1e-9:
             raise InputError(
-                f"a slowdown of {100 * self.slowdown:g} % is no whole number of at most"
-                f" {MOST_NBATCH} simulations"
+                f"a slowdown of {100 * slowdown:g} % is not a whole number of at most"
+                f" {MAX_NBATCH} simulations; 0.5 % and 1 % are"
             )
-        return Sizes(nbatch=share.denominator)
+        return cls(model, slowdown, Sizes(nbatch=share.denominator))
 
 
-def trial(pool: WorkerPool, arm: Arm, plan: verdict.VerdictPlan) -> Record:
+def trial(pool: WorkerPool, case: Case, plan: verdict.VerdictPlan) -> TrialRecord:
     """Run one trial; return its record.
 
     Raises:
-      MachineError: a side failed.
+      InputError: a target cannot do the work.
+      MachineError: a target failed.
       KeyboardInterrupt: interrupted.
     """
-    side = Target(installs.parse_release(installs.INSTALLED), arm.model)
-    new = replace(side, slowdown=arm.slowdown)
-    outcome = verdict.decide(pool, side, new, replace(plan, sizes=arm.sizes))
-    if outcome.status == "interrupted":
+    baseline = Target(installs.parse_release(installs.INSTALLED), case.model)
+    candidate = replace(baseline, slowdown=case.slowdown)
+    result = verdict.decide(pool, baseline, candidate, replace(plan, sizes=case.sizes))
+    if result.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
-    if outcome.status != "ok" or outcome.judgement is None:
-        raise (InputError if outcome.status == "input" else MachineError)(outcome.detail)
-    judged = outcome.judgement
-    return {
-        "type": "trial",
-        "model": arm.model.name,
-        "slowdown": arm.slowdown,
-        "verdict": judged.verdict,
-        **verdict.interval(judged),
-        "seconds": outcome.seconds,
-        "launches": [round(launch.value, 7) for launch in outcome.launches],
-    }
+    if result.status != Status.OK or result.judgement is None:
+        raise (InputError if result.status == Status.INPUT else MachineError)(result.detail)
+    ratio = verdict.ratio_of(result.judgement)
+    return TrialRecord(
+        model=case.model.name,
+        slowdown=case.slowdown,
+        verdict=result.judgement.verdict,
+        estimate=ratio.estimate,
+        low=ratio.low,
+        high=ratio.high,
+        seconds=result.seconds,
+        launches=[round(launch.log_ratio, 7) for launch in result.launches],
+    )
 
 
 def run(
     pool: WorkerPool,
-    arms: Sequence[Arm],
+    cases: Sequence[Case],
     trials: int,
     plan: verdict.VerdictPlan,
-    on_trial: Callable[[Record], None],
+    on_trial: Callable[[TrialRecord], None],
 ) -> None:
-    """Run the trials of all arms in turns, so that a change of the machine hits all of them."""
-    for _ in range(trials):
-        for arm in arms:
-            on_trial(trial(pool, arm, plan))
+    """Run the trials of all cases in turns, so that a change of the machine hits all of them.
 
+    Args:
+      pool: starts the processes.
+      cases: to try.
+      trials: of each case.
+      plan: of every verdict; its sizes are replaced by those of the case.
+      on_trial: called after each trial.
 
-def summary(records: Sequence[Record]) -> list[dict[str, Any]]:
-    """Return, for each model and slowdown, what the trials say.
-
-    Keys: model, slowdown, trials, detected (share called slower), wrong (share called faster, or
-    anything but same or inconclusive where there is no slowdown), missed (share called the same),
-    inconclusive, covered (share of intervals that hold the truth), error (mean of estimate less
-    truth), seconds (mean), launches (mean), launch_sd (standard deviation of launches, of the
-    logarithm).
+    Raises:
+      InputError: a target cannot do the work.
+      MachineError: a target failed.
+      KeyboardInterrupt: interrupted.
     """
-    groups: dict[tuple[str, float], list[Record]] = {}
-    for record in records:
-        if record["type"] == "trial":
-            groups.setdefault((record["model"], record["slowdown"]), []).append(record)
-    return [_row(model, truth, group) for (model, truth), group in sorted(groups.items())]
+    for _ in range(trials):
+        for case in cases:
+            on_trial(trial(pool, case, plan))
 
 
-def _row(model: str, truth: float, group: Sequence[Record]) -> dict[str, Any]:
-    def share(test: Callable[[Record], bool]) -> float:
-        return sum(map(test, group)) / len(group)
+def summary(trials: Sequence[TrialRecord]) -> list[SelfcheckRow]:
+    """Return what the trials say, a row for each model and slowdown, sorted by both."""
+    groups: dict[tuple[str, float], list[TrialRecord]] = {}
+    for record in trials:
+        groups.setdefault((record.model, record.slowdown), []).append(record)
+    return [_row(model, slowdown, group) for (model, slowdown), group in sorted(groups.items())]
 
-    values = [record["launches"] for record in group]
-    deviations = [np.var(v, ddof=1) for v in values if len(v) > 1]
-    return {
-        "model": model,
-        "slowdown": truth,
-        "trials": len(group),
-        "detected": share(lambda r: r["verdict"] == "slower"),
-        "wrong": share(lambda r: r["verdict"] in (("faster",) if truth else ("faster", "slower"))),
-        "missed": share(lambda r: r["verdict"] == "same" and truth > 0),
-        "inconclusive": share(lambda r: r["verdict"] == "inconclusive"),
-        "covered": share(lambda r: r["low"] is None or r["low"] <= 1 + truth <= r["high"]),
-        "error": float(np.mean([r["estimate"] - 1 - truth for r in group])),
-        "seconds": float(np.mean([r["seconds"] for r in group])),
-        "launches": float(np.mean([len(v) for v in values])),
-        "launch_sd": float(np.sqrt(np.mean(deviations))) if deviations else None,
-    }
+
+def _row(model: str, slowdown: float, trials: Sequence[TrialRecord]) -> SelfcheckRow:
+    def share(test: Callable[[TrialRecord], bool]) -> float:
+        return sum(map(test, trials)) / len(trials)
+
+    wrong = {Verdict.FASTER} if slowdown else {Verdict.FASTER, Verdict.SLOWER}
+    variances = [np.var(t.launches, ddof=1) for t in trials if len(t.launches) > 1]
+    return SelfcheckRow(
+        model=model,
+        slowdown=slowdown,
+        trials=len(trials),
+        detected=share(lambda t: t.verdict == Verdict.SLOWER),
+        wrong=share(lambda t: t.verdict in wrong),
+        missed=share(lambda t: t.verdict == Verdict.SAME and slowdown > 0),
+        inconclusive=share(lambda t: t.verdict == Verdict.INCONCLUSIVE),
+        covered=share(lambda t: _covers(t, 1 + slowdown)),
+        error=float(np.mean([t.estimate - 1 - slowdown for t in trials])),
+        seconds=float(np.mean([t.seconds for t in trials])),
+        launches=float(np.mean([len(t.launches) for t in trials])),
+        launch_sd=float(np.sqrt(np.mean(variances))) if variances else None,
+    )
+
+
+def _covers(trial: TrialRecord, truth: float) -> bool:
+    """Return whether a trial's interval holds the true ratio; a missing end is no bound."""
+    return (trial.low is None or trial.low <= truth) and (trial.high is None or truth <= trial.high)
 
 
 @contextlib.contextmanager
-def neighbour(busy: bool) -> Iterator[None]:
-    """Keep the last of this process's cores busy while the block runs, if asked to."""
-    if not busy:
-        yield
-        return
+def busy_neighbour_core() -> Iterator[None]:
+    """Keep the last of this process's cores busy while the block runs.
+
+    Raises:
+      InputError: this system cannot choose the core of a process.
+    """
     if not hasattr(os, "sched_getaffinity"):
-        raise InputError("--busy needs to choose the core of a process, which this system cannot")
+        raise InputError("--busy cannot work here: this system cannot choose a process's core")
     core = max(os.sched_getaffinity(0))
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
     spinner = subprocess.Popen([sys.executable, "-c", code], preexec_fn=child.die_with_parent)

@@ -1,17 +1,22 @@
-"""Read the two sides of `mjbench ab` from words such as `path=rollout,threads=2`."""
+"""Targets: what a paired comparison compares, and how a user writes one.
 
-import re
+A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError
-from mjbench.paired.protocol import Target
+from mjbench.paired.records import TargetRow
+from mjbench.paths import parallelism
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.releases import installs
 from mjbench.simulation import models
 
 _DEFAULTS = {"model": "cartpole", "path": "python_loop", "release": installs.INSTALLED}
-# Fields of MjOption that a side may set by name (a number, or an enum's value such as `cg`).
+# Fields of MjOption that a target may set by name, to a number or to an enum's value such as `cg`.
 OPTION_FIELDS = (
     "timestep",
     "integrator",
@@ -34,76 +39,119 @@ OPTION_FIELDS = (
 )
 
 
-def parse(old: str, new: str) -> tuple[Target, Target]:
-    """Return the sides that two words name; a model, path or release left out is the other's.
+@dataclass(frozen=True)
+class Target:
+    """One of the two things that a paired comparison compares.
 
-    Raises:
-      InputError: a key or value that means nothing.
+    Attributes:
+      release: of MuJoCo.
+      model: to load.
+      path: way of stepping.
+      options: of the path.
+      model_options: fields of `model.opt` to set, by name.
+      slowdown: share of the simulations to do twice, a slowdown of known size.
     """
-    first, second = _words(old), _words(new)
-    common = {**_DEFAULTS}
-    for key in _DEFAULTS:
-        for words in (second, first):
-            if key in words:
-                common[key] = words[key]
-    return _side(old, {**common, **first}), _side(new, {**common, **second})
+
+    release: installs.ReleaseSpec
+    model: models.ModelSource
+    path: str = "python_loop"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    model_options: Mapping[str, str] = field(default_factory=dict)
+    slowdown: float = 0.0
+
+    @property
+    def nthread(self) -> int:
+        """How many threads or processes it steps with."""
+        return parallelism.nthread(self.options)
+
+    def row(self) -> TargetRow:
+        """Return what results say of it."""
+        return TargetRow(
+            release=self.release.version,
+            model=self.model.name,
+            path=self.path,
+            options=dict(self.options),
+            model_options=dict(self.model_options),
+            slowdown=self.slowdown,
+        )
 
 
-def _words(text: str) -> dict[str, str]:
-    found = {}
-    for word in filter(None, text.split(",")):
-        key, equals, value = (part.strip() for part in word.partition("="))
-        if key == "option":  # option=solver:cg is solver=cg
-            key, equals, value = (part.strip() for part in re.sub("[:]", "=", value).partition("="))
-        if not equals or not key or not value:
-            raise InputError(f"{text!r}: {word!r} is not KEY=VALUE")
-        found[key] = value
-    return found
+def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
+    """Return the targets that two texts such as `path=rollout,threads=2` describe.
 
-
-def way(name: str) -> paths.SteppingPath:
-    """Return a path that a side can step by.
+    A model, path or release that one text leaves out is the other's.
 
     Raises:
-      InputError: no such path, or one that compiles and is not the same to the last bit.
+      InputError: a text has an unknown key, or a value that does not fit it.
+    """
+    first, second = _settings(baseline), _settings(candidate)
+    shared = {key: first.get(key, second.get(key, value)) for key, value in _DEFAULTS.items()}
+    return _target(baseline, {**shared, **first}), _target(candidate, {**shared, **second})
+
+
+def find_path(name: str) -> paths.SteppingPath:
+    """Return a path that a target can step by.
+
+    Raises:
+      InputError: there is no such path, or it is an accelerated one.
     """
     path = paths.find(name)
     if isinstance(path, AcceleratedPath):
         raise InputError(
-            f"path {name} compiles first and rounds its own way, so it cannot take turns with C:"
-            f" `mjbench compare --paths {name}` compares it"
+            f"path {name} compiles first and rounds differently from C, so the two cannot alternate"
+            f" in blocks of the same work; compare them with `mjbench compare --paths {name}`"
         )
     return path
 
 
-def _value(text: str, option: paths.Option, word: str) -> Any:
-    try:
-        return option.value(word)
-    except InputError as error:
-        raise InputError(f"{text!r}: {error}") from None
+def _settings(text: str) -> dict[str, str]:
+    """Return the keys and values of `KEY=VALUE,KEY=VALUE`."""
+    settings = {}
+    for setting in filter(None, text.split(",")):
+        key, value = _split(setting)
+        if key == "option":  # option=solver:cg is the same as solver=cg
+            key, value = _split(value.replace(":", "="))
+        if not key or not value:
+            raise InputError(f"{text!r}: {setting!r} is not KEY=VALUE")
+        settings[key] = value
+    return settings
 
 
-def _side(text: str, words: dict[str, str]) -> Target:
-    path = way(words["path"])
-    known = {option.name: option for option in path.options}
+def _split(setting: str) -> tuple[str, str]:
+    key, _, value = setting.partition("=")
+    return key.strip(), value.strip()
+
+
+def _target(text: str, settings: Mapping[str, str]) -> Target:
+    """Return the target of complete settings; `text` is what the user wrote."""
+    path = find_path(settings["path"])
+    path_options = {option.name: option for option in path.options}
     options: dict[str, Any] = {}
-    fields: dict[str, str] = {}
-    for key, value in words.items():
+    model_options: dict[str, str] = {}
+    for key, value in settings.items():
         if key in _DEFAULTS:
             continue
-        if key in known:
-            options[key] = _value(text, known[key], value)
+        if key in path_options:
+            options[key] = _option_value(text, path_options[key], value)
         elif key in OPTION_FIELDS:
-            fields[key] = value
+            model_options[key] = value
         else:
             raise InputError(
-                f"{text!r}: no {key!r}; path {path.name} has {', '.join(known) or 'no options'};"
-                f" there are {', '.join(_DEFAULTS)}, and MjOption's {', '.join(OPTION_FIELDS)}"
+                f"{text!r}: no {key!r}; path {path.name} has"
+                f" {', '.join(path_options) or 'no options'}; other keys are"
+                f" {', '.join(_DEFAULTS)}, and the fields {', '.join(OPTION_FIELDS)} of MjOption"
             )
     return Target(
-        installs.parse_release(words["release"]),
-        models.resolve(words["model"]),
+        installs.parse_release(settings["release"]),
+        models.resolve(settings["model"]),
         path.name,
         path.complete(options),
-        fields,
+        model_options,
     )
+
+
+def _option_value(text: str, option: paths.Option, value: str) -> Any:
+    try:
+        return option.value(value)
+    except InputError as error:
+        raise InputError(f"{text!r}: {error}") from None

@@ -1,22 +1,31 @@
-"""Launch two sides until it is certain which is faster: the loop around paired and stats."""
+"""Launch two targets until it is certain which is faster."""
 
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import stats
-from mjbench.paired.protocol import Launch, Sizes, Target, TargetPair, WorkCheck
+from mjbench.paired.preparation import Sizes, WorkCheck
+from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.records import (
+    DivergedPair,
+    LaunchRow,
+    Ratio,
+    VerdictRecord,
+    VerdictRow,
+    WorkPair,
+)
+from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.simulation import agreement
+from mjbench.status import Status
 
 
 @dataclass(frozen=True)
 class VerdictPlan:
-    """What a verdict must be.
+    """How certain a verdict must be, and what it may cost.
 
     Attributes:
       min_effect: smallest change of time that matters, such as 0.01.
@@ -32,127 +41,137 @@ class VerdictPlan:
     time_limit_s: float = 60.0
     sizes: Sizes = field(default_factory=Sizes)
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the plan as JSON-ready values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class PairedResult:
-    """What came of a comparison.
+    """How a comparison ended.
 
     Attributes:
-      old: the old side.
-      new: the new side.
-      status: `ok`, `input`, `failed` or `interrupted`.
+      baseline: the one target.
+      candidate: the other.
+      status: `OK`, `INPUT`, `FAILED` or `INTERRUPTED`.
       detail: one line, empty when ok.
-      work_check: whether it was the same work; None where that was not reached.
-      work: file of the old side's workload, which lasts as long as the pool.
+      work_check: whether it was the same work; None where the comparison ended before that.
+      workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None where
+        the comparison ended before that.
       launches: what each launch measured.
       judgement: None without launches.
-      seconds: from start to verdict, workers' start included.
+      seconds: from start to verdict, the workers' start included.
     """
 
-    old: Target
-    new: Target
-    status: str
+    baseline: Target
+    candidate: Target
+    status: Status
     detail: str = ""
     work_check: WorkCheck | None = None
+    workload_file: Path | None = None
     launches: Sequence[Launch] = ()
     judgement: stats.Judgement | None = None
     seconds: float = 0.0
-    work: Path | None = None
 
-    @property
-    def changed_work(self) -> bool:
-        """Return whether counters or the result of a step changed beyond rounding."""
-        return self.work_check is not None and changed(self.work_check)
+    def row(self) -> VerdictRow:
+        """Return the comparison as people and programs read it."""
+        check, judgement = self.work_check, self.judgement
+        return VerdictRow(
+            model=self.candidate.model.name,
+            path=self.candidate.path,
+            old=self.baseline.release.version,
+            new=self.candidate.release.version,
+            sides=(self.baseline.row(), self.candidate.row()),
+            status=self.status,
+            detail=self.detail,
+            verdict=judgement.verdict if judgement else None,
+            ratio=ratio_of(judgement) if judgement else None,
+            changed_work=check.changed if check else None,
+            work=WorkPair(check.baseline, check.candidate) if check else None,
+            drift=check.drift if check else None,
+            diverged=DivergedPair(*check.diverged) if check else None,
+            nbatch=check.nbatch if check else None,
+            nstep=check.nstep if check else None,
+            launches=len(self.launches),
+            pairs=2 * sum(len(launch.orders) for launch in self.launches),
+            seconds=self.seconds,
+        )
 
-    def as_result(self) -> dict[str, Any]:
-        """Return what `--json` gives; what cannot be said is None."""
-        judged = self.judgement
-        return {
-            "model": self.new.model.name,
-            "path": self.new.path,
-            "old": self.old.release.version,
-            "new": self.new.release.version,
-            "sides": [self.old.as_dict(), self.new.as_dict()],
-            "status": self.status,
-            "detail": self.detail,
-            "verdict": judged.verdict if judged else None,
-            "ratio": judged and interval(judged),
-            "changed_work": self.changed_work if self.work_check else None,
-            "work": self.work_check
-            and {"old": dict(self.work_check.old), "new": dict(self.work_check.new)},
-            "drift": self.work_check and self.work_check.drift,
-            "diverged": self.work_check
-            and dict(zip(("old", "new"), self.work_check.diverged, strict=True)),
-            "nbatch": self.work_check and self.work_check.nbatch,
-            "nstep": self.work_check and self.work_check.nstep,
-            "launches": len(self.launches),
-            "pairs": 2 * sum(len(launch.orders) for launch in self.launches),
-            "seconds": self.seconds,
-        }
-
-    def as_record(self) -> dict[str, Any]:
-        """Return the record of the run file: the result, with every launch's raw times."""
-        launches = [launch.as_dict() for launch in self.launches]
-        return {"type": "verdict", **self.as_result(), "samples": launches}
+    def record(self) -> VerdictRecord:
+        """Return the comparison as a run file stores it, with every launch's raw times."""
+        return record_of(self.row(), [launch.row() for launch in self.launches])
 
 
-def changed(same: WorkCheck) -> bool:
-    """Return whether two sides do other work: counters, or one step's result beyond rounding."""
-    return bool(agreement.work_changes(same.old, same.new, same.drift, same.diverged))
+def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictRecord:
+    """Return a verdict as a run file stores it.
+
+    Args:
+      row: the verdict.
+      samples: raw times of every launch; none where instructions were compared.
+    """
+    return VerdictRecord(**vars(row), samples=samples)
+
+
+def ratio_of(judgement: stats.Judgement) -> Ratio:
+    """Return estimate and interval; both ends are None where launches are too few for one."""
+    if not math.isfinite(judgement.high):
+        return Ratio(judgement.ratio, None, None)
+    return Ratio(judgement.ratio, judgement.low, judgement.high)
 
 
 def decide(
     pool: WorkerPool,
-    old: Target,
-    new: Target,
+    baseline: Target,
+    candidate: Target,
     plan: VerdictPlan,
-    on_launch: Callable[[stats.Judgement], None] = lambda judged: None,
+    on_launch: Callable[[stats.Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
-    """Compare two sides until the verdict is certain, or time is up.
+    """Compare two targets until the verdict is certain, or time is up.
 
-    A side that crashes, hangs or fails, and Ctrl-C, end in an outcome that says so, with what was
-    measured until then.
+    Where a target crashes, hangs or fails, or Ctrl-C is pressed, the result says so, and holds what
+    was measured until then.
+
+    Args:
+      pool: starts the processes.
+      baseline: the one target.
+      candidate: the other.
+      plan: how certain, and for how long.
+      on_launch: called after each launch, with what all launches say so far.
+      clock: returns seconds.
     """
     begin = clock()
     launches: list[Launch] = []
-    judged: stats.Judgement | None = None
-    work_check: WorkCheck | None = None
-    status, detail = "ok", ""
+    judgement: stats.Judgement | None = None
     pair: TargetPair | None = None
+    status, detail = Status.OK, ""
     try:
-        pair = TargetPair(pool, old, new, plan.sizes)
-        work_check = pair.work_check
+        pair = TargetPair(pool, baseline, candidate, plan.sizes)
         ready = clock()
-        while judged is None or not judged.enough:
+        while judgement is None or not judgement.enough:
             launches.append(pair.launch())
-            values = [launch.value for launch in launches]
-            judged = stats.judge(values, plan.min_effect, plan.confidence, plan.precision)
-            on_launch(judged)
+            judgement = stats.judge(
+                [launch.log_ratio for launch in launches],
+                plan.min_effect,
+                plan.confidence,
+                plan.precision,
+            )
+            on_launch(judgement)
             spent = clock() - ready
             if spent + spent / len(launches) > plan.time_limit_s:
                 break
-    except InputError as error:
-        status, detail = "input", str(error)
-    except MachineError as error:
-        status, detail = "failed", str(error)
+    except (InputError, MachineError) as error:
+        failure = failure_of(error)
+        status, detail = failure.status, failure.detail
     except KeyboardInterrupt:
-        status, detail = "interrupted", "interrupted"
+        status, detail = Status.INTERRUPTED, "interrupted"
     finally:
         if pair is not None:
             pair.close()
-    work = pair.works[0] if pair is not None else None
     return PairedResult(
-        old, new, status, detail, work_check, launches, judged, clock() - begin, work
+        baseline,
+        candidate,
+        status,
+        detail,
+        work_check=pair.work_check if pair else None,
+        workload_file=pair.baseline_workload if pair else None,
+        launches=launches,
+        judgement=judgement,
+        seconds=clock() - begin,
     )
-
-
-def interval(judged: stats.Judgement) -> dict[str, float | None]:
-    """Return estimate, low and high, JSON-ready; the ends are None with too few launches."""
-    known = math.isfinite(judged.high)
-    ends = (judged.low, judged.high) if known else (None, None)
-    return {"estimate": judged.ratio, "low": ends[0], "high": ends[1]}

@@ -1,13 +1,14 @@
-"""One side of a paired comparison: a process that does what `paired` asks of it.
+"""The process of one target: it prepares runs and times blocks as `protocol` asks.
 
-Where code and data lie decides a percent of a process's speed, sometimes three, for all its life,
+Where code and data lie in memory decides 1 % of a process's speed, sometimes 3 %, for all its life,
 and one layout is not a sample. So each launch is a program started anew, which maps MuJoCo's
-libraries behind a random amount of other memory. Several times over it allocates model, data and
-controls likewise, and runs at a random depth of the stack. (Forking launches from a started one is
-quicker, and was tried: all launches of a parent shared an offset of half a percent, once of three.)
-Requests and answers are pickled tuples over a socket; a block is a byte there and eight bytes back.
+libraries behind a random amount of other memory. Several times per launch it allocates model, data
+and controls anew in the same way, and runs at a random depth of the stack. (Forking launches from
+one started program is quicker, but all launches of a parent then shared an offset of 0.5 %, once
+of 3 %.)
 
-This module runs inside the environment of any one release and needs only NumPy and MuJoCo.
+This module runs inside the environment of any one release: it needs only the standard library,
+NumPy and MuJoCo, and imports MuJoCo after it has mapped that other memory.
 """
 
 import copy
@@ -17,178 +18,198 @@ import os
 import pickle
 import random
 import signal
-import socket
-import struct
-import sys
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import mjbench
 from mjbench.errors import InputError, MachineError, failure_of, one_line
 from mjbench.instrument import child
+from mjbench.paired import requests
+from mjbench.paired.requests import BLOCK, NANOSECONDS, Done, Request
 
-BLOCK, END = b"b", b"e"
-NANOSECONDS = struct.Struct("<q")
-# Random allocations before a launch makes its own: how many, and the largest of each, in bytes;
-# and the most frames of the C stack below which it runs.
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
+
+    from mjbench.paths import Prepared, Resources, States
+    from mjbench.simulation.workload import PortableWorkload, Workload
+
+# Random allocations before each layout: how many, and the largest of each kind, in bytes.
 _SMALL, _SMALL_BYTES = 400, 4096
 _LARGE, _LARGE_BYTES = 8, 1 << 21
+# A layout runs below fewer frames of the C stack than this.
 _DEPTH = 24
-# Memory mapped before MuJoCo's libraries are: how many pieces, and the largest, in pages.
+# Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these.
 _MAPS, _MAP_PAGES = 8, 512
+# Fields of MjOption that hold an enum, and what the names of its values begin with.
+_ENUM_PREFIXES = {
+    "integrator": "mjINT_",
+    "solver": "mjSOL_",
+    "cone": "mjCONE_",
+    "jacobian": "mjJAC_",
+}
 
 
 class Worker:
-    """What a process of one side knows and can be asked."""
+    """What the process of one target holds, and how it answers each request.
+
+    Attributes:
+      connection: to the parent.
+      model: loaded by LoadModel or Equip.
+      workload: restored from a file.
+      final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
+      prepared: the run that a block runs.
+      resources: of that run; None before the first.
+      padding: memory that moves whatever is allocated after it.
+    """
+
+    model: "mujoco.MjModel"
+    workload: "Workload"
+    final_state: "np.ndarray | None"
+    prepared: "Prepared"
 
     def __init__(self, connection: Connection):
         self.connection = connection
-        self.model: Any = None
-        self.workload: Any = None
-        self.final: Any = None
-        self.prepared: Any = None
-        self.resources: Any = None
+        self.resources: Resources | None = None
         self.padding: list[Any] = []
+        self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
+            requests.StartRelease: self._start_release,
+            requests.LoadModel: self._load_model,
+            requests.SaveModel: self._save_model,
+            requests.MeasureStepCost: self._measure_step_cost,
+            requests.MakeWorkload: self._make_workload,
+            requests.TakeWorkload: self._take_workload,
+            requests.Observe: self._observe,
+            requests.Equip: self._equip,
+            requests.Prepare: self._prepare,
+            requests.TimeBlocks: self._time_blocks,
+            requests.CountCores: self._count_cores,
+        }
 
     def serve(self) -> None:
         """Answer requests until the parent hangs up."""
         while True:
             try:
-                do, arguments = self.connection.recv()
+                request = self.connection.recv()
             except (EOFError, OSError):
                 os._exit(0)
+            answer: Any
             try:
-                answer = ("ok", getattr(self, f"do_{do}")(**arguments))
+                answer = Done(self._handlers[type(request)](request))
             except Exception as error:
                 answer = failure_of(error)
             try:
                 self.connection.send(answer)
-            except OSError:  # the parent hung up in the middle
+            except OSError:  # the parent hung up in the meantime
                 os._exit(0)
 
-    def do_start(self, version: str, files: bool) -> str:
-        """Import MuJoCo behind other memory; make sure that it is the release meant, whole."""
+    def _start_release(self, request: requests.StartRelease) -> None:
         self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
-        import mujoco
+        import mujoco  # noqa: F401  now, so that its libraries lie behind the padding
 
         from mjbench.releases import install_check
 
-        problem = install_check.imported_problem(version, files)
+        problem = install_check.imported_problem(request.version, request.check_files)
         if problem:
             raise MachineError(problem)
-        return str(mujoco.__version__)
 
-    def do_load(self, name: str, path: str, options: Mapping[str, str]) -> None:
-        """Load a model and set options of its `opt`."""
+    def _load_model(self, request: requests.LoadModel) -> None:
         from mjbench.simulation import models
 
-        self.model = models.load(models.ModelSource(name, Path(path)))
-        for option, value in options.items():
-            _set_option(self.model, option, value)
+        self.model = models.load(models.ModelSource(request.name, request.file))
+        for option, text in request.options.items():
+            _set_option(self.model, option, text)
 
-    def do_save(self, path: str) -> None:
-        """Save the model as it is, to be loaded by launches without compiling it again."""
+    def _save_model(self, request: requests.SaveModel) -> None:
         import mujoco
 
-        mujoco.mj_saveModel(self.model, path, None)
+        mujoco.mj_saveModel(self.model, str(request.file), None)
 
-    def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> dict[str, Any]:
-        """Make a workload; return it, taken apart by MjData field."""
-        from mjbench.simulation import work, workload
-
-        made, _, _ = work.stable_workload(self.model, nbatch, nstep, hold, seed)
-        return workload.portable(made)
-
-    def do_take(self, work: str) -> None:
-        """Take a workload from a file."""
-        from mjbench.simulation import workload
-
-        given = pickle.loads(Path(work).read_bytes())
-        self.workload = workload.restore(self.model, given)
-        self.final = given.get("final")
-
-    def do_equip(self, model: str, work: str) -> None:
-        """Take a saved model and a workload, and import what a run needs."""
-        from mjbench import paths
-        from mjbench.simulation import models
-
-        self.model = models.load(models.ModelSource("", Path(model)))
-        self.do_take(work)
-        paths.registry()
-
-    def do_observe(self, work: str) -> dict[str, Any]:
-        """Do a workload once, plainly: what it was, and where one step leads from each start."""
-        from mjbench.simulation import work as room
-
-        self.do_take(work)
-        seen = room.observe(self.workload)
-        return {
-            "work": seen.work.as_dict(),
-            "healthy": seen.healthy,
-            "diagnosis": seen.diagnosis(),
-            "final": seen.final_state,
-            "after": room.one_step(self.model, self.workload.initial_state),
-        }
-
-    def do_cost(self) -> float:
-        """Return about how long one step takes, in seconds."""
+    def _measure_step_cost(self, request: requests.MeasureStepCost) -> float:
         from mjbench.simulation import work
 
         return work.step_s(self.model)
 
-    def do_prepare(
-        self,
-        path: str,
-        options: Mapping[str, Any],
-        cores: list[int],
-        rows: list[int],
-    ) -> int:
-        """Prepare a path's run in fresh memory, and check it; return nanoseconds of a warm block.
+    def _make_workload(self, request: requests.MakeWorkload) -> "PortableWorkload":
+        from mjbench.simulation import work, workload
 
-        Args:
-          path: its name.
-          options: its options.
-          cores: to run on.
-          rows: simulations to do; one named again is done again.
-        """
-        import numpy as np
+        stable, _, _ = work.stable_workload(
+            self.model, request.nbatch, request.nstep, request.hold, request.seed
+        )
+        return workload.portable(stable)
 
+    def _take_workload(self, request: requests.TakeWorkload) -> None:
+        self._read_workload(request.file)
+
+    def _observe(self, request: requests.Observe) -> requests.Observed:
+        from mjbench.simulation import work
+
+        self._read_workload(request.workload_file)
+        observation = work.observe(self.workload)
+        return requests.Observed(
+            work=observation.work,
+            healthy=observation.healthy,
+            diagnosis=observation.diagnosis(),
+            final_state=observation.final_state,
+            after_one_step=work.one_step(self.model, self.workload.initial_state),
+        )
+
+    def _equip(self, request: requests.Equip) -> None:
+        from mjbench import paths
+        from mjbench.simulation import models
+
+        self.model = models.load(models.ModelSource("", request.model_file))
+        self._read_workload(request.workload_file)
+        paths.registry()  # imports every path
+
+    def _read_workload(self, file: Path) -> None:
+        from mjbench.simulation import workload
+
+        portable = pickle.loads(file.read_bytes())
+        self.workload = workload.restore(self.model, portable)
+        self.final_state = portable.final_state
+
+    def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths
         from mjbench.simulation import workload
 
-        if cores and hasattr(os, "sched_setaffinity"):
-            os.sched_setaffinity(0, cores)
+        if request.cores and hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, request.cores)
         self.padding += _scattered()
         model = copy.copy(self.model)
-        given, before = self.workload, self.resources
-        made = workload.Workload(
-            model, given.initial_state[rows], given.control[rows], given.hold, given.seed
+        whole, previous, rows = self.workload, self.resources, list(request.simulations)
+        selected = workload.Workload(
+            model, whole.initial_state[rows], whole.control[rows], whole.hold, whole.seed
         )
-        way = paths.find(path)
-        reason = way.unavailable() or way.unsuited(made, options)
+        path = paths.find(request.path)
+        reason = path.unavailable() or path.unsuited(selected, request.options)
         if reason:
             raise InputError(reason)
-        self.resources = paths.Resources(made)
-        self.prepared = way.prepare(made, options, self.resources)
-        reached = self.prepared.verify()
-        held = slice(None) if reached.held is None else reached.held
-        if not np.array_equal(reached.values[held], self.final[rows][held]):
-            raise MachineError(f"path {path} does not reach the final states of the plain loop")
-        if before is not None:  # until now its memory kept the new one from lying there too
-            before.close()
+        self.resources = paths.Resources(selected)
+        self.prepared = path.prepare(selected, request.options, self.resources)
+        self._check_final_states(request.path, self.prepared.verify(), rows)
+        if previous is not None:  # kept until now, so that the new memory lies elsewhere
+            previous.close()
         gc.collect()
-        gc.freeze()  # the next layout's garbage is all there is left to look at
+        gc.freeze()  # later collections look only at what the next layout allocates
         gc.disable()
         return self._block()
 
-    def do_time(self) -> None:
-        """Time a block whenever asked to, until told to end."""
-        _deeper(random.randrange(_DEPTH), self._time)
+    def _check_final_states(self, path: str, states: "States", rows: list[int]) -> None:
+        """Raise MachineError where a run ends in other states than the plain loop."""
+        import numpy as np
 
-    def _time(self) -> None:
+        assert self.final_state is not None, "a run is prepared from a workload with final states"
+        held = slice(None) if states.held is None else states.held
+        if not np.array_equal(states.values[held], self.final_state[rows][held]):
+            raise MachineError(f"path {path} does not reach the final states of the plain loop")
+
+    def _time_blocks(self, request: requests.TimeBlocks) -> None:
+        _call_deeper(random.randrange(_DEPTH), self._answer_blocks)
+
+    def _answer_blocks(self) -> None:
         receive, send, pack = (
             self.connection.recv_bytes,
             self.connection.send_bytes,
@@ -197,11 +218,10 @@ class Worker:
         while receive() == BLOCK:
             send(pack(self._block()))
 
-    def do_cores(self, threads: int) -> float:
-        """Return how many cores `threads` threads get now (see machine.Calibration)."""
+    def _count_cores(self, request: requests.CountCores) -> float:
         from mjbench.instrument.machine import Calibration
 
-        calibration = Calibration(threads)
+        calibration = Calibration(request.nthread)
         seconds = []
         for run in (calibration.single, calibration.together) * 2:
             begin = time.perf_counter()
@@ -210,36 +230,47 @@ class Worker:
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
     def _block(self) -> int:
+        """Run one block; return its nanoseconds."""
         run, clock = self.prepared.run, time.perf_counter_ns
         begin = clock()
         run()
         return clock() - begin
 
 
-def _set_option(model: Any, option: str, value: str) -> None:
-    """Set a field of `model.opt`: a number, or the name of an enum's value."""
+def _set_option(model: "mujoco.MjModel", option: str, text: str) -> None:
+    """Set a field of `model.opt` to a number, or to an enum's value by name, such as `cg`.
+
+    Raises:
+      InputError: there is no such field, or it cannot have this value.
+    """
+    if not hasattr(model.opt, option) or callable(getattr(model.opt, option)):
+        raise InputError(f"no option {option!r}: name a number field of MjOption, such as solver")
+    try:
+        if option in _ENUM_PREFIXES and not text.isdigit():
+            number = _enum_value(option, text)
+        else:
+            number = type(getattr(model.opt, option))(float(text))
+        setattr(model.opt, option, number)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"option {option}: cannot be {text!r}: {one_line(error)}") from error
+
+
+def _enum_value(option: str, text: str) -> int:
+    """Return the number that the name of an enum's value stands for, in any case."""
     import mujoco
 
-    enums = {"integrator": "mjINT_", "solver": "mjSOL_", "cone": "mjCONE_", "jacobian": "mjJAC_"}
-    if not hasattr(model.opt, option) or callable(getattr(model.opt, option)):
-        raise InputError(f"no option {option!r}: give a number field of MjOption, such as solver")
-    try:
-        if option in enums and not value.isdigit():
-            kind = getattr(mujoco, f"mjt{option.capitalize()}")
-            names = {n.lower(): n for n in dir(kind) if n.startswith(enums[option])}
-            number = int(getattr(kind, names[f"{enums[option]}{value}".lower()]))
-        else:
-            number = type(getattr(model.opt, option))(float(value))
-        setattr(model.opt, option, number)
-    except KeyError:
-        known = ", ".join(sorted(n.removeprefix(enums[option]) for n in names.values()))
-        raise InputError(f"option {option}: {value!r} is not one of {known}") from None
-    except (TypeError, ValueError) as error:
-        raise InputError(f"option {option}: {value!r} will not do: {one_line(error)}") from error
+    prefix = _ENUM_PREFIXES[option]
+    enum = getattr(mujoco, f"mjt{option.capitalize()}")
+    names = {name.lower(): name for name in dir(enum) if name.startswith(prefix)}
+    name = names.get(f"{prefix}{text}".lower())
+    if name is None:
+        allowed = ", ".join(sorted(n.removeprefix(prefix) for n in names.values()))
+        raise InputError(f"option {option}: {text!r} is not one of {allowed}")
+    return int(getattr(enum, name))
 
 
 def _mapped() -> mmap.mmap:
-    """Map a random number of pages, which move what is mapped after them."""
+    """Map a random number of pages, which move whatever is mapped after them."""
     return mmap.mmap(-1, mmap.PAGESIZE * random.randrange(1, _MAP_PAGES))
 
 
@@ -247,16 +278,18 @@ def _scattered() -> list[bytearray]:
     """Return blocks of memory that move whatever is allocated after them to random places."""
     small = [bytearray(random.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
     large = [bytearray(random.randrange(1 << 12, _LARGE_BYTES)) for _ in range(_LARGE)]
-    # holes, into which the allocator puts some of what comes
+    # half of them are freed at once: holes that the allocator fills with some of what comes next
     return random.sample(small, _SMALL // 2) + random.sample(large, _LARGE // 2)
 
 
-def _deeper(levels: int, function: Callable[[], None]) -> None:
+def _call_deeper(levels: int, function: Callable[[], None]) -> None:
     """Call `function` below `levels` further frames of the C stack."""
     if levels == 0:
         function()
     else:
-        list(map(lambda _: _deeper(levels - 1, function), (None,)))  # noqa: C417  a frame of C
+        # Since Python 3.11 a call from Python to Python adds no frame to the C stack. `map` is
+        # written in C and calls back into Python, so each level adds frames of C.
+        list(map(lambda _: _call_deeper(levels - 1, function), (None,)))  # noqa: C417
 
 
 def main(descriptor: int) -> None:
@@ -264,40 +297,3 @@ def main(descriptor: int) -> None:
     child.die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Worker(Connection(descriptor)).serve()
-
-
-def make_core(folder: Path) -> None:
-    """Link mjbench alone into a folder: what lies beside it must not be found by a release."""
-    (folder / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
-
-
-def command(code: str, core: Path, install: Path | None) -> list[str]:
-    """Return the command that runs Python code in the environment of a release.
-
-    Args:
-      code: what to run.
-      core: a folder that `make_core` filled.
-      install: the folder of a release; None for the environment of this process.
-    """
-    if install is None:
-        return [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(core)!r}); {code}"]
-    places = [str(core), str(install)]
-    return [sys.executable, "-P", "-s", "-S", "-c", f"import sys; sys.path += {places!r}; {code}"]
-
-
-def environment(install: Path | None) -> dict[str, str]:
-    """Return the environment variables of a worker: without those that change how Python runs.
-
-    PYTHONPATH is left to the environment of this process alone.
-    """
-    kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    kept["MUJOCO_GL"] = "disable"  # nothing is drawn: a third of the import is the window library
-    if install is None and "PYTHONPATH" in os.environ:
-        kept["PYTHONPATH"] = os.environ["PYTHONPATH"]
-    return kept
-
-
-def pair() -> tuple[Connection, socket.socket]:
-    """Return a connection for the parent and the socket for a worker at its other end."""
-    ours, theirs = socket.socketpair()
-    return Connection(ours.detach()), theirs

@@ -1,38 +1,38 @@
-"""Processes in the environment of any release, each doing what it is asked (see worker)."""
+"""Processes in the environment of any release, each answering requests (see `requests`)."""
 
 import contextlib
-import os
 import pickle
+import socket
 import subprocess
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import Failure, InputError, MachineError, one_line
 from mjbench.instrument import child
-from mjbench.paired import worker
+from mjbench.paired import release_python, requests
+from mjbench.paired.requests import Request
 from mjbench.releases import installs
+from mjbench.status import Status
 
-_DOING = {
-    "start": "importing MuJoCo",
-    "load": "loading the model",
-    "make": "making the workload",
-    "equip": "taking the workload",
-    "take": "taking the workload",
-    "observe": "stepping the model",
-    "prepare": "preparing a run",
-    "time": "running a block",
-}
+_T = TypeVar("_T")
 
 
 class TargetError(MachineError):
-    """A side crashed, hung or answered nonsense; tells which in one line."""
+    """A target's process crashed, hung or failed; the message names the target in one line."""
 
 
 class WorkerProcess:
-    """A worker, seen from here: it is asked for things, and answers in that order."""
+    """A worker, seen from its parent: it answers requests in the order they were sent.
+
+    Attributes:
+      connection: to the worker.
+      name: for error messages, such as `baseline (MuJoCo 4.0.0, cartpole)`.
+      limit_s: seconds without an answer after which the process is killed.
+      pid: of the process.
+    """
 
     def __init__(
         self,
@@ -40,110 +40,132 @@ class WorkerProcess:
         name: str,
         limit_s: float,
         process: "subprocess.Popen[bytes]",
-        said: Path,
+        output_file: Path,
     ):
         self.connection, self.name, self.limit_s, self.pid = connection, name, limit_s, process.pid
-        self._process, self._said = process, said
-        self._asked: deque[str] = deque()
+        self._process, self._output_file = process, output_file
+        self._pending: deque[Request[Any]] = deque()
 
-    def call(self, do: str, **arguments: Any) -> Any:
-        """Ask for something and wait for the answer.
+    def call(self, request: Request[_T]) -> _T:
+        """Send a request and return its answer; no other request may be pending.
 
         Raises:
           InputError: what was asked for cannot be.
-          TargetError: it failed, crashed or did not answer in time.
+          TargetError: the process failed, crashed or did not answer in time.
         """
-        self.ask(do, **arguments)
-        return self.answer()
+        self.ask(request)
+        answer: _T = self._answer()
+        return answer
 
-    def ask(self, do: str, **arguments: Any) -> None:
-        """Ask for something small; `answer` waits for it. A second request waits for the first."""
-        self._asked.append(do)
-        with contextlib.suppress(OSError):  # a dead worker is told by `answer`
-            self.connection.send((do, arguments))
+    def ask(self, request: Request[Any]) -> None:
+        """Send a small request, without waiting for its answer."""
+        self._pending.append(request)
+        with contextlib.suppress(OSError):  # a dead worker is reported when its answer is read
+            self.connection.send(request)
 
-    def answer(self) -> Any:
-        """Wait for the answer to the oldest request that has none."""
-        status, value = self._receive(self.connection.recv)
-        self._asked.popleft()
-        if status == "ok":
-            return value
-        kind = InputError if status == "input" else TargetError
-        raise kind(f"{self.name}: {value}")
+    def wait(self) -> None:
+        """Wait for the answers to all pending requests.
 
-    def answers(self) -> None:
-        """Wait for the answers to all requests."""
-        while self._asked:
-            self.answer()
+        Raises:
+          InputError: what was asked for cannot be.
+          TargetError: the process failed, crashed or did not answer in time.
+        """
+        while self._pending:
+            self._answer()
 
-    def block(self) -> int:
-        """Have one block run; return its nanoseconds."""
+    def time_block(self) -> int:
+        """Have one block run, after `TimeBlocks` was asked; return its nanoseconds.
+
+        Raises:
+          TargetError: the process failed, crashed or did not answer in time.
+        """
         with contextlib.suppress(OSError):
-            self.connection.send_bytes(worker.BLOCK)
+            self.connection.send_bytes(requests.BLOCK)
         content = self._receive(self.connection.recv_bytes)
-        if len(content) != worker.NANOSECONDS.size:  # the answer to `time`: it failed
-            raise TargetError(f"{self.name}: {pickle.loads(content)[1]}")
-        ns = int(worker.NANOSECONDS.unpack(content)[0])
+        if len(content) != requests.NANOSECONDS.size:  # the block failed, and ended `TimeBlocks`
+            raise TargetError(f"{self.name}: {pickle.loads(content).detail}")
+        ns = int(requests.NANOSECONDS.unpack(content)[0])
         if ns <= 0:
-            raise TargetError(f"{self.name}: says that a block took {ns} ns")
+            raise TargetError(f"{self.name}: reports that a block took {ns} ns")
         return ns
 
-    def blocks_end(self) -> None:
-        """Say that there are no more blocks."""
+    def end_blocks(self) -> None:
+        """End `TimeBlocks`."""
         with contextlib.suppress(OSError):
-            self.connection.send_bytes(worker.END)
-        self.answer()
+            self.connection.send_bytes(requests.END)
+        self._answer()
 
     def end(self) -> None:
         """End the process, whatever it is doing."""
         self.connection.close()
         child.end_group(self._process)
-        self._said.unlink(missing_ok=True)
+        self._output_file.unlink(missing_ok=True)
+
+    def _answer(self) -> Any:
+        """Return the answer to the oldest pending request."""
+        answer: requests.Done[Any] | Failure = self._receive(self.connection.recv)
+        self._pending.popleft()
+        if isinstance(answer, requests.Done):
+            return answer.value
+        kind = InputError if answer.status == Status.INPUT else TargetError
+        raise kind(f"{self.name}: {answer.detail}")
 
     def _receive(self, receive: Callable[[], Any]) -> Any:
-        doing = _DOING.get(self._asked[0], self._asked[0])
+        activity = self._pending[0].activity
         if not self.connection.poll(self.limit_s):
             child.end_group(self._process)
-            raise TargetError(f"{self.name}: no answer within {self.limit_s:g} s while {doing}")
+            raise TargetError(f"{self.name}: no answer within {self.limit_s:g} s while {activity}")
         try:
             return receive()
         except (EOFError, OSError):
-            how = child.cause_of_death(self._process.wait())
-            said = child.last_words(child.text(self._said))
-            raise TargetError(f"{self.name}: {how} while {doing}{said}") from None
+            cause = child.cause_of_death(self._process.wait())
+            output = child.last_words(child.text(self._output_file))
+            raise TargetError(f"{self.name}: {cause} while {activity}{output}") from None
 
 
 class WorkerPool:
-    """Starts processes in the environment of any release; ends all of them when it is left."""
+    """Starts processes in the environment of any release, and ends all of them when it closes.
+
+    Used as a context manager.
+
+    Attributes:
+      limit_s: seconds without an answer after which a process is killed.
+    """
 
     def __init__(self, limit_s: float = 60.0):
         self.limit_s = limit_s
         self._closing = contextlib.ExitStack()
-        self._alive: list[WorkerProcess] = []
-        self._folders: dict[str, Path | None] = {}
-        self._whole: set[str] = set()
-        self._files = 0
+        self._processes: list[WorkerProcess] = []
+        self._installs: dict[str, Path | None] = {}
+        # Releases whose files were checked. They cannot change while the install is in use.
+        self._checked: set[str] = set()
+        self._file_count = 0
 
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
             self._core = closing.enter_context(child.scratch())
-            worker.make_core(self._core)
-            (self._core / "work").mkdir()
+            release_python.link_mjbench(self._core)
+            self._work = self._core / "work"
+            self._work.mkdir()
             self._closing = closing.pop_all()
         return self
 
     def __exit__(self, *exception: object) -> None:
         with self._closing:  # folders and locks last until no process uses them
-            self.end(list(self._alive))
+            self.end(list(self._processes))
 
-    def file(self, suffix: str) -> Path:
+    def new_file(self, suffix: str) -> Path:
         """Return a new path in a folder that lasts as long as this pool."""
-        self._files += 1
-        return self._core / "work" / f"{self._files}{suffix}"
+        self._file_count += 1
+        return self._work / f"{self._file_count}{suffix}"
 
-    def keep(self, value: Any) -> Path:
-        """Return a file that holds a value, for a worker to take."""
-        file = self.file(".pickle")
+    def save(self, value: Any) -> Path:
+        """Pickle a value to a new file, for a worker to read; return the file.
+
+        Raises:
+          MachineError: it cannot be written.
+        """
+        file = self.new_file(".pickle")
         try:
             file.write_bytes(pickle.dumps(value))
         except OSError as error:
@@ -151,69 +173,75 @@ class WorkerPool:
         return file
 
     @contextlib.contextmanager
-    def kept(self, value: Any) -> Iterator[Path]:
-        """Yield a file that holds a value for as long as the block runs."""
-        file = self.keep(value)
+    def saved(self, value: Any) -> Iterator[Path]:
+        """Yield a file that holds a pickled value for as long as the block runs."""
+        file = self.save(value)
         try:
             yield file
         finally:
             file.unlink(missing_ok=True)
 
     def start(self, release: installs.ReleaseSpec, name: str = "") -> WorkerProcess:
-        """Begin to start a process that imports a release; its first answer says that it did."""
-        if release.key not in self._folders:
-            folder = self._closing.enter_context(installs.use(release))
-            self._folders[release.key] = folder
-        folder, said = self._folders[release.key], self.file(".said")
+        """Start a process that imports a release, without waiting for it (see `wait_for`).
+
+        Args:
+          release: of MuJoCo; installed first if it is missing.
+          name: of the process, for error messages.
+
+        Raises:
+          InputError: there is no such release.
+          MachineError: it cannot be installed, or no process can be started.
+        """
+        if release.key not in self._installs:
+            install = self._closing.enter_context(installs.use(release))
+            self._installs[release.key] = install
+        install, output_file = self._installs[release.key], self.new_file(".output")
         try:
-            ours, child_process = self._begun(folder, said)
+            connection, process = self._spawn(install, output_file)
         except OSError as error:
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
         name = name or f"MuJoCo {release.version}"
-        process = WorkerProcess(ours, name, self.limit_s, child_process, said)
-        self._alive.append(process)
-        # the files of a release do not change while its install is in use: they are looked at once
-        process.ask("start", version=release.version, files=release.key not in self._whole)
-        return process
+        worker = WorkerProcess(connection, name, self.limit_s, process, output_file)
+        self._processes.append(worker)
+        check_files = release.key not in self._checked
+        worker.ask(requests.StartRelease(release.version, check_files))
+        return worker
 
-    def _begun(
-        self, folder: Path | None, said: Path
-    ) -> tuple[Connection, "subprocess.Popen[bytes]"]:
-        ours, theirs = worker.pair()
-        with theirs, said.open("wb") as out:
-            theirs.set_inheritable(True)
-            process = subprocess.Popen(
-                worker.command(
-                    f"from mjbench.paired.worker import main; main({theirs.fileno()})",
-                    self._core,
-                    folder,
-                ),
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=out,
-                cwd=said.parent,
-                env=worker.environment(folder),
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,
-            )
-        return ours, process
+    def wait_for(self, process: WorkerProcess, release: installs.ReleaseSpec) -> None:
+        """Wait until a process has imported its release and answered all other requests.
 
-    def started(self, process: WorkerProcess, release: installs.ReleaseSpec) -> None:
-        """Wait until a process has imported its release, and has done what else it was asked."""
-        process.answers()
-        self._whole.add(release.key)
+        Raises:
+          InputError: what was asked for cannot be.
+          TargetError: it failed, crashed or did not answer in time.
+        """
+        process.wait()
+        self._checked.add(release.key)
 
     def end(self, processes: Sequence[WorkerProcess]) -> None:
         """End processes of this pool."""
         for process in processes:
             process.end()
-            self._alive.remove(process)
+            self._processes.remove(process)
 
-
-def place(processes: Sequence[WorkerProcess], cores: set[int]) -> None:
-    """Have processes run on these cores only."""
-    if not hasattr(os, "sched_setaffinity"):
-        return
-    for process in processes:
-        with contextlib.suppress(OSError):  # it may have ended; `answer` tells
-            os.sched_setaffinity(process.pid, cores)
+    def _spawn(
+        self, install: Path | None, output_file: Path
+    ) -> tuple[Connection, "subprocess.Popen[bytes]"]:
+        parent, worker = socket.socketpair()
+        connection = Connection(parent.detach())
+        with worker, output_file.open("wb") as output:
+            worker.set_inheritable(True)
+            process = subprocess.Popen(
+                release_python.command(
+                    f"from mjbench.paired.worker import main; main({worker.fileno()})",
+                    self._core,
+                    install,
+                ),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                cwd=self._work,
+                env=release_python.environment(install),
+                pass_fds=[worker.fileno()],
+                start_new_session=True,
+            )
+        return connection, process

@@ -162,25 +162,41 @@ def states(model: Any, given: Mapping[str, np.ndarray]) -> np.ndarray:
     return rows
 
 
-def portable(made: Workload) -> dict[str, Any]:
-    """Return a workload as what outlives a release; `restore` takes it in any other."""
-    return {
-        "fields": fields(made.model, made.initial_state),
-        "control": made.control,
-        "hold": made.hold,
-    }
+@dataclass(frozen=True, eq=False)
+class PortableWorkload:
+    """A workload taken apart by MjData field, which any release can read (see `restore`).
+
+    Attributes:
+      fields: start states, each (nbatch, size), by MjData field.
+      control: (nbatch, ncontrol, nu) controls in the actuators' units.
+      hold: steps for which each control is held.
+      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION that the release which wrote them
+        ends in; None where they were not computed.
+    """
+
+    fields: Mapping[str, np.ndarray]
+    control: np.ndarray
+    hold: int
+    final_state: np.ndarray | None = None
 
 
-def restore(model: Any, given: Mapping[str, Any]) -> Workload:
-    """Return the workload that `portable` took apart.
+def portable(workload: Workload) -> PortableWorkload:
+    """Return a workload in the form that any release can read."""
+    return PortableWorkload(
+        fields(workload.model, workload.initial_state), workload.control, workload.hold
+    )
+
+
+def restore(model: Any, portable: PortableWorkload) -> Workload:
+    """Return the workload that `portable` took apart, for this release's model.
 
     Raises:
-      InputError: it is of a model of another size.
+      InputError: it belongs to a model of another size.
     """
-    control = given["control"]
+    control = portable.control
     if control.shape[2] != model.nu:
         raise InputError(f"the model has {model.nu} controls, not {control.shape[2]}")
-    return Workload(model, states(model, given["fields"]), control, given["hold"], seed=0)
+    return Workload(model, states(model, portable.fields), control, portable.hold, seed=0)
 
 
 def start_data(model: Any) -> Any:

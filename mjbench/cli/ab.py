@@ -1,0 +1,42 @@
+"""The command `mjbench ab`: any two targets against each other."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mjbench.cli import paired_options
+from mjbench.cli.group import cli
+from mjbench.cli.paired_options import FAIL_ON, Finding
+from mjbench.cli.shared import JSON, JUDGING, RESULTS, SIZES, with_options
+
+
+@cli.command()
+@click.argument("baseline", metavar="BASELINE")
+@click.argument("candidate", metavar="CANDIDATE")
+@FAIL_ON
+@with_options(*JUDGING, *SIZES, RESULTS, JSON)
+def ab(
+    baseline: str,
+    candidate: str,
+    fail_on: list[Finding],
+    results: Path,
+    json_file: str | None,
+    **chosen: Any,
+) -> None:
+    """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
+
+    \b
+    Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
+    MjOption (solver, integrator, iterations, tolerance, …). A model, path or release that one of
+    the two leaves out is the other's; where both do, it is cartpole, python_loop, installed.
+      mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
+      mjbench ab model=a.xml model=b.xml
+      mjbench ab model=humanoid,solver=newton solver=cg
+    """
+    from mjbench.paired import targets
+
+    pairs = [targets.parse(baseline, candidate)]
+    plan = paired_options.verdict_plan(**chosen)
+    sys.exit(paired_options.compare_targets("ab", pairs, plan, fail_on, results, json_file))

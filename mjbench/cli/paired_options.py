@@ -1,0 +1,134 @@
+"""What the commands around paired comparisons share: `versions`, `ab` and others."""
+
+import functools
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import Advance, RunContext
+from mjbench.cli.shared import check_sizes
+from mjbench.status import ExitCode, Status, exit_code
+
+if TYPE_CHECKING:
+    from mjbench.instrument.stats import Judgement
+    from mjbench.paired.records import VerdictRow
+    from mjbench.paired.targets import Target
+    from mjbench.paired.verdict import VerdictPlan
+
+# After as many launches, the progress bar of a comparison is half full.
+_HALFWAY_LAUNCHES = 15
+
+
+class Finding(StrEnum):
+    """What `--fail-on` can name: a verdict, or work that changed."""
+
+    SLOWER = "slower"
+    FASTER = "faster"
+    CHANGED_WORK = "changed-work"
+    INCONCLUSIVE = "inconclusive"
+
+
+def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> list[Finding]:
+    names = [name.strip() for name in (value or "").split(",") if name.strip()]
+    for name in names:
+        if name not in list(Finding):
+            raise click.BadParameter(f"{name!r} is not one of {', '.join(Finding)}")
+    return [Finding(name) for name in names]
+
+
+FAIL_ON = click.option(
+    "--fail-on",
+    metavar="FINDING,…",
+    callback=_findings,
+    help=f"Exit 1 when one of these is found: {', '.join(Finding)}.",
+)
+
+
+def verdict_plan(
+    *,
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    time_limit: float,
+    nbatch: int | None,
+    nstep: int | None,
+    hold: int,
+    seed: int,
+) -> "VerdictPlan":
+    """Return the plan that the options JUDGING and SIZES ask for.
+
+    Raises:
+      InputError: nstep is not a multiple of hold.
+    """
+    from mjbench.paired.preparation import Sizes
+    from mjbench.paired.verdict import VerdictPlan
+
+    check_sizes(nstep, hold)
+    sizes = Sizes(nbatch, nstep, hold, seed)
+    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes)
+
+
+def compare_targets(
+    command: str,
+    pairs: Sequence[tuple["Target", "Target"]],
+    plan: "VerdictPlan",
+    fail_on: Sequence[Finding],
+    results: Path,
+    json_file: str | None,
+) -> ExitCode:
+    """Compare pairs of targets, print and store the verdicts; return the exit code.
+
+    Args:
+      command: its name, for the run file.
+      pairs: baseline and candidate of each comparison.
+      plan: of each verdict.
+      fail_on: what ends the command with exit code 1.
+      results: folder for the run file.
+      json_file: file for the JSON document, `-` for standard output, None for none.
+    """
+    from mjbench.paired import verdict
+    from mjbench.paired.worker_pool import WorkerPool
+
+    rows: list[VerdictRow] = []
+    with RunContext(command, json_file, results, plan) as run:
+        with run.progress(len(pairs)) as advance, WorkerPool() as pool:
+            for number, (baseline, candidate) in enumerate(pairs):
+                name = f"{candidate.model.name} {candidate.release.version}"
+                on_launch = functools.partial(_show_launch, advance, number, name)
+                result = verdict.decide(pool, baseline, candidate, plan, on_launch)
+                run.record(result.record())
+                rows.append(result.row())
+                if result.status == Status.INTERRUPTED:
+                    break
+        report(run, rows)
+    return verdict_exit_code(rows, fail_on)
+
+
+def report(run: RunContext, rows: Sequence["VerdictRow"]) -> None:
+    """Print verdicts, and write the JSON document."""
+    from mjbench.report import verdicts
+    from mjbench.report.documents import VerdictDocument
+
+    if any(row.status == Status.INTERRUPTED for row in rows):
+        run.interrupt()
+    verdicts.print_table(run.out, rows)
+    run.write(VerdictDocument(machine=run.machine, results=rows))
+
+
+def verdict_exit_code(rows: Sequence["VerdictRow"], fail_on: Sequence[Finding]) -> ExitCode:
+    """Return the exit code of a command from its verdicts: a failure outweighs a finding."""
+    code = exit_code(row.status for row in rows)
+    if code != ExitCode.OK:
+        return code
+    findings: set[str] = {row.verdict for row in rows if row.verdict is not None}
+    if any(row.changed_work for row in rows):
+        findings.add(Finding.CHANGED_WORK)
+    return ExitCode.FINDING if findings & set(fail_on) else ExitCode.OK
+
+
+def _show_launch(advance: Advance, number: int, name: str, judgement: "Judgement") -> None:
+    share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
+    advance(number, f"{name} {100 * (judgement.ratio - 1):+.2f} %", share)

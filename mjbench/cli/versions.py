@@ -1,0 +1,133 @@
+"""The command `mjbench versions`: releases of MuJoCo against each other."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjbench.cli import paired_options
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.paired_options import FAIL_ON, Finding
+from mjbench.cli.shared import JSON, JUDGING, RESULTS, SIZES, Names, with_options
+from mjbench.errors import InputError
+from mjbench.status import ExitCode
+
+if TYPE_CHECKING:
+    from mjbench.paired.verdict import VerdictPlan
+    from mjbench.releases.installs import ReleaseSpec
+    from mjbench.simulation.models import ModelSource
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[OLD NEW… MODEL…]")
+@click.option(
+    "--old", metavar="RELEASE", help="The old release, where it is not the first argument."
+)
+@click.option("--new", "news", multiple=True, metavar="RELEASE", help="A new release.")
+@click.option("--paths", "path_names", type=Names(), help="Ways of stepping  [python_loop]")
+@click.option(
+    "--metric",
+    type=click.Choice(["time", "instructions"]),
+    default="time",
+    show_default=True,
+    help="Instructions are exact and need no quiet machine, but valgrind; they are those of the"
+    " engine alone, and --confidence, --precision and --time-limit do not apply.",
+)
+@FAIL_ON
+@with_options(*JUDGING, *SIZES, RESULTS, JSON)
+def versions(
+    names: tuple[str, ...],
+    old: str | None,
+    news: tuple[str, ...],
+    path_names: list[str] | None,
+    metric: str,
+    fail_on: list[Finding],
+    results: Path,
+    json_file: str | None,
+    **chosen: Any,
+) -> None:
+    """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
+
+    \b
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each is
+    installed in a cache folder of its own (`mjbench releases installs`). There may be several NEW
+    ones; without a MODEL, all of ours are compared.
+      mjbench versions 3.3.0 4.0.0 humanoid
+      mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower,changed-work
+      mjbench versions 3.17.0 4.0.0 robot.xml --metric instructions --min-effect 0.5%
+      mjbench versions --old installed --new dist/mujoco-4.1.0-cp311-….whl cartpole
+
+    Ratios are new over old: above 1 is slower. Where a release does other work, such as more
+    contacts, the verdict says so.
+    """
+    from mjbench.paired import targets
+    from mjbench.paired.targets import Target
+    from mjbench.releases import installs
+    from mjbench.simulation import models
+
+    release_names = [name for name in names if installs.is_release(name)]
+    old_name = old or next(iter(release_names), None)
+    new_names = [*news, *(release_names if old else release_names[1:])]
+    if not old_name or not new_names:
+        raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
+    model_names = [name for name in names if name not in release_names]
+    sources = [models.resolve(name) for name in model_names or models.shipped()]
+    baseline, *candidates = [installs.parse_release(name) for name in (old_name, *new_names)]
+    path_names = path_names or ["python_loop"]
+    plan = paired_options.verdict_plan(**chosen)
+    if metric == "instructions":
+        if path_names != ["python_loop"]:
+            raise InputError("instructions are counted of python_loop alone: leave out --paths")
+        sys.exit(
+            _compare_instructions(baseline, candidates, sources, plan, fail_on, results, json_file)
+        )
+    options = {name: targets.find_path(name).complete({}) for name in path_names}
+    pairs = [
+        (
+            Target(baseline, source, name, options[name]),
+            Target(release, source, name, options[name]),
+        )
+        for release in candidates
+        for source in sources
+        for name in path_names
+    ]
+    sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, results, json_file))
+
+
+def _compare_instructions(
+    baseline: "ReleaseSpec",
+    candidates: Sequence["ReleaseSpec"],
+    sources: Sequence["ModelSource"],
+    plan: "VerdictPlan",
+    fail_on: Sequence[Finding],
+    results: Path,
+    json_file: str | None,
+) -> ExitCode:
+    """Compare instruction counts, print and store the verdicts; return the exit code."""
+    from mjbench.counts import explain, instructions
+    from mjbench.paired import verdict
+
+    arguments = {**asdict(plan), "metric": "instructions"}
+    with (
+        RunContext("versions", json_file, results, arguments) as run,
+        instructions.InstructionCounter(plan.sizes) as counter,
+    ):
+        releases = [baseline, *candidates]
+        counts = []
+        with run.progress(len(releases)) as advance:
+            for number, release in enumerate(releases):
+                advance(number, f"MuJoCo {release.version}", 0.0)
+                counts.append(counter.count(release, sources))
+        rows = [
+            explain.verdict_row(baseline_count, candidate_count, plan.min_effect)
+            for candidate_counts in counts[1:]
+            for baseline_count, candidate_count in zip(counts[0], candidate_counts, strict=True)
+        ]
+        for row in rows:
+            run.record(verdict.record_of(row))
+        paired_options.report(run, rows)
+    return paired_options.verdict_exit_code(rows, fail_on)

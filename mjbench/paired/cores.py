@@ -1,0 +1,61 @@
+"""Which core a launch runs on, and how processes are kept on it."""
+
+import contextlib
+import os
+import random
+import time
+from collections.abc import Collection, Iterable, Iterator
+
+# The cores that this process may use; read before it pins itself to one of them.
+USABLE = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+# Cores that `freest_core` looks at, at most.
+_MAX_TRIED = 8
+# Shares of the time that differ by less are equal.
+_SHARE_RESOLUTION = 0.02
+
+
+def freest_core(probe_s: float = 0.01) -> int | None:
+    """Return the usable core that other processes use least; None if this system cannot tell.
+
+    A busy loop runs on each core in turn; the freest one is where it got the largest share of the
+    time. The loop lasts longer than Linux lets a newcomer run before others get their turn, which
+    is some milliseconds.
+
+    Args:
+      probe_s: seconds of the busy loop on each core.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        return None
+    allowed = sorted(os.sched_getaffinity(0))
+    shares: dict[int, float] = {}
+    for core in random.sample(allowed, min(len(allowed), _MAX_TRIED)):
+        with pinned(core):
+            begin, used = time.perf_counter(), time.thread_time()
+            while time.perf_counter() - begin < probe_s:
+                pass
+            shares[core] = (time.thread_time() - used) / (time.perf_counter() - begin)
+    best = max(shares.values())
+    return random.choice([c for c, share in shares.items() if share > best - _SHARE_RESOLUTION])
+
+
+@contextlib.contextmanager
+def pinned(core: int | None) -> Iterator[None]:
+    """Keep this process on one core while the block runs; None leaves it where it is."""
+    if core is None:
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, [core])
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def confine(pids: Iterable[int], cores: Collection[int]) -> None:
+    """Have processes run on these cores only, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    for pid in pids:
+        with contextlib.suppress(OSError):  # it may have ended; its next answer will say so
+            os.sched_setaffinity(pid, cores)

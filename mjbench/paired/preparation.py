@@ -1,0 +1,261 @@
+"""What both targets do, fixed before anything is timed: models, workload, check of the work.
+
+Both targets get the same simulations wherever their models have the same size. Each does them once
+the plain way; simulations that diverge in either are left out, and the work is compared.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mjbench.errors import InputError
+from mjbench.paired import requests
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
+from mjbench.simulation import agreement
+from mjbench.simulation.work import Work
+from mjbench.simulation.workload import PortableWorkload
+
+# Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
+# blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
+# which both targets share and which makes any change look smaller.
+BLOCK_S = 0.001
+# Steps of each simulation of a block, at most.
+MAX_NSTEP = 100
+# Seconds of a block for each thread of a path with threads: long enough that starting the threads
+# is not what is measured.
+THREADED_BLOCK_S = 0.01
+# Simulations that are drawn for each one of a block. Every layout does others of them, so that a
+# verdict does not rest on the states of one block.
+DRAWN_PER_BLOCK = 8
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The work of a block, as the user asked for it.
+
+    Attributes:
+      nbatch: simulations; None chooses them from what a step costs.
+      nstep: steps of each simulation; None chooses them from what a step costs.
+      hold: steps for which each control is held.
+      seed: of start states and controls.
+    """
+
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int = 1
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class WorkCheck:
+    """Whether both targets do the same work.
+
+    Attributes:
+      baseline: work per step of the baseline.
+      candidate: work per step of the candidate.
+      drift: largest difference of qpos, qvel and act one step after the same states, in SI units;
+        None where the models differ in size.
+      diverged: simulations that diverged in the baseline, and in the candidate; none of those is
+        timed.
+      nbatch: simulations of a block.
+      nstep: steps of each.
+    """
+
+    baseline: Work
+    candidate: Work
+    drift: float | None
+    diverged: tuple[int, int]
+    nbatch: int
+    nstep: int
+
+    @property
+    def changes(self) -> list[str]:
+        """How the work changed, in a few words each; empty where it is the same."""
+        return agreement.work_changes(
+            asdict(self.baseline), asdict(self.candidate), self.drift, self.diverged
+        )
+
+    @property
+    def changed(self) -> bool:
+        """Whether counters, or the result of one step beyond rounding, differ."""
+        return bool(self.changes)
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What every launch of two targets starts from. Pairs are of the baseline and the candidate.
+
+    Attributes:
+      targets: the two.
+      models: files of the compiled models, options set.
+      workloads: files of the `PortableWorkload`s, final states included.
+      nsim: simulations in each workload file.
+      work_check: whether the two do the same work.
+    """
+
+    targets: tuple[Target, Target]
+    models: tuple[Path, Path]
+    workloads: tuple[Path, Path]
+    nsim: int
+    work_check: WorkCheck
+
+
+def describe(targets: Sequence[Target]) -> tuple[str, str]:
+    """Return the names of a baseline and a candidate, for error messages."""
+    baseline, candidate = (
+        f"{role} (MuJoCo {target.release.version}, {target.model.name})"
+        for role, target in zip(("baseline", "candidate"), targets, strict=True)
+    )
+    return baseline, candidate
+
+
+def prepare(pool: WorkerPool, targets: tuple[Target, Target], sizes: Sizes) -> Preparation:
+    """Load both models, draw the workload, and see what each target does with it.
+
+    The files of the result last as long as the pool.
+
+    Raises:
+      InputError: a target cannot do this work.
+      TargetError: a target crashed, hung or failed.
+    """
+    processes: list[WorkerProcess] = []
+    try:
+        for target, name in zip(targets, describe(targets), strict=True):
+            processes.append(pool.start(target.release, name))
+        for process, target in zip(processes, targets, strict=True):
+            pool.wait_for(process, target.release)
+        return _prepare(pool, targets, sizes, processes)
+    finally:
+        pool.end(processes)
+
+
+def _prepare(
+    pool: WorkerPool,
+    targets: tuple[Target, Target],
+    sizes: Sizes,
+    processes: Sequence[WorkerProcess],
+) -> Preparation:
+    models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
+    for process, target, file in zip(processes, targets, models, strict=True):
+        source, options = target.model, dict(target.model_options)
+        process.call(requests.LoadModel(source.name, source.path, options))
+        process.call(requests.SaveModel(file))
+    nthread = max(target.nthread for target in targets)
+    step_s = max([process.call(requests.MeasureStepCost()) for process in processes])
+    nbatch, nstep = _block_size(sizes, nthread, step_s)
+    drawn = nbatch if sizes.nbatch or nthread > 1 else DRAWN_PER_BLOCK * nbatch
+    workloads = _draw(
+        pool, targets, processes, requests.MakeWorkload(drawn, nstep, sizes.hold, sizes.seed)
+    )
+    shared = workloads[0] is workloads[1]
+    observed = []
+    for process, workload in zip(processes, workloads, strict=True):
+        with pool.saved(workload) as file:
+            observed.append(process.call(requests.Observe(file)))
+    baseline, candidate = observed
+    rows = _rows_to_time(targets, (baseline, candidate), shared)
+    nsim = len(rows[0])
+    work_check = WorkCheck(
+        baseline=baseline.work,
+        candidate=candidate.work,
+        drift=_drift(baseline, candidate, rows[0]) if shared else None,
+        diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
+        nbatch=min(nbatch, nsim),
+        nstep=nstep,
+    )
+    files = (
+        pool.save(_select(workloads[0], baseline.final_state, rows[0])),
+        pool.save(_select(workloads[1], candidate.final_state, rows[1])),
+    )
+    return Preparation(targets, models, files, nsim, work_check)
+
+
+def _block_size(sizes: Sizes, nthread: int, step_s: float) -> tuple[int, int]:
+    """Return nbatch and nstep, so that a block takes about BLOCK_S where the user leaves it open.
+
+    Args:
+      sizes: as the user asked.
+      nthread: threads of the target that has more.
+      step_s: seconds of a step of the target that is slower.
+    """
+    block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
+    steps, hold = max(1, int(block_s / step_s)), sizes.hold
+    if sizes.nbatch:
+        return sizes.nbatch, sizes.nstep or hold * max(1, steps // sizes.nbatch // hold)
+    nstep = sizes.nstep or hold * max(1, min(steps, MAX_NSTEP) // hold)
+    return max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep
+
+
+def _draw(
+    pool: WorkerPool,
+    targets: Sequence[Target],
+    processes: Sequence[WorkerProcess],
+    request: requests.MakeWorkload,
+) -> tuple[PortableWorkload, PortableWorkload]:
+    """Return the workload of each target: the same one, unless their models differ in size."""
+    drawn = processes[0].call(request)
+    try:
+        with pool.saved(drawn) as file:
+            processes[1].call(requests.TakeWorkload(file))
+    except InputError:
+        if targets[0].model == targets[1].model:
+            raise
+        return drawn, processes[1].call(request)
+    return drawn, drawn
+
+
+def _rows_to_time(
+    targets: Sequence[Target], observed: tuple[requests.Observed, requests.Observed], shared: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the simulations that each target is timed with: as many, and none that diverges.
+
+    Where the workload is shared they are the same ones.
+
+    Raises:
+      InputError: there are none.
+    """
+    for target, result in zip(targets, observed, strict=True):
+        if not result.healthy.any():
+            raise InputError(
+                f"{target.model.name} with MuJoCo {target.release.version}: every simulation"
+                f" diverges ({result.diagnosis}); there is nothing to compare"
+            )
+    if shared:
+        rows = np.flatnonzero(observed[0].healthy & observed[1].healthy)
+        if len(rows) == 0:
+            raise InputError(
+                "every simulation diverges in the baseline or in the candidate;"
+                " there is nothing to compare"
+            )
+        return rows, rows
+    baseline, candidate = (np.flatnonzero(result.healthy) for result in observed)
+    count = min(len(baseline), len(candidate))
+    return baseline[:count], candidate[:count]
+
+
+def _drift(
+    baseline: requests.Observed, candidate: requests.Observed, rows: np.ndarray
+) -> float | None:
+    """Return how far one step from the same states differs; None where the sizes differ."""
+    before, after = (
+        {field: values[rows] for field, values in observed.after_one_step.items()}
+        for observed in (baseline, candidate)
+    )
+    if any(after[field].shape != values.shape for field, values in before.items()):
+        return None
+    return agreement.drift(after, before)
+
+
+def _select(
+    workload: PortableWorkload, final_state: np.ndarray, rows: np.ndarray
+) -> PortableWorkload:
+    """Return some simulations of a workload, with the final states that they must reach."""
+    return PortableWorkload(
+        fields={name: values[rows] for name, values in workload.fields.items()},
+        control=workload.control[rows],
+        hold=workload.hold,
+        final_state=final_state[rows],
+    )

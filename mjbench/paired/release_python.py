@@ -1,0 +1,48 @@
+"""How to run Python code in the environment of one MuJoCo release.
+
+The code sees mjbench, one release, NumPy and the standard library, and nothing else.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+import mjbench
+
+
+def link_mjbench(folder: Path) -> None:
+    """Link the mjbench package alone into a folder.
+
+    What lies beside the package (another MuJoCo, in a virtual environment) must not be found.
+    """
+    (folder / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
+
+
+def command(code: str, core: Path, install: Path | None) -> list[str]:
+    """Return the command that runs Python code in the environment of a release.
+
+    Args:
+      code: to run.
+      core: a folder that `link_mjbench` filled.
+      install: the folder of a release; None for the environment of this process.
+    """
+    if install is None:
+        return [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(core)!r}); {code}"]
+    folders = [str(core), str(install)]
+    return [sys.executable, "-P", "-s", "-S", "-c", f"import sys; sys.path += {folders!r}; {code}"]
+
+
+def environment(install: Path | None) -> dict[str, str]:
+    """Return environment variables, without those that change how Python runs.
+
+    PYTHONPATH stays only where no release is given.
+
+    Args:
+      install: the folder of a release; None for the environment of this process.
+    """
+    variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    # nothing is drawn, and importing the window library is a third of importing MuJoCo
+    variables["MUJOCO_GL"] = "disable"
+    if install is None and "PYTHONPATH" in os.environ:
+        variables["PYTHONPATH"] = os.environ["PYTHONPATH"]
+    return variables

@@ -1,0 +1,178 @@
+"""What a worker process can be asked, and what it answers.
+
+A request is pickled over the worker's socket and answered by `Done` or by a `Failure`; requests are
+answered in the order they were sent. A timed block is not a request: after `TimeBlocks` it is one
+byte there and eight bytes back, so that the time between two blocks stays short.
+
+This module is imported inside any release, before MuJoCo and NumPy are: it needs the standard
+library alone.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mjbench.simulation.work import Work
+    from mjbench.simulation.workload import PortableWorkload  # noqa: F401  a type parameter
+
+Answer = TypeVar("Answer")
+
+# The bytes that ask for one more block, and for no more; a block answers with its nanoseconds.
+BLOCK, END = b"b", b"e"
+NANOSECONDS = struct.Struct("<q")
+
+
+@dataclass(frozen=True)
+class Request(Generic[Answer]):
+    """Something that a worker is asked to do; the type parameter is what it answers.
+
+    Class attributes:
+      activity: what the worker is doing meanwhile, for error messages.
+    """
+
+    activity: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class Done(Generic[Answer]):
+    """The answer to a request that did not fail."""
+
+    value: Answer
+
+
+@dataclass(frozen=True)
+class StartRelease(Request[None]):
+    """Import MuJoCo, and make sure that it is the release meant, whole.
+
+    Attributes:
+      version: that it must be.
+      check_files: whether to look at every file of the release.
+    """
+
+    activity = "importing MuJoCo"
+    version: str
+    check_files: bool
+
+
+@dataclass(frozen=True)
+class LoadModel(Request[None]):
+    """Compile a model, and set fields of its `opt`.
+
+    Attributes:
+      name: of the model, for error messages.
+      file: that holds it.
+      options: fields of `model.opt` to set, by name; a number, or the name of an enum's value.
+    """
+
+    activity = "loading the model"
+    name: str
+    file: Path
+    options: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class SaveModel(Request[None]):
+    """Save the loaded model to a file, so that launches need not compile it again."""
+
+    activity = "saving the model"
+    file: Path
+
+
+@dataclass(frozen=True)
+class MeasureStepCost(Request[float]):
+    """Return about how long one step takes, in seconds."""
+
+    activity = "measuring a step"
+
+
+@dataclass(frozen=True)
+class MakeWorkload(Request["PortableWorkload"]):
+    """Draw a workload for the loaded model (see `work.stable_workload`)."""
+
+    activity = "making the workload"
+    nbatch: int
+    nstep: int
+    hold: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class TakeWorkload(Request[None]):
+    """Read a pickled `PortableWorkload`; an InputError says that it does not fit the model."""
+
+    activity = "reading the workload"
+    file: Path
+
+
+@dataclass(frozen=True)
+class Observe(Request["Observed"]):
+    """Read a workload, do it once the plain way, and return what it was."""
+
+    activity = "stepping the model"
+    workload_file: Path
+
+
+@dataclass(frozen=True)
+class Equip(Request[None]):
+    """Read a saved model and a workload, and import what a run needs."""
+
+    activity = "reading the workload"
+    model_file: Path
+    workload_file: Path
+
+
+@dataclass(frozen=True)
+class Prepare(Request[int]):
+    """Prepare a path's run in fresh memory, and check it; return nanoseconds of a warm block.
+
+    Attributes:
+      path: its name.
+      options: of the path.
+      cores: to run on.
+      simulations: rows of the workload to do; a row named twice is done twice.
+    """
+
+    activity = "preparing a run"
+    path: str
+    options: Mapping[str, Any]
+    cores: Sequence[int]
+    simulations: Sequence[int]
+
+
+@dataclass(frozen=True)
+class TimeBlocks(Request[None]):
+    """Run a block for every BLOCK byte that follows, until an END byte."""
+
+    activity = "running a block"
+
+
+@dataclass(frozen=True)
+class CountCores(Request[float]):
+    """Return how many cores `nthread` threads get now (see `machine.Calibration`)."""
+
+    activity = "counting cores"
+    nthread: int
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What a target did with a workload, stepped the plain way.
+
+    Attributes:
+      work: contacts, constraints and solver iterations per step.
+      healthy: (nbatch,) whether a simulation stayed finite and raised no warning.
+      diagnosis: the warnings raised, such as `BADQACC in 3`; empty without any.
+      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
+      after_one_step: qpos, qvel and act, each (nbatch, size), one step after each start.
+    """
+
+    work: "Work"
+    healthy: "np.ndarray"
+    diagnosis: str
+    final_state: "np.ndarray"
+    after_one_step: Mapping[str, "np.ndarray"]

@@ -1,0 +1,28 @@
+"""`mjbench ab`: findings that fail the command, and targets that mean nothing."""
+
+from pathlib import Path
+
+import pytest
+from commands import mjbench
+
+
+def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
+    arguments = ("ab", "model=cube_table", "iterations=1,solver=cg", "--time-limit", "0.2s")
+    assert mjbench(*arguments, "--fail-on", "changed-work", cwd=tmp_path).returncode == 1
+    assert mjbench(*arguments, cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("path=nothing", "path=rollout"), "no path 'nothing'"),
+        (("speed=1", "path=rollout"), "no 'speed'"),
+        (("threads", "path=rollout"), "is not KEY=VALUE"),
+    ],
+)
+def test_bad_arguments_are_reported_in_one_line(
+    tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    done = mjbench("ab", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr

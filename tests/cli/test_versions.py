@@ -1,0 +1,68 @@
+"""`mjbench versions`: table, sentence, JSON, run file and exit codes."""
+
+import json
+from pathlib import Path
+
+import broken_worker
+import pytest
+from commands import mjbench
+
+from mjbench.paired import protocol
+
+
+def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -> None:
+    done = mjbench(
+        *("versions", "installed", "installed", "cube_table", "--time-limit", "0.2s"),
+        *("--json", "out.json"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["metric"] == "time"
+    assert row["changed_work"] is False
+    assert row["drift"] == 0.0
+    assert row["work"]["old"]["contacts"] > 0
+    assert row["launches"] >= 1
+    assert row["pairs"] >= 2 * protocol.LAYOUTS * protocol.MIN_QUADS
+    assert "cube_table" in done.stdout
+    assert "same work" in done.stdout
+    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+    header, record = map(json.loads, file.read_text().splitlines())
+    assert header["arguments"]["time_limit_s"] == 0.2
+    assert record["type"] == "verdict"
+    assert len(record["samples"]) == row["launches"]
+    again = mjbench("show", cwd=tmp_path)
+    assert again.returncode == 0
+    assert "same work" in again.stdout
+
+
+def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
+    done = mjbench(
+        *("versions", "installed", "installed", "cartpole"),
+        cwd=tmp_path,
+        env={"PYTHONPATH": broken_worker.python_path(tmp_path, "_load_model", "os._exit(7)")},
+    )
+    assert done.returncode == 3
+    assert "baseline (MuJoCo" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("installed",), "name an OLD and a NEW release"),
+        (("--new", "installed"), "name an OLD and a NEW release"),
+        (("installed", "installed", "no_such_model"), "no model 'no_such_model'"),
+        (("missing.whl", "installed"), "no such wheel"),
+        (("installed", "installed", "--fail-on", "tea"), "'tea' is not one of"),
+        (("installed", "installed", "--min-effect", "0"), "not between 0% and 100%"),
+        (("installed", "installed", "--time-limit", "soon"), "no time such as 60s"),
+        (("installed", "installed", "--paths", "mjx"), "cannot alternate"),
+        (("installed", "installed", "--nstep", "5", "--hold", "2"), "not a multiple"),
+    ],
+)
+def test_bad_arguments_are_reported_in_one_line(
+    tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    done = mjbench("versions", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr

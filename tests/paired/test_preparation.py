@@ -1,0 +1,95 @@
+"""What both targets do: the same simulations, the same work, and none that diverges."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from paired_examples import CARTPOLE, CUBES, INSTALLED
+
+from mjbench.errors import InputError
+from mjbench.paired import preparation
+from mjbench.paired.preparation import Sizes
+from mjbench.paired.protocol import TargetPair
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.simulation import models
+
+
+def test_models_of_different_size_do_as_many_simulations_each(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    file = tmp_path / "other.xml"
+    file.write_text(
+        "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    other = Target(INSTALLED, models.resolve(str(file)))
+    pair = TargetPair(pool, CARTPOLE, other, Sizes(nbatch=3))
+    launch = pair.launch()
+    pair.close()
+    assert pair.work_check.nbatch == 3
+    assert pair.work_check.drift is None
+    assert (launch.ns > 0).all()
+
+
+def test_simulations_that_diverge_in_one_target_only_are_changed_work(
+    pool: WorkerPool, stiff: Target
+) -> None:
+    candidate = replace(stiff, model_options={"timestep": "0.0025"})
+    pair = TargetPair(pool, stiff, candidate, Sizes(nbatch=8, nstep=13))
+    launch = pair.launch()
+    pair.close()
+    assert pair.work_check.diverged[0] == 0
+    assert 0 < pair.work_check.diverged[1] < 8
+    assert pair.work_check.nbatch == 8 - pair.work_check.diverged[1]
+    assert pair.work_check.changed
+    assert (launch.ns > 0).all()
+
+
+def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool) -> None:
+    prepared = preparation.prepare(pool, (CUBES, CUBES), Sizes())
+    check = prepared.work_check
+    assert check.baseline == check.candidate
+    assert check.baseline.contacts > 0
+    assert check.drift == 0.0
+    assert not check.changed
+    assert all(file.is_file() for file in (*prepared.models, *prepared.workloads))
+
+
+def test_changed_work_is_reported(pool: WorkerPool) -> None:
+    candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
+    check = preparation.prepare(pool, (CUBES, candidate), Sizes()).work_check
+    assert check.changed
+    assert any(change.startswith("solver iterations") for change in check.changes)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"solver": "magic"}, "one of cg, newton, pgs"), ({"speed": "9"}, "no option 'speed'")],
+)
+def test_an_option_that_does_not_exist_is_bad_input(
+    pool: WorkerPool, options: dict[str, str], message: str
+) -> None:
+    baseline = replace(CARTPOLE, model_options=options)
+    with pytest.raises(InputError) as caught:
+        preparation.prepare(pool, (baseline, CARTPOLE), Sizes())
+    assert message in str(caught.value).lower()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "nthread", "step_s", "expected"),
+    [
+        (Sizes(), 1, 1e-5, (1, 100)),
+        (Sizes(), 1, 1e-6, (10, 100)),
+        (Sizes(), 1, 1.0, (1, 1)),
+        (Sizes(hold=30), 1, 1e-5, (1, 90)),
+        (Sizes(nbatch=4), 1, 1e-5, (4, 25)),
+        (Sizes(nbatch=4, nstep=7), 1, 1e-5, (4, 7)),
+        (Sizes(nstep=50), 1, 1e-5, (2, 50)),
+        (Sizes(), 2, 1e-5, (20, 100)),
+        (Sizes(), 2, 1.0, (8, 1)),
+    ],
+)
+def test_a_block_takes_about_a_millisecond_where_the_user_leaves_it_open(
+    sizes: Sizes, nthread: int, step_s: float, expected: tuple[int, int]
+) -> None:
+    assert preparation._block_size(sizes, nthread, step_s * (1 - 1e-9)) == expected

@@ -1,0 +1,50 @@
+"""Targets as a user writes them."""
+
+import pytest
+
+from mjbench.errors import InputError
+from mjbench.paired import targets
+
+
+def test_a_model_or_path_that_one_target_leaves_out_is_the_others() -> None:
+    baseline, candidate = targets.parse("model=humanoid,solver=newton", "path=rollout,solver=cg")
+    assert baseline.model == candidate.model
+    assert baseline.model.name == "humanoid"
+    assert (baseline.path, candidate.path) == ("rollout", "rollout")
+    assert dict(baseline.model_options) == {"solver": "newton"}
+    assert dict(candidate.model_options) == {"solver": "cg"}
+
+
+def test_defaults_are_the_cartpole_in_a_python_loop() -> None:
+    baseline, candidate = targets.parse("", "iterations=5")
+    assert (baseline.model.name, baseline.path) == ("cartpole", "python_loop")
+    assert baseline.release == candidate.release
+    assert baseline.row().options == candidate.row().options == {}
+
+
+def test_options_of_a_path_are_parsed_and_completed() -> None:
+    baseline, candidate = targets.parse("path=rollout,threads=2", "path=rollout")
+    assert baseline.options["threads"] == baseline.nthread == 2
+    assert candidate.options["threads"] == candidate.nthread == 1
+
+
+def test_option_names_a_field_of_mjoption_too() -> None:
+    _, candidate = targets.parse("", "option=solver:cg")
+    assert dict(candidate.model_options) == {"solver": "cg"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("threads", "'threads' is not KEY=VALUE"),
+        ("=2", "'=2' is not KEY=VALUE"),
+        ("solver=", "'solver=' is not KEY=VALUE"),
+        ("speed=1", "no 'speed'; path python_loop has no options"),
+        ("path=nothing", "no path 'nothing'"),
+        ("path=rollout,threads=none", "threads"),
+        ("path=mjx", "cannot alternate"),
+    ],
+)
+def test_a_target_that_means_nothing_is_bad_input(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        targets.parse(text, "")

@@ -1,0 +1,70 @@
+"""Verdicts as sentences."""
+
+from dataclasses import replace
+
+import pytest
+
+from mjbench.instrument.stats import Verdict
+from mjbench.paired.records import DivergedPair, Ratio, TargetRow, VerdictRow, WorkPair
+from mjbench.report import verdicts
+from mjbench.simulation.work import Work
+from mjbench.status import Status
+
+OLD = TargetRow("3.3.0", "humanoid", "python_loop", {}, {})
+NEW = replace(OLD, release="4.0.0")
+WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
+ROW = VerdictRow(
+    model="humanoid",
+    path="python_loop",
+    old="3.3.0",
+    new="4.0.0",
+    sides=(OLD, NEW),
+    status=Status.OK,
+    verdict=Verdict.SLOWER,
+    ratio=Ratio(1.014, 1.011, 1.017),
+    changed_work=False,
+    work=WorkPair(WORK, WORK),
+    drift=0.0,
+    diverged=DivergedPair(0, 0),
+)
+
+
+def test_a_verdict_is_a_sentence() -> None:
+    expected = "humanoid, 3.3.0 → 4.0.0: slower by 1.4 % (interval +1.10 to +1.70 %), same work"
+    assert verdicts.describe_verdict(ROW) == expected
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ratio", "text"),
+    [
+        (Verdict.SAME, Ratio(1.001, 0.996, 1.003), ": same within 0.4 %,"),
+        (Verdict.FASTER, Ratio(0.5, 0.4, 0.6), ": faster by 50 % (interval -60.00 to -40.00 %),"),
+        (Verdict.SLOWER, Ratio(2.5, 2.4, 2.6), ": slower by 150 % ("),
+        (Verdict.INCONCLUSIVE, Ratio(1.5, None, None), "inconclusive, +50.00 % (interval unknown)"),
+    ],
+)
+def test_each_verdict_says_how_much_and_how_sure(verdict: Verdict, ratio: Ratio, text: str) -> None:
+    assert text in verdicts.describe_verdict(replace(ROW, verdict=verdict, ratio=ratio))
+
+
+def test_changed_work_says_what_changed() -> None:
+    more = replace(WORK, contacts=5.0)
+    row = replace(ROW, changed_work=True, work=WorkPair(WORK, more), diverged=DivergedPair(0, 3))
+    assert verdicts.describe_work(ROW) == ""
+    text = "contacts 1 → 5, 3 simulations diverge instead of 0"
+    assert verdicts.describe_work(row) == text
+    assert verdicts.describe_verdict(row).endswith(f"changed work: {text}")
+
+
+def test_a_comparison_that_failed_says_why() -> None:
+    row = replace(ROW, status=Status.FAILED, verdict=None, ratio=None, detail="out of memory")
+    assert verdicts.describe_verdict(row) == "humanoid, 3.3.0 → 4.0.0: out of memory"
+
+
+def test_only_what_differs_between_the_targets_is_named() -> None:
+    baseline = replace(OLD, path="rollout", options={"threads": 2, "chunk": 8})
+    candidate = replace(OLD, path="rollout", options={"threads": 2}, model_options={"solver": "cg"})
+    row = replace(ROW, sides=(baseline, candidate))
+    assert verdicts.describe_targets(row) == "chunk=8 → solver=cg"
+    row = replace(ROW, sides=(OLD, replace(OLD, model_options={"solver": "cg"})))
+    assert verdicts.describe_targets(row) == "default → solver=cg"
