@@ -12,20 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from mjbench import paths
-from mjbench.errors import InputError
+from mjbench.comparison.sizes import SizeRequest, check_memory, choose_sizes
 from mjbench.instrument import machine, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import agreement, compat, models, work
 from mjbench.simulation.workload import Workload, make
 
-# Sizes unless the user names them. Where a block of the plain loop would take longer than
-# LONG_BLOCK_S they shrink until it takes about BLOCK_S, first the steps, then the simulations, to
-# no fewer than the least; where that is still too long the steps shrink again, to one if need be,
-# unless paths that compile take part: one step alone would time what their program begins with.
-NBATCH, NSTEP = 64, 200
-LEAST_NSTEP, LEAST_NBATCH = 10, 8
-LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
 # Timed rounds: half of the time for all variants, in at least as many rounds as a 95 % interval
 # needs, and the rest for those that may be the fastest, judged anew every few rounds: advice has
 # to tell them apart.
@@ -36,8 +29,6 @@ PATIENCE = 100
 # The model that stands in where a model starts without contact: a path that loses the warm-start
 # can only be told in contact.
 CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
-# Share of the free memory that a workload and a rollout's output may take.
-SHARE_OF_MEMORY = 0.6
 
 
 @dataclass(frozen=True)
@@ -90,8 +81,9 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     channel.where(f"loading {name}")
     model = models.load(models.ModelSource(name, Path(request["model"]["path"])))
     channel.where(f"stepping {name}")
-    nbatch, nstep, reduced = sizes(model, request)
-    _check_memory(model, nbatch, nstep)
+    sizes = choose_sizes(model, _size_request(request))
+    check_memory(model, sizes)
+    nbatch, nstep = sizes.nbatch, sizes.nstep
     patience_s = PATIENCE * nbatch * nstep * work.step_s(model)
     channel.expect(patience_s)
     workload, observed, spread = work.stable_workload(
@@ -100,7 +92,7 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
     if request["work"]:
         save_workload(workload, observed.peaks, Path(request["work"]))
     bench = Bench.of(workload, observed)
-    channel.send(kind="model", **_about(bench, nbatch, reduced), spread=spread)
+    channel.send(kind="model", **_about(bench, nbatch, sizes.reduced), spread=spread)
     contact = None if bench.observed.start_contacts else _contact_bench(request)
     timed: dict[int, paths.Prepared] = {}
     for index, (path_name, options) in enumerate(request["variants"]):
@@ -118,6 +110,16 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
         channel.expect(patience_s * len(timed))
         _time(timed, bench, request, channel)
     bench.resources.close()
+
+
+def _size_request(request: dict[str, Any]) -> SizeRequest:
+    return SizeRequest(
+        nbatch=request["nbatch"],
+        nstep=request["nstep"],
+        hold=request["hold"],
+        nthread=request["largest"],
+        has_accelerated=request["work"] is not None,
+    )
 
 
 def _about(bench: Bench, nbatch: int, reduced: bool) -> dict[str, Any]:
@@ -305,41 +307,3 @@ def finalists(
 
 def _nothing() -> None:
     pass
-
-
-def sizes(model: Any, request: dict[str, Any]) -> tuple[int, int, bool]:
-    """Return nbatch, nstep, and whether they were reduced to keep a block short."""
-    nbatch, nstep, hold = request["nbatch"], request["nstep"], request["hold"]
-    free_nbatch, free_nstep = nbatch is None, nstep is None
-    nbatch, nstep = nbatch or NBATCH, nstep or max(hold, NSTEP - NSTEP % hold)
-    asked = (nbatch, nstep)
-    step_s = work.step_s(model)
-    if nbatch * nstep * step_s <= LONG_BLOCK_S:
-        return nbatch, nstep, False
-    steps = max(1, int(BLOCK_S / step_s))
-    least_nbatch = min(nbatch, max(LEAST_NBATCH, 4 * request["largest"]))
-    if free_nstep:
-        nstep = min(nstep, _multiple(max(LEAST_NSTEP, steps // nbatch), hold))
-    if free_nbatch and nbatch * nstep > steps:
-        nbatch = min(nbatch, max(least_nbatch, steps // nstep))
-    most = max(1, int(LONG_BLOCK_S / step_s))
-    if free_nstep and nbatch * nstep > most and not request["work"]:
-        nstep = min(nstep, _multiple(max(1, most // nbatch), hold))
-    return nbatch, nstep, (nbatch, nstep) != asked
-
-
-def _multiple(count: int, hold: int) -> int:
-    return hold * max(1, count // hold)
-
-
-def _check_memory(model: Any, nbatch: int, nstep: int) -> None:
-    """Refuse sizes whose states, controls and outputs would not fit into memory."""
-    state = compat.state_size(model, compat.state_spec("INTEGRATION"))
-    physics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
-    row = 8 * state + 8 * nstep * (2 * model.nu + physics + model.nsensordata)
-    needed, free = nbatch * (4 * 8 * state + row), machine.available_memory_bytes()
-    if needed > SHARE_OF_MEMORY * free:
-        raise InputError(
-            f"{nbatch} simulations of {nstep} steps need about {needed / 2**30:.1f} GiB,"
-            f" {free / 2**30:.1f} GiB are free: lower --nbatch or --nstep"
-        )

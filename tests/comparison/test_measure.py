@@ -3,6 +3,7 @@ import random
 import pytest
 
 from mjbench.comparison import measure
+from mjbench.comparison.sizes import BlockSizes, SizeRequest, choose_sizes
 from mjbench.simulation import work
 
 
@@ -31,10 +32,10 @@ def test_too_few_rounds_leave_nobody_out() -> None:
     assert measure.finalists(rounds(2.0, 1.0, count=3), [[0, 1]], []) == [0, 1]
 
 
-@pytest.mark.parametrize(("handed_over", "nstep"), [(None, 1), ("work.pickle", 10)])
+@pytest.mark.parametrize(("has_accelerated", "nstep"), [(False, 1), (True, 10)])
 def test_a_large_batch_has_few_steps_but_not_one_where_paths_compile(
-    handed_over: str | None, nstep: int, monkeypatch: pytest.MonkeyPatch
+    has_accelerated: bool, nstep: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(work, "step_s", lambda model: 1e-5)
-    request = {"nbatch": 65536, "nstep": None, "hold": 1, "largest": 2, "work": handed_over}
-    assert measure.sizes(None, request) == (65536, nstep, True)
+    request = SizeRequest(nbatch=65536, nthread=2, has_accelerated=has_accelerated)
+    assert choose_sizes(None, request) == BlockSizes(65536, nstep, reduced=True)

@@ -1,0 +1,100 @@
+"""How many simulations of how many steps a block has, where the user does not say."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from mjbench.errors import InputError
+from mjbench.instrument import machine
+from mjbench.simulation import compat, work
+
+# Sizes unless the user names them. Where a block of the plain loop would take longer than
+# LONG_BLOCK_S, they shrink until it takes about BLOCK_S: first the steps, then the simulations, to
+# no fewer than the minimum. Where that is still too long, the steps shrink again, to one if need
+# be; not where accelerated paths take part, whose single step is mostly the program's start.
+NBATCH, NSTEP = 64, 200
+MIN_NSTEP, MIN_NBATCH = 10, 8
+LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
+# Simulations per thread that a reduced batch keeps, so that threads have work to share.
+MIN_NBATCH_PER_THREAD = 4
+# Share of the available memory that a workload and a rollout's output may take.
+MEMORY_SHARE = 0.6
+
+
+@dataclass(frozen=True)
+class SizeRequest:
+    """What is asked of the sizes of a workload.
+
+    Attributes:
+      nbatch: simulations; None to choose.
+      nstep: steps per simulation; None to choose.
+      hold: steps per control.
+      nthread: most threads or processes that any path uses.
+      has_accelerated: whether paths that compile take part.
+    """
+
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int = 1
+    nthread: int = 1
+    has_accelerated: bool = False
+
+
+@dataclass(frozen=True)
+class BlockSizes:
+    """The sizes of a workload, which is one block.
+
+    Attributes:
+      nbatch: simulations.
+      nstep: steps per simulation, a multiple of hold.
+      reduced: whether they are below the usual ones to keep a block short.
+    """
+
+    nbatch: int
+    nstep: int
+    reduced: bool
+
+
+def choose_sizes(model: mujoco.MjModel, request: SizeRequest) -> BlockSizes:
+    """Return the sizes asked for; those not asked for are chosen by what a step costs."""
+    hold = request.hold
+    nbatch = request.nbatch or NBATCH
+    nstep = request.nstep or max(hold, NSTEP - NSTEP % hold)
+    usual = (nbatch, nstep)
+    step_s = work.step_s(model)
+    if nbatch * nstep * step_s <= LONG_BLOCK_S:
+        return BlockSizes(nbatch, nstep, reduced=False)
+    steps = max(1, int(BLOCK_S / step_s))
+    if request.nstep is None:
+        nstep = min(nstep, _multiple_of(hold, max(MIN_NSTEP, steps // nbatch)))
+    if request.nbatch is None and nbatch * nstep > steps:
+        min_nbatch = min(nbatch, max(MIN_NBATCH, MIN_NBATCH_PER_THREAD * request.nthread))
+        nbatch = min(nbatch, max(min_nbatch, steps // nstep))
+    max_steps = max(1, int(LONG_BLOCK_S / step_s))
+    if request.nstep is None and nbatch * nstep > max_steps and not request.has_accelerated:
+        nstep = min(nstep, _multiple_of(hold, max(1, max_steps // nbatch)))
+    return BlockSizes(nbatch, nstep, reduced=(nbatch, nstep) != usual)
+
+
+def check_memory(model: mujoco.MjModel, sizes: BlockSizes) -> None:
+    """Refuse sizes whose states, controls and outputs would not fit into memory.
+
+    Raises:
+      InputError: they would not.
+    """
+    nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+    nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+    per_step = 2 * model.nu + nphysics + model.nsensordata
+    # five copies of the start states: the workload's, the paths' inputs, and their outputs
+    bytes_needed = 8 * sizes.nbatch * (5 * nstate + sizes.nstep * per_step)
+    available_bytes = machine.available_memory_bytes()
+    if bytes_needed > MEMORY_SHARE * available_bytes:
+        raise InputError(
+            f"{sizes.nbatch} simulations of {sizes.nstep} steps need about"
+            f" {bytes_needed / 2**30:.1f} GiB, {available_bytes / 2**30:.1f} GiB are available:"
+            " reduce --nbatch or --nstep"
+        )
+
+
+def _multiple_of(hold: int, count: int) -> int:
+    return hold * max(1, count // hold)
