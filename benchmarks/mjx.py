@@ -180,13 +180,16 @@ def _measure(model: str, nbatch: int) -> MjxTimes:
       MachineError: they do, but the child crashed, hung, or disagreed with C.
     """
     from mjbench.comparison import accelerated_run
+    from mjbench.comparison.plan import Variant
 
     messages: list[Any] = []
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "workload.pickle"
         stored_workload = stored.stored_workload(model, nbatch)
         save_workload(stored_workload, work.observe(stored_workload).peaks, file)
-        ended = accelerated_run.run(models.resolve(model), "mjx", {}, file, messages.append)
+        ended = accelerated_run.run(
+            models.resolve(model), Variant("mjx", {}), file, messages.append
+        )
     return times_from(messages, ended)
 
 
@@ -207,9 +210,9 @@ def times_from(messages: Sequence[Any], ended: isolate.Ended) -> MjxTimes:
     if compiled is None and ended.status == Status.FAILED:
         raise NotImplementedError(ended.detail)
     ended.check()
-    if compiled is None or report is None:
-        raise MachineError("the child of MJX ended without a result")
-    if report.status != Status.OK:
+    if report is not None and report.status != Status.OK:
         raise MachineError(report.detail)
     block_s = [message.seconds for message in messages if isinstance(message, BlockTime)]
+    if compiled is None or report is None or not block_s:
+        raise MachineError("the child process of MJX ended without a result")
     return MjxTimes((compiled.trace_s or 0.0) + compiled.compile_s, block_s)
