@@ -26,4 +26,4 @@ def _expected_release() -> str | None:
 
 _problem = install_check.imported_problem(_expected_release())
 if _problem:
-    raise RuntimeError(f"these benchmarks cannot run: {_problem}")
+    raise RuntimeError(f"not measured: {_problem}")
