@@ -1,6 +1,9 @@
-// What the engine costs with no Python at all: mj_step in a loop, over a workload's simulations.
-// Where `state` is given, each step's physics state and sensors are returned as well, as
-// mujoco.rollout does.
+// The cost of the engine without Python: mj_step in a loop over the simulations of a workload.
+//
+// Arrays are row by row: initial_state and final_state (nbatch, nstate) of mjSTATE_INTEGRATION,
+// control (nbatch, nstep, nu). If state is not NULL, the physics state after each step goes to state
+// (nbatch, nstep, nphysics) and its sensors to sensordata (nbatch, nstep, nsensordata), as
+// mujoco.rollout returns them; controls are then set as mujoco.rollout sets them, too.
 #include <mujoco/mujoco.h>
 
 void c_floor(const mjModel* m, mjData* d, int nbatch, int nstep, const mjtNum* initial_state,

@@ -1,8 +1,7 @@
-"""What surrounds the steps: loading, compiling, MjData, reset, copy, rays, MjSpec, the import."""
+"""Everything around the steps: loading a model, MjData, ray casts, MjSpec, `import mujoco`."""
 
 import copy
 import functools
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,28 +11,29 @@ from benchmarks.settings import Timed
 from mjbench.simulation import models, workload
 
 SMALL, BIG = "cartpole", "pile"
-GEOMS, NRAY = 2000, 500
+NGEOM, NRAY = 2000, 500
 
 
 @functools.cache
-def _opened(name: str) -> tuple[str, Any, Any]:
-    """Return a model's file, its MjModel and an MjData at its start."""
+def _model_and_data(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a model and an MjData at its start state, the same ones in every sample."""
     model = stored.load(name)
-    return str(models.resolve(name).path), model, workload.start_data(model)
+    return model, workload.start_data(model)
 
 
 class Load(Timed):
-    """Parse and compile MJCF."""
+    """Time to parse and compile an MJCF file, in seconds."""
 
     params = [SMALL, BIG]
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Find the file."""
-        self.file, _, _ = _opened(model)
+        """Find the file, and check that this release loads it."""
+        stored.load(model)
+        self.file = str(models.resolve(model).path)
 
     def time_5_loads(self, model: str) -> None:
-        """Load."""
+        """Call `MjModel.from_xml_path` 5 times, in seconds."""
         for _ in range(5):
             mujoco.MjModel.from_xml_path(self.file)
 
@@ -41,27 +41,27 @@ class Load(Timed):
 
 
 class Data(Timed):
-    """MjData: made, reset, copied."""
+    """Time to create, reset and copy MjData, in seconds."""
 
     params = [SMALL, BIG]
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Load."""
-        _, self.model, self.data = _opened(model)
+        """Load the model and create one MjData."""
+        self.model, self.data = _model_and_data(model)
 
     def time_20_mjdata(self, model: str) -> None:
-        """Make."""
+        """Create 20 MjData, in seconds."""
         for _ in range(20):
             mujoco.MjData(self.model)
 
     def time_1000_resets(self, model: str) -> None:
-        """Reset."""
+        """Call `mj_resetData` 1000 times, in seconds."""
         for _ in range(1000):
             mujoco.mj_resetData(self.model, self.data)
 
     def time_20_copies(self, model: str) -> None:
-        """Copy."""
+        """Copy an MjData 20 times by `copy.copy`, in seconds."""
         for _ in range(20):
             copy.copy(self.data)
 
@@ -71,22 +71,22 @@ class Data(Timed):
 
 
 class Ray(Timed):
-    """Rays from above the model, straight down and fanned out."""
+    """Time to cast rays from 10 m above the model, downward within a narrow cone, in seconds."""
 
     params = ["humanoid", BIG]
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Place the rays."""
-        _, self.model, self.data = _opened(model)
+        """Compute the geoms' poses, and draw the directions of the rays."""
+        self.model, self.data = _model_and_data(model)
         mujoco.mj_forward(self.model, self.data)
         self.origin = np.array([0.0, 0.0, 10.0])
-        angles = np.random.default_rng(0).uniform(-0.1, 0.1, (NRAY, 2))
-        self.directions = np.column_stack([angles, -np.ones(NRAY)])
+        slopes = np.random.default_rng(0).uniform(-0.1, 0.1, (NRAY, 2))
+        self.directions = np.column_stack([slopes, -np.ones(NRAY)])
         self.geomid = np.zeros(1, dtype=np.int32)
 
     def time_500_rays(self, model: str) -> None:
-        """Cast."""
+        """Call `mj_ray` 500 times, in seconds."""
         for direction in self.directions:
             mujoco.mj_ray(self.model, self.data, self.origin, direction, None, 1, -1, self.geomid)
 
@@ -94,17 +94,17 @@ class Ray(Timed):
 
 
 class Spec(Timed):
-    """A model built in Python through MjSpec."""
+    """Time to build a model in Python through MjSpec, in seconds."""
 
     def setup(self) -> None:
-        """See whether there is MjSpec."""
+        """Check that this release has MjSpec."""
         if not hasattr(mujoco, "MjSpec"):
             raise NotImplementedError("MjSpec exists from MuJoCo 3.2.0 on")
 
     def time_2000_geoms(self) -> None:
-        """Add and compile."""
+        """Add 2000 spheres to the world body and compile, in seconds."""
         spec = mujoco.MjSpec()
-        for i in range(GEOMS):
+        for i in range(NGEOM):
             geom = spec.worldbody.add_geom()
             geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
             geom.size = [0.1, 0.0, 0.0]
@@ -115,10 +115,10 @@ class Spec(Timed):
 
 
 class Import(Timed):
-    """`import mujoco` in a new interpreter."""
+    """Time of `import mujoco` in a new interpreter, in seconds."""
 
     def timeraw_import(self) -> str:
-        """Import."""
+        """Return the statement that asv times in an interpreter of its own, in seconds."""
         return "import mujoco"
 
     timeraw_import.pretty_name = "import mujoco"

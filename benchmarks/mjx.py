@@ -1,11 +1,16 @@
-"""MJX on CPU JAX: what compiling costs, what a steady step costs, and the same written by hand.
+"""MJX on a CPU: what compiling costs, what a steady step costs, and the same program by hand.
 
-JAX runs in processes of its own, never beside the timing of anything else. The history of
-mujoco-mjx has an asv configuration of its own, with JAX pinned: benchmarks/asv.mjx.conf.json.
+JAX runs in child processes, never beside the timing of anything else. The history of mujoco-mjx has
+an asv configuration of its own, with JAX pinned: benchmarks/asv.mjx.conf.json.
+
+asv imports this module in environments without JAX and without mjbench's optional packages, so
+whatever needs those is imported inside functions.
 """
 
 import functools
 import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,39 +19,41 @@ import numpy as np
 from benchmarks import stored
 from benchmarks.settings import Tracked
 from mjbench import paths
-from mjbench.comparison import accelerated_run
 from mjbench.errors import MachineError
 from mjbench.instrument import isolate, timing
-from mjbench.paths.accelerated import save_workload
+from mjbench.paths.accelerated import AcceleratedPath, save_workload
 from mjbench.simulation import models, work, workload
+from mjbench.status import Status
 
 NBATCH, NSTEP = 1024, 100
-# Of the contest with the program by hand: steps of a block, and pairs of blocks. The ratios of the
-# pairs of one run had a standard deviation of 8 % (2-core virtual machine), which the median of 240
-# brings down to about 0.7 %.
-CONTEST_NSTEP, ROUNDS = 20, 240
+# Of the comparison with the handwritten program: steps of a block, and pairs of blocks. The ratios
+# of the pairs of one run had a standard deviation of 8 % (2-core virtual machine), which the median
+# of 240 brings down to about 0.7 %.
+HANDWRITTEN_NSTEP, ROUNDS = 20, 240
 
 
 class Mjx(Tracked):
-    """MJX in float32 on models without contact, by number of simulations."""
+    """Compile time in seconds and time per step in nanoseconds of MJX in float32.
+
+    By number of simulations, on a model without contact.
+    """
 
     params = (["cartpole"], [1, 1024])
     param_names = ("model", "nbatch")
     timeout = 300
 
     def setup(self, model: str, nbatch: int) -> None:
-        """See whether this release of MJX, this JAX and the model go together."""
-        _needed()
-        _measured(model, nbatch)
+        """Measure in a child process; `NotImplementedError` where this release cannot."""
+        _require_mjx()
+        _measure(model, nbatch)
 
     def track_steady_ns_per_step(self, model: str, nbatch: int) -> float:
-        """Time blocks of a compiled run."""
-        return 1e9 * float(np.median(_measured(model, nbatch)["samples"])) / (nbatch * NSTEP)
+        """Return nanoseconds per step of one simulation: the median block, compiled before."""
+        return 1e9 * float(np.median(_measure(model, nbatch).block_s)) / (nbatch * NSTEP)
 
     def track_compile_s(self, model: str, nbatch: int) -> float:
-        """Time tracing, lowering and the compiler."""
-        told = _measured(model, nbatch)
-        return float(told["trace_s"] + told["compile_s"])
+        """Return seconds of tracing, lowering and compiling."""
+        return _measure(model, nbatch).compile_s
 
     track_steady_ns_per_step.unit = "ns"
     track_steady_ns_per_step.pretty_name = "MJX, float32: a steady step of one simulation"
@@ -55,45 +62,71 @@ class Mjx(Tracked):
 
 
 class ByHand(Tracked):
-    """Steady throughput of the path `mjx` beside that of jit(vmap(scan(mjx.step))) by hand."""
+    """Throughput of the path `mjx` over that of a handwritten jit(vmap(scan(mjx.step)))."""
 
     timeout = 300
 
     def setup(self) -> None:
-        """See whether MJX is there."""
-        _needed()
+        """Check that MJX is installed."""
+        _require_mjx()
 
     def track_throughput_over_handwritten(self) -> float:
-        """Compare, in turns, on the cart-pole with 1024 simulations; above 1 is faster."""
-        found: list[float] = []
-        path = paths.find("mjx")
+        """Return the ratio of throughputs; above 1 the path is faster.
+
+        Both step 1024 cart-poles, in turns; the ratio is the median over rounds.
+        """
+        ratios: list[ThroughputRatio] = []
         ended = isolate.run(
-            "benchmarks.mjx:contest",
-            {"rounds": ROUNDS},
-            lambda message: found.append(message["ratio"]),
+            "benchmarks.mjx:compare_with_handwritten",
+            HandwrittenRequest(ROUNDS),
+            ratios.append,
             limit_s=self.timeout,
-            environment=path.environment(),  # type: ignore[attr-defined]
+            environment=_mjx_path().environment(),
         )
-        if not found:
-            raise MachineError(ended.detail)
-        return found[0]
+        ended.check()
+        return ratios[0].value
 
     track_throughput_over_handwritten.unit = "path/by hand"
     track_throughput_over_handwritten.pretty_name = "MJX: throughput over a program by hand"
 
 
-def contest(request: dict[str, int], channel: isolate.Channel) -> None:
-    """Send the ratio of throughputs, the median of so many `rounds`; runs in a child."""
+@dataclass(frozen=True)
+class HandwrittenRequest:
+    """How many rounds to time the path and the handwritten program for."""
+
+    rounds: int
+
+
+@dataclass(frozen=True)
+class ThroughputRatio:
+    """Throughput of the path over that of the handwritten program."""
+
+    value: float
+
+
+def compare_with_handwritten(request: HandwrittenRequest, channel: isolate.Channel) -> None:
+    """Time both programs in turns and send their ThroughputRatio; runs in a child process."""
+    cartpoles = stored.stored_workload("cartpole", NBATCH, HANDWRITTEN_NSTEP)
+    prepared = _mjx_path().prepare(cartpoles, {}, paths.Resources(cartpoles))
+    contenders = [
+        timing.Contender(prepared.clear, prepared.run, _nothing),
+        timing.Contender(_nothing, _handwritten(cartpoles), _nothing),
+    ]
+    count = 1 + request.rounds  # the first one warms up
+    rounds = list(timing.rounds(contenders, 0.0, count, count))[1:]
+    ratios = [handwritten_s / path_s for path_s, handwritten_s in rounds]
+    channel.send(ThroughputRatio(float(np.median(ratios))))
+
+
+def _handwritten(cartpoles: workload.Workload) -> Callable[[], None]:
+    """Return a program that steps a workload as a user of MJX would write it."""
     import jax
     from mujoco import mjx
 
-    made = stored.stored_workload("cartpole", NBATCH, CONTEST_NSTEP)
-    prepared = paths.find("mjx").prepare(made, {}, paths.Resources(made))
-    model, hold = mjx.put_model(made.model), made.hold
-    empty = mjx.make_data(made.model)
-    fields = workload.fields(made.model, made.initial_state)
+    model, empty = mjx.put_model(cartpoles.model), mjx.make_data(cartpoles.model)
+    fields = workload.fields(cartpoles.model, cartpoles.initial_state)
     start = {name: jax.numpy.array(fields[name]) for name in ("qpos", "qvel", "qacc_warmstart")}
-    control = jax.numpy.array(np.repeat(made.control, hold, axis=1))
+    control = jax.numpy.array(cartpoles.step_control)
 
     @jax.jit
     @jax.vmap
@@ -103,50 +136,83 @@ def contest(request: dict[str, int], channel: isolate.Channel) -> None:
 
         return jax.lax.scan(step, empty.replace(**start), control)[0]
 
-    def by_hand() -> None:
+    def run() -> None:
         jax.block_until_ready(rollout(start, control))
 
-    contenders = [
-        timing.Contender(prepared.clear, prepared.run, _nothing),
-        timing.Contender(_nothing, by_hand, _nothing),
-    ]
-    most = 1 + request["rounds"]
-    rounds = list(timing.rounds(contenders, 0.0, most, most))[1:]
-    channel.send(ratio=float(np.median([hand / path for path, hand in rounds])))
+    return run
 
 
 def _nothing() -> None:
     pass
 
 
-def _needed() -> None:
-    reason = paths.find("mjx").unavailable()
+def _mjx_path() -> AcceleratedPath:
+    path = paths.find("mjx")
+    assert isinstance(path, AcceleratedPath)
+    return path
+
+
+def _require_mjx() -> None:
+    reason = _mjx_path().unavailable()
     if reason:
         raise NotImplementedError(reason)
 
 
+@dataclass(frozen=True)
+class MjxTimes:
+    """What was measured of the path `mjx` on one workload.
+
+    Attributes:
+      compile_s: seconds of tracing, lowering and compiling.
+      block_s: seconds of each block of the compiled program.
+    """
+
+    compile_s: float
+    block_s: Sequence[float]
+
+
 @functools.cache
-def _measured(model: str, nbatch: int) -> dict[str, Any]:
-    """Return what a child measured of the path `mjx`.
+def _measure(model: str, nbatch: int) -> MjxTimes:
+    """Measure the path `mjx` in a child process, once per process of asv.
 
     Raises:
-      NotImplementedError: this release of MJX, this JAX and the model do not go together.
-      MachineError: they do, and it crashed, hung or went wrong.
+      NotImplementedError: this release of MJX, this JAX and the model do not work together.
+      MachineError: they do, but the child crashed, hung, or disagreed with C.
     """
-    told: dict[str, Any] = {"samples": []}
+    from mjbench.comparison import accelerated_run
+    from mjbench.comparison.plan import Variant
 
-    def take(message: isolate.Message) -> None:
-        if message["kind"] == "sample":
-            told["samples"].append(message["seconds"])
-        told.update(message)
-
+    messages: list[Any] = []
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "work.pickle"
-        made = stored.stored_workload(model, nbatch)
-        save_workload(made, work.observe(made).peaks, file)
-        ended = accelerated_run.run(models.resolve(model), "mjx", {}, file, take)
-    if told.get("status") == "unavailable" or (ended.status == "failed" and "trace_s" not in told):
-        raise NotImplementedError(told.get("detail") or ended.detail)
-    if ended.status != "ok" or told.get("status") != "ok":
-        raise MachineError(ended.detail or told.get("detail", "MJX gave no figure"))
-    return told
+        file = Path(folder) / "workload.pickle"
+        stored_workload = stored.stored_workload(model, nbatch)
+        save_workload(stored_workload, work.observe(stored_workload).peaks, file)
+        ended = accelerated_run.run(
+            models.resolve(model), Variant("mjx", {}), file, messages.append
+        )
+    return times_from(messages, ended)
+
+
+def times_from(messages: Sequence[Any], ended: isolate.Ended) -> MjxTimes:
+    """Return the times that a child of `accelerated_run` sent, and that it agreed with C.
+
+    Raises:
+      NotImplementedError: MJX cannot step the model, or failed before it was compiled.
+      MachineError: it failed later, or disagreed with C.
+    """
+    from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport
+
+    compiled = next((m for m in messages if isinstance(m, CompileReport)), None)
+    # the last report counts: what was timed is compared once more after the timing
+    report = next((m for m in reversed(messages) if isinstance(m, AgreementReport)), None)
+    if report is not None and report.status == Status.UNAVAILABLE:
+        raise NotImplementedError(report.detail)
+    if compiled is None and ended.status == Status.FAILED:
+        raise NotImplementedError(ended.detail)
+    ended.check()
+    if report is not None and report.status != Status.OK:
+        raise MachineError(report.detail)
+    block_s = [message.seconds for message in messages if isinstance(message, BlockTime)]
+    if compiled is None or report is None or not block_s:
+        raise MachineError("the child process of MJX ended without a result")
+    return MjxTimes((compiled.trace_s or 0.0) + compiled.compile_s, block_s)

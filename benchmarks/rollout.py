@@ -1,6 +1,7 @@
-"""Many simulations at a time: `mujoco.rollout` and `mujoco.batch`, across threads and options.
+"""Many simulations per call: `mujoco.rollout` and `mujoco.batch`, by threads and options.
 
-64 simulations of 50 steps. Final states are compared with the plain loop's before any timing.
+Every method does 64 simulations of 50 steps. Their final states are compared with the plain loop's
+before anything is timed.
 """
 
 from typing import Any
@@ -12,80 +13,87 @@ NBATCH, NSTEP = 64, 50
 MODELS = ["cartpole", "humanoid"]
 
 
-class _Many(Timed):
+class _BatchBenchmark(Timed):
     def prepare(self, path: str, model: str, **options: Any) -> None:
-        self.run = stored.prepared(path, (model, NBATCH, NSTEP), **options).run
+        self.run = stored.prepared_run(path, model, NBATCH, NSTEP, **options).run
 
 
-class RolloutThreads(_Many):
-    """`mujoco.rollout`, its pool kept, by number of threads."""
+class RolloutThreads(_BatchBenchmark):
+    """Time of `mujoco.rollout` with a reused thread pool, by number of threads, in seconds."""
 
     params = (MODELS, [1, 2, 4, 16])
     param_names = ("model", "threads")
 
     def setup(self, model: str, threads: int) -> None:
-        """Prepare the rollout."""
+        """Start the pool and verify one call."""
         self.prepare("rollout", model, threads=threads, pool="kept")
 
     def time_3200_steps(self, model: str, threads: int) -> None:
-        """Roll out."""
+        """Make one call of 64 × 50 steps, in seconds."""
         self.run()
 
     time_3200_steps.pretty_name = "rollout of 64 × 50 steps, by threads"
 
 
-class RolloutChunks(_Many):
-    """`mujoco.rollout` on two threads, by how many simulations a thread takes at a time."""
+class RolloutChunks(_BatchBenchmark):
+    """Time of `mujoco.rollout` on two threads, by chunk size, in seconds.
+
+    A chunk is the number of simulations that a thread takes at a time.
+    """
 
     params = (MODELS, [1, 16, 64])
     param_names = ("model", "chunk")
 
     def setup(self, model: str, chunk: int) -> None:
-        """Prepare the rollout."""
+        """Start the pool and verify one call."""
         self.prepare("rollout", model, threads=2, pool="kept", chunk=chunk)
 
     def time_3200_steps(self, model: str, chunk: int) -> None:
-        """Roll out."""
+        """Make one call of 64 × 50 steps, in seconds."""
         self.run()
 
     time_3200_steps.pretty_name = "rollout of 64 × 50 steps on 2 threads, by chunk size"
 
 
-class RolloutPool(_Many):
-    """`mujoco.rollout` on two threads, its pool kept or made new by each call."""
+class RolloutPool(_BatchBenchmark):
+    """Time of `mujoco.rollout` on two threads, with a reused pool or a new one, in seconds."""
 
     params = (MODELS, ["kept", "new"])
     param_names = ("model", "pool")
 
     def setup(self, model: str, pool: str) -> None:
-        """Prepare the rollout."""
+        """Prepare the call and verify it."""
         self.prepare("rollout", model, threads=2, pool=pool)
 
     def time_3200_steps(self, model: str, pool: str) -> None:
-        """Roll out."""
+        """Make one call of 64 × 50 steps, in seconds; `new` starts its threads in it."""
         self.run()
 
     time_3200_steps.pretty_name = "rollout of 64 × 50 steps on 2 threads, by pool"
 
 
-class Batch(_Many):
-    """`mujoco.batch.Batch` on two threads, MjData shared by a thread's simulations or kept."""
+class Batch(_BatchBenchmark):
+    """Time of `mujoco.batch.Batch` on two threads, in seconds, by what holds the MjData.
+
+    `shared`: one MjData per thread, used for all of its simulations; `persistent`: one per
+    simulation.
+    """
 
     params = (MODELS, ["shared", "persistent"])
     param_names = ("model", "data")
 
     def setup(self, model: str, data: str) -> None:
-        """Prepare both calls."""
+        """Prepare both calls and verify them."""
         self.prepare("batch_step", model, threads=2, data=data)
         self.step = self.run
         self.prepare("batch_rollout", model, threads=2, data=data)
 
     def time_3200_steps_by_step(self, model: str, data: str) -> None:
-        """Step, as a closed loop does."""
+        """Call `Batch.step` once per control, which is 10 steps of all 64, in seconds."""
         self.step()
 
     def time_3200_steps_by_rollout(self, model: str, data: str) -> None:
-        """Roll out."""
+        """Make one call of `Batch.rollout`, in seconds."""
         self.run()
 
     time_3200_steps_by_step.pretty_name = "Batch.step, 64 × 50 steps on 2 threads"

@@ -1,14 +1,17 @@
-"""How every timed benchmark is sampled.
+"""Base classes of the benchmarks: how often asv measures each one.
 
-asv's own significance test needs 20 samples a side; its default of 10 misses a doubling. They come
-from two rounds, which `asv run --interleave-rounds` puts minutes apart: what slows a machine down
-for seconds hits one of them at most. With a `setup`, asv times one call per sample, so the loop is
-inside what is timed.
+asv's significance test needs 20 samples on each side; with its default of 10 it misses a time that
+doubled. They come from two rounds, which `asv run --interleave-rounds` puts minutes apart: a
+disturbance of some seconds affects at most one of them. Because the classes have a `setup`, asv
+times one call per sample, so each method does its work many times in one call.
 """
 
 
 class Timed:
-    """Base of timed benchmarks; N in `time_N_things` is how many things one call does."""
+    """Base of benchmarks that asv times, in seconds per call.
+
+    A method `time_N_things` does N things in one call.
+    """
 
     number = 1
     repeat = 10
@@ -19,7 +22,10 @@ class Timed:
 
 
 class Tracked:
-    """Base of benchmarks that count or compare: exact, so once is enough."""
+    """Base of benchmarks that return a number, or whose memory asv reads; they run once.
+
+    Counts are exact, and ratios are medians over many rounds of their own.
+    """
 
     timeout = 60
     version = "1"

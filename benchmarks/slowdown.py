@@ -1,14 +1,17 @@
-"""Does asv find a slower release? A check of the whole chain, with a slowdown of known size.
+"""Check that asv finds a slower release, with a slowdown of known size.
 
     python -m benchmarks.slowdown [--factor 1.2] [--keep FOLDER]
 
-makes a scratch history in which every release is the MuJoCo installed here, and the newest one
-also installs a wheel that makes `mujoco.mj_step` take FACTOR times as long. asv measures it with
-this checkout's benchmarks and settings; then `asv continuous` must name every model, and the
-regressions page of `asv publish` must show each, by one of two benchmarks: unpaired times, which a
-noisy machine bends, and the paired ratio to a reference release. Takes about eight minutes; leave
-the machine alone meanwhile. Exit code 1 if a model was missed by both, or if an unchanged release
-was called slower.
+creates a scratch history in which every release is the installed MuJoCo; the newest one also
+installs a wheel that makes `mujoco.mj_step` take FACTOR times as long. asv measures it with this
+checkout's benchmarks and settings.
+
+Two benchmarks are examined: unpaired times, which noise of the machine can distort, and the paired
+ratio to a reference release. A benchmark passes if `asv continuous` calls the newest release slower
+for every model, calls no unchanged release slower, and the regressions page of `asv publish` shows
+every model. The exit code is 0 if at least one of the two passes, and 1 otherwise.
+
+It takes about eight minutes; leave the machine alone meanwhile.
 """
 
 import argparse
@@ -19,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -32,7 +36,7 @@ UNCHANGED = 6
 WHEEL = "slowed_step-1.0-py3-none-any.whl"
 MACHINE = {"arch": "", "cpu": "", "machine": "scratch", "num_cpu": "", "os": "", "ram": ""}
 
-# Wraps mj_step as soon as mujoco was imported, in every process of the environment.
+# Wraps mj_step as soon as mujoco has been imported, in every process of the environment.
 _HOOK = """\
 import importlib.abc, importlib.machinery, sys, time
 
@@ -66,7 +70,7 @@ sys.meta_path.insert(0, Finder())
 
 
 def write_wheel(folder: Path, factor: float) -> None:
-    """Write the wheel that slows `mj_step` down."""
+    """Write a wheel that makes `mj_step` take `factor` times as long."""
     info = "slowed_step-1.0.dist-info"
     files = {
         "slowed_step.py": _HOOK.format(factor=factor),
@@ -81,44 +85,51 @@ def write_wheel(folder: Path, factor: float) -> None:
 
 
 def write_history(folder: Path, version: str, factor: float) -> None:
-    """Make the scratch history: tags v1 to v6 unchanged, v7 slowed."""
+    """Create the scratch history, a Git repository: tags v1 to v6 unchanged, v7 slowed.
+
+    Args:
+      folder: to create.
+      version: of MuJoCo, the same in every commit.
+      factor: of the slowdown.
+    """
     folder.mkdir()
     _git(folder, "init", "--quiet", "--initial-branch=releases")
     for number in range(1, UNCHANGED + 2):
-        needs = f"mujoco=={version}\n"
+        requirements = f"mujoco=={version}\n"
         if number > UNCHANGED:
             write_wheel(folder, factor)
-            needs += f"./project/{WHEEL}\n"  # pip stands one folder above the checkout
-        (folder / "requirements.txt").write_text(f"# release {number}\n{needs}")
+            # asv runs pip in the folder above the checkout, which is called `project`
+            requirements += f"./project/{WHEEL}\n"
+        (folder / "requirements.txt").write_text(f"# release {number}\n{requirements}")
         _git(folder, "add", "--all")
         date = f"2024-01-{number:02} 00:00:00 +0000"
         _git(folder, "commit", "--quiet", "-m", f"v{number}", date=date)
         _git(folder, "tag", f"v{number}")
 
 
-def write_settings(folder: Path) -> None:
-    """Write asv's configuration: the checkout's, over the scratch history."""
+def write_asv_config(folder: Path) -> None:
+    """Write asv's configuration: this checkout's, for the scratch history."""
     from asv.util import load_json
 
-    settings = load_json(str(ROOT / "asv.conf.json"), js_comments=True)
-    settings |= {
+    config = load_json(str(ROOT / "asv.conf.json"), js_comments=True)
+    config |= {
         "project": "scratch",
         "repo": str(folder / "history"),
         "benchmark_dir": str(ROOT / "benchmarks"),
         "env_dir": str(folder / "env"),
         "results_dir": str(folder / "results"),
         "html_dir": str(folder / "html"),
-        "uninstall_command": [f"{settings['uninstall_command'][0]} slowed-step"],
+        "uninstall_command": [f"{config['uninstall_command'][0]} slowed-step"],
     }
-    (folder / "asv.conf.json").write_text(json.dumps(settings))
+    (folder / "asv.conf.json").write_text(json.dumps(config))
     machine = {"version": 1, MACHINE["machine"]: MACHINE}
     (folder / ".asv-machine.json").write_text(json.dumps(machine))
 
 
-def asv(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
-    """Run asv in the scratch folder, which is its home too."""
+def run_asv(folder: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """Run asv in the scratch folder, which is its home folder, too."""
     return subprocess.run(
-        [sys.executable, "-m", "asv", *words],
+        [sys.executable, "-m", "asv", *arguments],
         cwd=folder,
         env={**os.environ, "HOME": str(folder)},
         capture_output=True,
@@ -128,32 +139,89 @@ def asv(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
 
 
 def measure(folder: Path) -> None:
-    """Measure every release of the scratch history."""
-    where = ("--machine", MACHINE["machine"], "--bench", "|".join(BENCHMARKS))
-    done = asv(folder, "run", "ALL", "--interleave-rounds", "--record-samples", *where)
-    if done.returncode:
-        raise SystemExit(f"asv run failed:\n{done.stdout[-3000:]}{done.stderr[-2000:]}")
+    """Measure every release of the scratch history, and write the regressions page."""
+    selected = ("--machine", MACHINE["machine"], "--bench", "|".join(BENCHMARKS))
+    for arguments in (
+        ("run", "ALL", "--interleave-rounds", "--record-samples", *selected),
+        ("publish",),
+    ):
+        completed = run_asv(folder, *arguments)
+        if completed.returncode:
+            output = f"{completed.stdout[-3000:]}{completed.stderr[-2000:]}"
+            raise SystemExit(f"asv {arguments[0]} failed:\n{output}")
 
 
-def slower(folder: Path, benchmark: str, old: str, new: str) -> list[str]:
-    """Return the models that `asv continuous` calls slower; none unless it exits with 1."""
-    where = ("--machine", MACHINE["machine"], "--bench", benchmark)
-    done = asv(folder, "continuous", old, new, "--factor", "1.1", *where)
-    named = rf"^\|? *\+ .*{re.escape(benchmark)}\('(\w+)'\)"
-    return re.findall(named, done.stdout, re.MULTILINE) if done.returncode == 1 else []
+def slower_models(folder: Path, benchmark: str, old: str, new: str) -> set[str]:
+    """Return the models for which `asv continuous` calls the release `new` slower than `old`."""
+    selected = ("--machine", MACHINE["machine"], "--bench", benchmark)
+    completed = run_asv(folder, "continuous", old, new, "--factor", "1.1", *selected)
+    if completed.returncode != 1:  # 1 says that something got slower
+        return set()
+    row = rf"^\|? *\+ .*{re.escape(benchmark)}\('(\w+)'\)"
+    return set(re.findall(row, completed.stdout, re.MULTILINE))
 
 
-def on_the_page(folder: Path, benchmark: str) -> list[str]:
-    """Return the models on the regressions page."""
-    shown = json.loads((folder / "html" / "regressions.json").read_text())["regressions"]
-    named = rf"{re.escape(benchmark)}\('?(\w+)'?\)"
-    return [found[1] for name, *_ in shown if (found := re.fullmatch(named, name))]
+def models_on_page(folder: Path, benchmark: str) -> set[str]:
+    """Return the models that the regressions page shows for a benchmark."""
+    rows = json.loads((folder / "html" / "regressions.json").read_text())["regressions"]
+    title = rf"{re.escape(benchmark)}\('?(\w+)'?\)"
+    return {match[1] for name, *_ in rows if (match := re.fullmatch(title, name))}
 
 
-def _git(folder: Path, *words: str, date: str = "2024-01-01 00:00:00 +0000") -> None:
-    who = {"NAME": "scratch", "EMAIL": "scratch@example.invalid", "DATE": date}
-    names = {f"GIT_{role}_{k}": v for role in ("AUTHOR", "COMMITTER") for k, v in who.items()}
-    subprocess.run(["git", *words], cwd=folder, env={**os.environ, **names}, check=True)
+def _git(folder: Path, *arguments: str, date: str = "2024-01-01 00:00:00 +0000") -> None:
+    identity = {"NAME": "scratch", "EMAIL": "scratch@example.invalid", "DATE": date}
+    variables = {
+        f"GIT_{role}_{name}": value
+        for role in ("AUTHOR", "COMMITTER")
+        for name, value in identity.items()
+    }
+    subprocess.run(["git", *arguments], cwd=folder, env={**os.environ, **variables}, check=True)
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What one benchmark detected.
+
+    Attributes:
+      benchmark: its name in asv.
+      missed: models that `asv continuous` did not call slower.
+      missed_on_page: models that the regressions page does not show.
+      false_alarms: models for which an unchanged release was called slower.
+    """
+
+    benchmark: str
+    missed: set[str]
+    missed_on_page: set[str]
+    false_alarms: set[str]
+
+    @property
+    def passes(self) -> bool:
+        """Whether it found every model, and nothing else."""
+        return not (self.missed or self.missed_on_page or self.false_alarms)
+
+    def __str__(self) -> str:
+        """Return it as lines for people."""
+        return (
+            f"{self.benchmark}\n"
+            f"  asv continuous: missed {_listed(self.missed)}\n"
+            f"  asv continuous, unchanged releases: {len(self.false_alarms)} false alarms\n"
+            f"  regressions page: missed {_listed(self.missed_on_page)}"
+        )
+
+
+def detect(folder: Path, benchmark: str, models: set[str]) -> Detection:
+    """Return what a benchmark detected in the measured history."""
+    before, last, newest = (f"v{UNCHANGED + n}" for n in (-1, 0, 1))
+    return Detection(
+        benchmark,
+        missed=models - slower_models(folder, benchmark, last, newest),
+        missed_on_page=models - models_on_page(folder, benchmark),
+        false_alarms=slower_models(folder, benchmark, before, last),
+    )
+
+
+def _listed(models: set[str]) -> str:
+    return ", ".join(sorted(models)) or "none"
 
 
 def main() -> int:
@@ -161,37 +229,21 @@ def main() -> int:
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--factor", type=float, default=1.2, help="of the slowed mj_step")
-    parser.add_argument("--keep", type=Path, help="an empty or new folder to work in and leave")
-    given = parser.parse_args()
+    parser.add_argument("--keep", type=Path, help="an empty or new folder to work in and keep")
+    options = parser.parse_args()
     from benchmarks import stored
 
-    models = stored.light()
+    models = set(stored.light())
     with tempfile.TemporaryDirectory() as scratch:
-        folder = (given.keep or Path(scratch)).resolve()
+        folder = (options.keep or Path(scratch)).resolve()
         folder.mkdir(parents=True, exist_ok=True)
-        write_history(folder / "history", metadata.version("mujoco"), given.factor)
-        write_settings(folder)
+        write_history(folder / "history", metadata.version("mujoco"), options.factor)
+        write_asv_config(folder)
         measure(folder)
-        before, last, newest = (f"v{UNCHANGED + n}" for n in (-1, 0, 1))
-        done = asv(folder, "publish")
-        if done.returncode:
-            raise SystemExit(f"asv publish failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
-        print(f"mj_step slowed {given.factor} times, {len(models)} models")
-        sound = False
-        for benchmark in BENCHMARKS:
-            found = slower(folder, benchmark, last, newest)
-            alarms = slower(folder, benchmark, before, last)
-            shown = on_the_page(folder, benchmark)
-            print(f"{benchmark}")
-            print(f"  asv continuous: missed {_missed(models, found)}")
-            print(f"  asv continuous, unchanged releases: {len(alarms)} false alarms")
-            print(f"  regressions page: missed {_missed(models, shown)}")
-            sound |= not (set(models) - set(found) or set(models) - set(shown) or alarms)
-    return int(not sound)
-
-
-def _missed(models: list[str], found: list[str]) -> str:
-    return ", ".join(sorted(set(models) - set(found))) or "none"
+        print(f"mj_step slowed {options.factor} times, {len(models)} models")
+        detections = [detect(folder, benchmark, models) for benchmark in BENCHMARKS]
+    print("\n".join(map(str, detections)))
+    return int(not any(detection.passes for detection in detections))
 
 
 if __name__ == "__main__":

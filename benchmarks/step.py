@@ -1,8 +1,8 @@
-"""`mj_step`, model by model: time, memory, and whether it was the same work.
+"""`mj_step` by model: its time, its memory, and what it computed.
 
-Every release starts from the same stored state and replays the same stored controls (see
-stored.py), one `mj_step` at a time from Python, in ten simulations of a hundred steps: a
-thousand steps, so that milliseconds read as microseconds per step.
+Every release starts from the same stored states and applies the same stored controls (see
+stored.py), one `mj_step` call at a time from Python. Ten simulations of a hundred steps make a
+thousand steps, so milliseconds per call read as microseconds per step.
 """
 
 import functools
@@ -14,76 +14,81 @@ from mjbench.simulation import models, work
 
 
 class Step(Timed):
-    """A thousand steps."""
+    """Time of 1000 calls of `mj_step`, in seconds, for models with a short step."""
 
     params = stored.light()
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Prepare the loop."""
-        self.run = stored.prepared("python_loop", (model,)).run
+        """Prepare the loop, and compare its final states with the reference run's."""
+        self.run = stored.prepared_run("python_loop", model).run
 
     def time_1000_steps(self, model: str) -> None:
-        """Step."""
+        """Step 10 simulations 100 times each, in seconds."""
         self.run()
 
     time_1000_steps.pretty_name = "1000 × mj_step (ms read as µs per step)"
 
 
 class HeavyStep(Timed):
-    """A hundred steps of the models whose step takes most of a millisecond."""
+    """Time of 100 calls of `mj_step`, in seconds, for models whose step takes about 1 ms."""
 
     params = stored.HEAVY
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Prepare the loop."""
-        self.run = stored.prepared("python_loop", (model, stored.NBATCH, stored.HEAVY_NSTEP)).run
+        """Prepare the loop, and compare its final states with the reference run's."""
+        self.run = stored.prepared_run("python_loop", model, nstep=stored.HEAVY_NSTEP).run
 
     def time_100_steps(self, model: str) -> None:
-        """Step."""
+        """Step 10 simulations 10 times each, in seconds."""
         self.run()
 
     time_100_steps.pretty_name = "100 × mj_step, heavy models"
 
 
 class Memory(Tracked):
-    """The most memory that a process needs that loads a model and steps it."""
+    """Peak memory of a process that loads a model and steps it, in bytes."""
 
     params = models.shipped()
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Prepare the loop."""
-        self.run: Callable[[], None] = stored.prepared("python_loop", _sizes(model)).run
+        """Load the model and prepare the loop."""
+        nstep = stored.nstep_of(model)
+        self.run: Callable[[], None] = stored.prepared_run("python_loop", model, nstep=nstep).run
 
     def peakmem_stepping(self, model: str) -> None:
-        """Step."""
+        """Step the stored workload; asv reads the peak memory of the process, in bytes."""
         self.run()
 
     peakmem_stepping.pretty_name = "peak memory of load and step"
 
 
 class Work(Tracked):
-    """What a step does. Where these change, a change of time is not one of the code alone."""
+    """What a step computes on average, counted over the stored workload.
+
+    Where a count differs between releases, so does the work: a change of time there is not one of
+    the code alone.
+    """
 
     params = models.shipped()
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Count."""
+        """Step the stored workload, counting."""
         self.work = _work(model)
 
     def track_contacts(self, model: str) -> float:
-        """Count contacts."""
+        """Return contacts (`data.ncon`) per step."""
         return self.work.contacts
 
     def track_constraints(self, model: str) -> float:
-        """Count scalar constraints."""
+        """Return scalar constraints (`data.nefc`) per step."""
         return self.work.constraints
 
     def track_solver_iterations(self, model: str) -> float:
-        """Count iterations, summed over islands."""
+        """Return solver iterations per step, summed over constraint islands."""
         return self.work.solver_iterations
 
     track_contacts.unit = "contacts/step"
@@ -96,26 +101,22 @@ class Work(Tracked):
 
 @functools.cache
 def _work(model: str) -> work.Work:
-    return work.observe(stored.stored_workload(*_sizes(model))).work
+    return work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model))).work
 
 
 class Drift(Tracked):
-    """How far one step from stored states leads from the release that stored them."""
+    """Whether a step computes the same result as in the release that stored the states."""
 
     params = models.shipped()
     param_names = ("model",)
 
     def setup(self, model: str) -> None:
-        """Load."""
+        """Check that this release can load the model."""
         stored.load(model)
 
     def track_drift(self, model: str) -> float:
-        """Compare."""
+        """Return the largest difference of qpos, qvel and act after one step, in SI units."""
         return stored.drift(model)
 
     track_drift.unit = "SI"
     track_drift.pretty_name = "largest difference of qpos, qvel, act after one step"
-
-
-def _sizes(model: str) -> tuple[str, int, int]:
-    return model, stored.NBATCH, stored.HEAVY_NSTEP if model in stored.HEAVY else stored.NSTEP

@@ -1,12 +1,14 @@
-"""Start states and controls, computed once by one release and stored for all of them.
+"""Start states and controls that are the same for every release: computed once, and stored.
 
     python -m benchmarks.stored
 
-writes stored.npz with the release installed here (the one of constraints.txt): for each model of
-models/ its start state by MjData field, its controls, and, for the physics drift, some states
-along the way with the result of one step from each. A release that computed its own start would
-do other work. Do it again when a model was changed or added, and raise the `version` of the
-benchmarks that the change concerns: their earlier figures are of other work.
+writes stored.npz with the installed release, which must be that of constraints.txt. It holds, for
+each model of models/, the start state by MjData field, the controls, and, for `step.Drift`, some
+states along the way with the result of one step from each. Releases that computed their own start
+states would do different work.
+
+Run it again when a model was changed or added, and raise the `version` of the benchmarks that use
+the model: their earlier results are of other work.
 """
 
 import functools
@@ -22,24 +24,29 @@ from mjbench.releases.release import version_key
 from mjbench.simulation import agreement, models, work, workload
 
 FILE = Path(__file__).with_name("stored.npz")
-# Simulations and steps of each; every control is held for ten steps.
+# Simulations, steps of each, and steps for which each control is held.
 NBATCH, NSTEP, HOLD = 10, 100, 10
-# Models whose step takes most of a millisecond do a tenth of the steps.
+# Models whose step takes about a millisecond; they do a tenth of the steps.
 HEAVY = ("cloth", "pile")
 HEAVY_NSTEP = 10
-# Steps before the states from which the drift of one step is taken.
+# The drift of one step is measured from the start state, and after these tenths of the run.
 DRIFT_AFTER = (0, 3, 6, 9)
-# The first release that can load a model; the others load in all (models/README.md).
+# The first release that can load a model; all releases load the others (models/README.md).
 SINCE = {"cloth": "3.0.0", "quadruped_terrain": "3.1.2"}
 
 
 def light() -> list[str]:
-    """Return the names of the models that do 10 simulations of 100 steps."""
+    """Return the names of our models that are not heavy."""
     return [name for name in models.shipped() if name not in HEAVY]
 
 
-def load(name: str) -> Any:
-    """Return one of our models as MjModel.
+def nstep_of(name: str) -> int:
+    """Return the steps per simulation of a model's benchmarks."""
+    return HEAVY_NSTEP if name in HEAVY else NSTEP
+
+
+def load(name: str) -> mujoco.MjModel:
+    """Return one of our models.
 
     Raises:
       NotImplementedError: this release lacks what the model needs.
@@ -51,73 +58,95 @@ def load(name: str) -> Any:
 
 
 def stored_workload(name: str, nbatch: int = NBATCH, nstep: int = NSTEP) -> workload.Workload:
-    """Return the stored workload of a model, its simulations repeated in turn up to nbatch."""
+    """Return the stored workload of a model.
+
+    All simulations have the stored start state; they differ in their controls.
+
+    Args:
+      name: of the model.
+      nbatch: simulations; those beyond the stored ones repeat them in order.
+      nstep: steps per simulation, at most the stored ones.
+
+    Raises:
+      NotImplementedError: this release lacks what the model needs.
+    """
     model = load(name)
-    control = _read(f"{name}/control")
-    rows = np.arange(nbatch) % len(control)
-    control = np.ascontiguousarray(control[rows, : max(1, nstep // HOLD)])
-    start = workload.states(model, {k: v[:1] for k, v in _fields(name, "before").items()})
+    stored_control = _read(f"{name}/control")
+    rows = np.arange(nbatch) % len(stored_control)
+    control = np.ascontiguousarray(stored_control[rows, : max(1, nstep // HOLD)])
+    start_fields = {field: values[:1] for field, values in _fields(name, "before").items()}
+    start = workload.states(model, start_fields)
     return workload.Workload(
         model, np.tile(start, (nbatch, 1)), control, hold=min(HOLD, nstep), seed=0
     )
 
 
 def drift(name: str) -> float:
-    """Return how far one step leads from the reference release's result, at the most."""
+    """Return the largest difference of one step's result from the stored one, in SI units."""
     model = load(name)
     after = work.one_step(model, workload.states(model, _fields(name, "before")))
     return agreement.drift(after, _fields(name, "after"))
 
 
 @functools.cache
-def prepared(path: str, workload_of: tuple[Any, ...], **options: Any) -> paths.Prepared:
-    """Return a path's run of a stored workload, after checking it against the reference run.
+def prepared_run(
+    path: str, model: str, nbatch: int = NBATCH, nstep: int = NSTEP, **options: Any
+) -> paths.Prepared:
+    """Return a path's run of a stored workload, verified against the reference run.
 
-    asv calls `setup` before every sample; this is made once in a process.
+    asv calls `setup` before every sample; the run is prepared once per process.
 
     Args:
-      path: the path's name.
-      workload_of: arguments of `stored_workload`.
-      options: the path's options.
+      path: name of the path.
+      model: name of the model.
+      nbatch: simulations.
+      nstep: steps per simulation.
+      options: of the path; the others have their defaults.
 
     Raises:
       NotImplementedError: the release or the machine lacks what the path needs.
-      RuntimeError: the path's final states are not those of the reference run.
+      RuntimeError: the path's final states differ from the reference run's.
     """
-    way = paths.find(path)
-    options = way.complete(options)
-    reason = way.unavailable()
+    stepping_path = paths.find(path)
+    options = stepping_path.complete(options)
+    reason = stepping_path.unavailable()
     if reason:
         raise NotImplementedError(reason)
-    made = stored_workload(*workload_of)
-    reason = way.unsuited(made, options)
+    stored = stored_workload(model, nbatch, nstep)
+    reason = stepping_path.unsuited(stored, options)
     if reason:
         raise NotImplementedError(reason)
-    run = way.prepare(made, options, paths.Resources(made))
-    if not np.array_equal(run.verify().values, work.observe(made).final_state):
-        raise RuntimeError(f"not timed: {path} {options} disagrees with the plain loop")
+    run = stepping_path.prepare(stored, options, paths.Resources(stored))
+    if not np.array_equal(run.verify().values, work.observe(stored).final_state):
+        raise RuntimeError(f"{path} {options} is not timed: it disagrees with the plain loop")
     return run
 
 
 def _fields(name: str, when: str) -> dict[str, np.ndarray]:
+    """Return stored states by MjData field: `before` a step, or `after` it."""
     prefix = f"{name}/{when}/"
     return {key.removeprefix(prefix): _read(key) for key in _keys() if key.startswith(prefix)}
 
 
 @functools.cache
 def _keys() -> tuple[str, ...]:
-    with np.load(FILE) as stored:
-        return tuple(stored.files)
+    with np.load(FILE) as file:
+        return tuple(file.files)
 
 
 @functools.cache
 def _read(key: str) -> np.ndarray:
-    with np.load(FILE) as stored:
-        return np.array(stored[key])
+    with np.load(FILE) as file:
+        return np.array(file[key])
+
+
+def stored_release() -> str:
+    """Return the release that computed what is stored."""
+    return str(_read("release"))
 
 
 def mjcf_digest(name: str) -> str:
-    """Return 16 hexadecimal digits of a model's file."""
+    """Return 16 hexadecimal digits that name the content of a model's file."""
     content = models.resolve(name).path.read_bytes()
     return hashlib.blake2b(content, digest_size=8).hexdigest()
 
@@ -128,25 +157,24 @@ def stored_digest(name: str) -> str:
 
 
 def compute(name: str) -> dict[str, np.ndarray]:
-    """Return what is stored of a model, by key, computed by the release at hand."""
-    model = load(name)
-    nstep = HEAVY_NSTEP if name in HEAVY else NSTEP
-    made = workload.make(model, NBATCH, nstep, HOLD)
+    """Return what is stored of a model, by key, computed by the installed release."""
+    model, nstep = load(name), nstep_of(name)
+    random_workload = workload.make(model, NBATCH, nstep, HOLD)
+    single = random_workload.only(np.arange(NBATCH) < 1)
     stride = max(1, nstep // HEAVY_NSTEP)
-    one = made.only(np.arange(NBATCH) < 1)
-    before = np.concatenate(
-        [one.initial_state, *(_after(one, n * stride) for n in DRIFT_AFTER[1:])]
-    )
-    entries = {"control": made.control, "mjcf": np.array(mjcf_digest(name))}
+    later_states = (_state_after(single, count * stride) for count in DRIFT_AFTER[1:])
+    before = np.concatenate([single.initial_state, *later_states])
+    entries = {"control": random_workload.control, "mjcf": np.array(mjcf_digest(name))}
     entries |= {f"before/{k}": v for k, v in workload.fields(model, before).items()}
     entries |= {f"after/{k}": v for k, v in work.one_step(model, before).items()}
     return {f"{name}/{key}": value for key, value in entries.items()}
 
 
-def _after(one: workload.Workload, nstep: int) -> np.ndarray:
-    """Return the state of a one-simulation workload after `nstep` steps."""
-    control = one.step_control[:, :nstep]
-    return work.observe(workload.Workload(one.model, one.initial_state, control, 1, 0)).final_state
+def _state_after(single: workload.Workload, nstep: int) -> np.ndarray:
+    """Return the (1, nstate) state of a workload of one simulation after `nstep` steps."""
+    control = single.step_control[:, :nstep]
+    stopped = workload.Workload(single.model, single.initial_state, control, hold=1, seed=0)
+    return work.observe(stopped).final_state
 
 
 def main() -> None:

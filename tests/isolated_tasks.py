@@ -1,59 +1,115 @@
-"""Tasks that the tests of `isolate` run in children."""
+"""Tasks that the tests of `isolate` run in child processes, with their requests and messages."""
 
 import os
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError
+from mjbench.instrument.isolate import Channel
 
 
-def echo(request: Any, channel: Any) -> None:
-    print("this goes to the log, not into the conversation")
-    channel.send(got=request)
+@dataclass(frozen=True)
+class Text:
+    """Some text, asked for or answered."""
+
+    text: str
 
 
-def refuse(request: Any, channel: Any) -> None:
+@dataclass(frozen=True)
+class Process:
+    """A process that the task started, or its own."""
+
+    pid: int
+
+
+@dataclass(frozen=True)
+class WaitRequest:
+    """The file to wait for."""
+
+    file: Path
+
+
+@dataclass(frozen=True)
+class BlobsRequest:
+    """How many bytes each message is to have."""
+
+    sizes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Blob:
+    """A message of a given size.
+
+    Attributes:
+      index: which of the messages this is.
+      content: the same byte over and over.
+    """
+
+    index: int
+    content: bytes
+
+    @classmethod
+    def of(cls, index: int, size: int) -> "Blob":
+        """Return the message that stands at `index`, told from the others by its byte."""
+        return cls(index, bytes([index % 256]) * size)
+
+
+def echo(request: Text, channel: Channel) -> None:
+    print("this goes to the log, not to the parent")
+    channel.send(request)
+
+
+def send_blobs(request: BlobsRequest, channel: Channel) -> None:
+    for index, size in enumerate(request.sizes):
+        channel.send(Blob.of(index, size))
+
+
+def refuse(request: Any, channel: Channel) -> None:
     raise InputError("bad file: what to do")
 
 
-def fail(request: Any, channel: Any) -> None:
+def fail(request: Any, channel: Channel) -> None:
+    channel.doing("work that fails")
     raise RuntimeError("two\nlines")
 
 
-def crash(request: Any, channel: Any) -> None:
-    channel.send(before="the crash")
-    channel.where("doing the dangerous thing")
+def crash(request: Any, channel: Channel) -> None:
+    channel.send(Text("before the crash"))
+    channel.doing("something dangerous", index=3)
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-def leave(request: Any, channel: Any) -> None:
+def leave(request: Any, channel: Channel) -> None:
     sys.stderr.write("last words\n")
     sys.stderr.flush()
     os._exit(7)
 
 
-def hang(request: Any, channel: Any) -> None:
+def hang(request: Any, channel: Channel) -> None:
     grandchild = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
-    channel.send(grandchild=grandchild.pid)
+    channel.doing("nothing at all", index=0)
+    channel.send(Process(grandchild.pid))
     while True:
         time.sleep(600)
 
 
-def hoard(request: Any, channel: Any) -> None:
-    kept = bytearray(1 << 29)
-    kept[:: 1 << 12] = b"x" * len(kept[:: 1 << 12])  # touched, so that it is there
-    channel.expect(3600.0)
+def hoard(request: Any, channel: Channel) -> None:
+    memory = bytearray(1 << 29)
+    memory[:: 1 << 12] = b"x" * len(memory[:: 1 << 12])  # touch every page, so that it is resident
+    channel.allow_silence(3600.0)
     while True:
         time.sleep(600)
 
 
-def ask_for_time(request: Any, channel: Any) -> None:
-    channel.expect(3600.0)
-    channel.send(child=os.getpid())
-    channel.expect(3600.0)
-    while not os.path.exists(request["file"]):  # noqa: PTH110
+def wait_for_file(request: WaitRequest, channel: Channel) -> None:
+    channel.allow_silence(3600.0)
+    channel.send(Process(os.getpid()))
+    channel.allow_silence(3600.0)
+    while not request.file.exists():
         time.sleep(0.01)
-    channel.send(done=True)
+    channel.send(Text("done"))

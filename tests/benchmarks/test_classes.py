@@ -1,70 +1,106 @@
 """The asv benchmark classes as pytest-benchmark cases.
 
-`pytest --benchmark-only` times them with the MuJoCo at hand; a plain `pytest` runs each once,
-untimed, over the models whose step is cheap.
+`pytest --benchmark-only` times them with the installed MuJoCo; a plain `pytest` runs each once,
+untimed, over the models whose step is short.
 """
 
 import functools
 import importlib
+import importlib.util
 import inspect
 import itertools
+import json
 import math
+import os
 import pkgutil
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import pytest
+from commands import ROOT
 
 import benchmarks
-from benchmarks import stored
+from benchmarks import reference, stored
 from mjbench.errors import MachineError
-from mjbench.releases import install_check
+from mjbench.releases import installs
 from mjbench.simulation import models
+
+PREFIXES = ("time_", "timeraw_", "track_", "peakmem_")
+# Units of what may be 0: counts of a model without contact, and a drift of nothing. A ratio, a time
+# or a number of instructions that is 0 was never measured.
+ZERO_IS_POSSIBLE = {"contacts/step", "constraints/step", "iterations/step", "SI"}
 
 
 @dataclass(frozen=True)
 class Case:
     """One benchmark method with one set of parameters."""
 
-    kind: type
+    kind: Any
     method: str
     params: tuple[Any, ...]
 
     def __str__(self) -> str:
-        words = "-".join(map(str, self.params))
-        return f"{self.kind.__name__}.{self.method}" + (f"[{words}]" if words else "")
+        values = "-".join(map(str, self.params))
+        return f"{self.kind.__name__}.{self.method}" + (f"[{values}]" if values else "")
+
+    @property
+    def name(self) -> str:
+        """What asv calls the benchmark."""
+        module = self.kind.__module__.removeprefix("benchmarks.")
+        return f"{module}.{self.kind.__name__}.{self.method}"
+
+    @property
+    def function(self) -> Any:
+        """The method as it is declared, with its unit and its names."""
+        return getattr(self.kind, self.method)
 
     @property
     def model(self) -> str:
         names = getattr(self.kind, "param_names", ())
         return str(self.params[names.index("model")]) if "model" in names else "no model"
 
+    @property
+    def has_tools(self) -> bool:
+        """Whether what the benchmark needs beside MuJoCo is installed."""
+        if self.name.startswith("instructions."):
+            return shutil.which("valgrind") is not None
+        if self.name.startswith("mjx."):
+            return all(map(importlib.util.find_spec, ("jax", "mujoco.mjx")))
+        return True
+
     def bound(self) -> Any:
-        """Return the method after `setup`; a benchmark that does not apply here is skipped."""
+        """Return the method after `setup`; skip a benchmark that need not apply here.
+
+        On the release that stored the states every benchmark applies, if its tools are installed.
+        """
         instance = self.kind()
         first = [_cached(self.kind)] if hasattr(self.kind, "setup_cache") else []
         try:
             getattr(instance, "setup", lambda *params: None)(*first, *self.params)
         except NotImplementedError as reason:
+            if stored.stored_release() == mujoco.__version__ and self.has_tools:
+                raise
             pytest.skip(str(reason))
         return functools.partial(getattr(instance, self.method), *first)
 
 
 @functools.cache
 def _cached(kind: Any) -> Any:
-    """Return what asv would hand to every benchmark of a class."""
+    """Return what asv would pass to every benchmark of a class."""
     return kind().setup_cache()
 
 
 def classes() -> Iterator[type]:
-    for module in pkgutil.iter_modules(benchmarks.__path__):
-        found = importlib.import_module(f"benchmarks.{module.name}")
-        for name, kind in inspect.getmembers(found, inspect.isclass):
-            if kind.__module__ == found.__name__ and not name.startswith("_"):
+    for info in pkgutil.iter_modules(benchmarks.__path__):
+        module = importlib.import_module(f"benchmarks.{info.name}")
+        for name, kind in inspect.getmembers(module, inspect.isclass):
+            if kind.__module__ == module.__name__ and not name.startswith("_"):
                 yield kind
 
 
@@ -79,56 +115,104 @@ def cases(*prefixes: str) -> Iterator[Case]:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    asked = metafunc.config.getoption("benchmark_only")
+    is_timing = metafunc.config.getoption("benchmark_only")
     for fixture, prefixes in (("timed", ("time_", "timeraw_")), ("exact", ("track_", "peakmem_"))):
         if fixture in metafunc.fixturenames:
-            found = [c for c in cases(*prefixes) if asked or c.model not in stored.HEAVY]
-            metafunc.parametrize(fixture, found, ids=str)
+            selected = [c for c in cases(*prefixes) if is_timing or c.model not in stored.HEAVY]
+            assert selected, f"no benchmark begins with {prefixes}"
+            metafunc.parametrize(fixture, selected, ids=str)
+
+
+def index_has_mujoco() -> bool:
+    """Return whether pip reaches a package index, asked by pip alone."""
+    command = [sys.executable, "-m", "pip", "--retries=0", "index", "versions", "mujoco"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+@pytest.fixture(scope="session")
+def reference_release() -> None:
+    """Install the reference release; skip only where that fails because pip reaches no index."""
+    try:
+        with installs.use(installs.parse_release(reference.REFERENCE)):
+            pass
+    except MachineError as error:
+        if index_has_mujoco():
+            raise
+        pytest.skip(f"the package index cannot be reached: {error}")
+
+
+def test_pip_without_a_network_reaches_no_index(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
+    for name in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS"):
+        monkeypatch.delenv(name, raising=False)
+    assert not index_has_mujoco()
 
 
 def test_time(timed: Case, benchmark: Any) -> None:
     method = timed.bound()
-    run = _raw(method()) if timed.method.startswith("timeraw_") else method
-    params = () if timed.method.startswith("timeraw_") else timed.params
+    is_raw = timed.method.startswith("timeraw_")
+    run = functools.partial(_interpret, method()) if is_raw else method
     benchmark.group = timed.model
+    params = () if is_raw else timed.params
     returned = benchmark.pedantic(run, args=params, rounds=10, warmup_rounds=1)
     assert returned is None
-    named = re.match(r"time_(\d+)_(steps)?", timed.method)
-    if named and benchmark.stats:
-        key = "ns_per_step" if named[2] else "ns_each"
-        benchmark.extra_info[key] = 1e9 * benchmark.stats.stats.median / int(named[1])
+    count = re.match(r"time_(\d+)_(steps)?", timed.method)
+    if count and benchmark.stats:
+        key = "ns_per_step" if count[2] else "ns_each"
+        benchmark.extra_info[key] = 1e9 * benchmark.stats.stats.median / int(count[1])
 
 
-def _raw(code: str) -> Any:
-    def run() -> None:
-        subprocess.run([sys.executable, "-c", code], check=True)
-
-    return run
+def _interpret(code: str) -> None:
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_counts_and_differences_are_numbers(exact: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)  # a number is asked for, not a good one
-    try:
-        value = exact.bound()(*exact.params)
-    except MachineError as error:  # such as no network to install the reference release from
-        pytest.skip(str(error))
+def test_what_is_tracked_is_a_number_that_was_measured(
+    exact: Case, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    if exact.kind is reference.Reference:
+        request.getfixturevalue("reference_release")
+    monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)  # any number will do, not a precise one
+    value = exact.bound()(*exact.params)
     if exact.method.startswith("peakmem_"):
         assert value is None  # asv reads the memory of the process
-    else:
-        assert math.isfinite(value)
-        assert value >= 0
+        return
+    assert math.isfinite(value)
+    assert value > 0 or (value == 0 and exact.function.unit in ZERO_IS_POSSIBLE)
 
 
 def test_every_benchmark_has_an_explicit_version_and_a_name_for_readers() -> None:
-    for case in cases("time_", "timeraw_", "track_", "peakmem_"):
-        assert case.kind.version, case  # type: ignore[attr-defined]
-        assert getattr(case.kind, case.method).pretty_name, case
+    for case in cases(*PREFIXES):
+        assert case.kind.version, case
+        assert case.function.pretty_name, case
+
+
+def test_every_number_that_is_tracked_has_a_unit() -> None:
+    for case in cases("track_"):
+        assert case.function.unit, case
+
+
+def test_the_units_of_what_may_be_zero_are_units_of_benchmarks() -> None:
+    assert {case.function.unit for case in cases("track_")} >= ZERO_IS_POSSIBLE
+
+
+def test_committed_results_are_of_benchmarks_that_exist() -> None:
+    """asv knows a result by the benchmark's name, version, parameters and unit."""
+    committed = json.loads((ROOT / "results/asv/benchmarks.json").read_text())
+    committed.pop("version")
+    declared = {case.name: case for case in cases(*PREFIXES)}
+    assert set(committed) <= set(declared)
+    assert len(committed) > 20
+    for name, stored_as in committed.items():
+        case = declared[name]
+        assert stored_as["pretty_name"] == case.function.pretty_name, name
+        assert stored_as["unit"] == getattr(case.function, "unit", stored_as["unit"]), name
+        assert stored_as["param_names"] == list(getattr(case.kind, "param_names", ())), name
 
 
 def test_every_timed_benchmark_gives_the_20_samples_that_asv_needs() -> None:
     for case in cases("time_", "timeraw_"):
-        kind: Any = case.kind
-        assert kind.repeat * kind.rounds >= 20, case
+        assert case.kind.repeat * case.kind.rounds >= 20, case
 
 
 @pytest.mark.parametrize("name", models.shipped())
@@ -140,7 +224,7 @@ def test_stored_states_are_of_the_model_as_it_is(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n in models.shipped() if n not in stored.HEAVY])
 def test_the_release_that_stored_the_states_does_not_drift(name: str) -> None:
-    if str(stored._read("release")) != install_check.installed_version():
+    if stored.stored_release() != mujoco.__version__:
         pytest.skip("the states were stored by another release")
     assert stored.drift(name) <= 1e-12
 
@@ -163,8 +247,8 @@ def test_a_model_that_the_release_cannot_load_is_not_applicable(
 def test_a_path_that_computes_something_else_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     from wrong_paths import ColdWarmStart
 
-    stored.prepared.cache_clear()
+    stored.prepared_run.cache_clear()
     monkeypatch.setattr("mjbench.paths.find", lambda name: ColdWarmStart())
     with pytest.raises(RuntimeError, match="disagrees with the plain loop"):
-        stored.prepared("python_loop", ("cube_table",))
-    stored.prepared.cache_clear()
+        stored.prepared_run("python_loop", "cube_table")
+    stored.prepared_run.cache_clear()

@@ -1,22 +1,30 @@
 import os
+import pickle
 import select
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from commands import TESTS
+from commands import PYTHONPATH, TESTS
+from isolated_tasks import Blob, BlobsRequest, Process, Text, WaitRequest
 
+from mjbench.errors import InputError, MachineError
 from mjbench.instrument import child, isolate
+from mjbench.instrument.isolate import Activity, Ended
+from mjbench.status import Status
 
-HERE = str(TESTS)
+# The parent reads from a child in chunks of this many bytes.
+CHUNK = 1 << 16
 
 
-def run(task: str, request: Any = None, limit_s: float = 60.0) -> tuple[isolate.Ended, list[Any]]:
+def run(task: str, request: Any = None, limit_s: float = 60.0) -> tuple[Ended, list[Any]]:
+    """Return how a task ended, and the messages that it sent."""
     messages: list[Any] = []
-    ended = isolate.run(f"isolated_tasks:{task}", request or {}, messages.append, limit_s, HERE)
+    ended = isolate.run(f"isolated_tasks:{task}", request, messages.append, limit_s, str(TESTS))
     return ended, messages
 
 
@@ -27,81 +35,209 @@ def ends(process: int) -> bool:
     return bool(ready)
 
 
-def test_a_task_answers_with_messages() -> None:
-    ended, messages = run("echo", {"a": [1, 2.5]})
-    assert ended == isolate.Ended("ok")
-    assert messages == [{"got": {"a": [1, 2.5]}}]
+def test_a_task_receives_its_request_and_answers_with_messages() -> None:
+    ended, messages = run("echo", Text("1, 2.5"))
+    assert ended == Ended(Status.OK)
+    assert messages == [Text("1, 2.5")]
 
 
-def test_bad_input_is_told_apart_from_failure() -> None:
-    assert run("refuse")[0] == isolate.Ended("input", "bad file: what to do")
-    ended, _ = run("fail")
-    assert (ended.status, ended.detail) == ("failed", "RuntimeError: two lines")
+# messages
 
 
-def test_a_crash_names_the_signal_and_what_was_being_done() -> None:
+def test_messages_around_and_above_the_size_of_a_chunk_arrive_whole_and_in_order() -> None:
+    sizes = (1, 3 * CHUNK + 1, 0, CHUNK - 1, CHUNK, CHUNK + 1, 10 * CHUNK, 5)
+    ended, messages = run("send_blobs", BlobsRequest(sizes))
+    assert ended == Ended(Status.OK)
+    assert messages == [Blob.of(index, size) for index, size in enumerate(sizes)]
+
+
+def encoded(message: object) -> bytes:
+    """Return a message as it travels: its length, then its pickle."""
+    content = pickle.dumps(message)
+    return isolate._LENGTH.pack(len(content)) + content
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 64, 1000, CHUNK])
+def test_messages_cut_anywhere_are_put_together_without_remainder(size: int) -> None:
+    sent = [Text("first"), Blob.of(1, 3000), Text(""), Blob.of(3, 1)]
+    stream = b"".join(map(encoded, sent))
+    joined: list[Any] = []
+    pending = b""
+    for start in range(0, len(stream), size):
+        messages, pending = isolate._split(pending + stream[start : start + size])
+        joined += messages
+    assert joined == sent
+    assert pending == b""
+
+
+def test_a_message_that_is_not_whole_yet_is_kept_for_later() -> None:
+    whole, cut = encoded(Text("whole")), encoded(Text("cut"))[:-1]
+    assert isolate._split(whole + cut) == ([Text("whole")], cut)
+    assert isolate._split(whole[:3]) == ([], whole[:3])
+
+
+# how a child ends
+
+
+def test_bad_input_and_failure_are_distinguished() -> None:
+    refused, _ = run("refuse")
+    assert refused == Ended(Status.INPUT, "bad file: what to do")
+    failed, _ = run("fail")
+    assert failed.status == Status.FAILED
+    assert failed.detail == "RuntimeError: two lines while work that fails"
+    assert failed.activity == Activity("work that fails")
+
+
+@pytest.mark.parametrize("status", [s for s in Status if s not in (Status.OK, Status.INPUT)])
+def test_an_end_that_is_not_ok_is_an_error_of_the_machine(status: Status) -> None:
+    with pytest.raises(MachineError, match="why"):
+        Ended(status, "why").check()
+
+
+def test_bad_input_is_an_error_of_the_input_and_ok_is_none() -> None:
+    with pytest.raises(InputError, match="why"):
+        Ended(Status.INPUT, "why").check()
+    Ended(Status.OK).check()
+
+
+def test_a_crash_names_the_signal_and_the_activity_with_its_index() -> None:
     ended, messages = run("crash")
-    assert ended.status == "crashed"
-    assert ended.detail == "killed by signal 11 (SIGSEGV) while doing the dangerous thing"
-    assert ended.where == "doing the dangerous thing"
-    assert messages == [{"before": "the crash"}]
+    assert ended.status == Status.CRASHED
+    assert ended.detail == "killed by signal 11 (SIGSEGV) while something dangerous"
+    assert ended.activity == Activity("something dangerous", index=3)
+    assert messages == [Text("before the crash")]
 
 
-def test_an_early_exit_tells_its_code_and_last_words() -> None:
+def test_an_early_exit_names_its_code_and_the_last_line_of_the_log() -> None:
     ended, _ = run("leave")
-    assert ended.status == "crashed"
+    assert ended.status == Status.CRASHED
+    assert ended.activity is None
     assert "exit code 7" in ended.detail
     assert "last words" in ended.detail
 
 
 def test_a_silent_child_is_killed_with_its_own_children() -> None:
     children: list[int] = []
-    ended = isolate.run(
-        "isolated_tasks:hang",
-        {},
-        lambda message: children.append(os.pidfd_open(message["grandchild"])),
-        1.0,
-        HERE,
-    )
-    assert ended.status == "timeout"
+
+    def watch(message: Process) -> None:
+        children.append(os.pidfd_open(message.pid))
+
+    ended = isolate.run("isolated_tasks:hang", None, watch, 1.0, str(TESTS))
+    assert ended.status == Status.TIMEOUT
     assert "--time-limit" in ended.detail
-    assert ends(children[0])
+    assert ended.activity == Activity("nothing at all", index=0)
+    (grandchild,) = children
+    assert ends(grandchild)
 
 
-def test_a_child_can_ask_for_more_time_than_the_limit(tmp_path: Path) -> None:
+def test_allowed_silence_is_no_message_for_the_parent(tmp_path: Path) -> None:
     messages: list[Any] = []
 
     def answer(message: Any) -> None:
         messages.append(message)
         (tmp_path / "go").touch()
 
-    ended = isolate.run(
-        "isolated_tasks:ask_for_time", {"file": str(tmp_path / "go")}, answer, 30.0, HERE
+    request = WaitRequest(tmp_path / "go")
+    ended = isolate.run("isolated_tasks:wait_for_file", request, answer, 30.0, str(TESTS))
+    assert ended == Ended(Status.OK)
+    assert [type(message) for message in messages] == [Process, Text]
+
+
+class SimulatedChild:
+    """A child whose messages arrive at given times of a simulated clock, and then ends."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *arrivals: tuple[float, object]):
+        self.now, self.arrivals = 0.0, list(arrivals)
+        reader, writer = os.pipe()
+        self.reader, self.writer = os.fdopen(reader, "rb"), os.fdopen(writer, "wb", buffering=0)
+        self.process: Any = SimpleNamespace(pid=os.getpid(), stdout=self.reader)
+        selectors = SimpleNamespace(DefaultSelector=lambda: self, EVENT_READ=1)
+        monkeypatch.setattr(isolate, "time", SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(isolate, "selectors", selectors)
+
+    def __enter__(self) -> "SimulatedChild":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.reader.close()
+        self.writer.close()
+
+    def register(self, descriptor: int, events: int) -> None:
+        pass
+
+    def select(self, wait_s: float) -> list[str]:
+        """Let simulated time pass until the next message, or for as long as the parent waits."""
+        if not self.arrivals:
+            self.writer.close()
+            return ["end of file"]
+        arrival, message = self.arrivals[0]
+        if arrival > self.now + wait_s:
+            self.now += wait_s
+            return []
+        self.now = max(self.now, arrival)
+        self.writer.write(encoded(message))
+        del self.arrivals[0]
+        return ["message"]
+
+
+def received(simulated: SimulatedChild, limit_s: float) -> list[Any]:
+    """Return what the parent receives; a child that is killed is `timeout`."""
+    messages = isolate._messages(simulated.process, limit_s, memory_bytes=None)
+    return [m.status.value if isinstance(m, Ended) else m.text for m in messages]
+
+
+@pytest.mark.parametrize(
+    ("allowed_s", "expected"), [(None, ["timeout"]), (4.0, ["timeout"]), (6.0, ["late"])]
+)
+def test_a_child_can_extend_its_time_limit(
+    monkeypatch: pytest.MonkeyPatch, allowed_s: float | None, expected: list[str]
+) -> None:
+    allowed = [] if allowed_s is None else [(0.0, isolate._SilenceAllowed(allowed_s))]
+    simulated = SimulatedChild(monkeypatch, *allowed, (5.0, Text("late")))
+    assert received(simulated, limit_s=3.0) == expected
+
+
+def test_an_extension_ends_with_the_next_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    extension = isolate._SilenceAllowed(100.0)
+    simulated = SimulatedChild(
+        monkeypatch, (0.0, extension), (90.0, Text("late")), (95.0, Text("too late"))
     )
-    assert ended.status == "ok"
-    assert messages[-1] == {"done": True}
+    assert received(simulated, limit_s=3.0) == ["late", "timeout"]
 
 
-def test_an_exception_in_the_parent_leaves_no_child_behind() -> None:
+def test_an_extension_never_shortens_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    extension = isolate._SilenceAllowed(1.0)
+    simulated = SimulatedChild(monkeypatch, (0.0, extension), (2.0, Text("in time")))
+    assert received(simulated, limit_s=3.0) == ["in time"]
+
+
+def test_an_exception_in_the_parent_leaves_no_process() -> None:
     children: list[int] = []
 
-    def interrupt(message: Any) -> None:
-        children.append(os.pidfd_open(message["grandchild"]))
+    def interrupt(message: Process) -> None:
+        children.append(os.pidfd_open(message.pid))
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        isolate.run("isolated_tasks:hang", {}, interrupt, 60.0, HERE)
-    assert ends(children[0])
+        isolate.run("isolated_tasks:hang", None, interrupt, 60.0, str(TESTS))
+    (grandchild,) = children
+    assert ends(grandchild)
 
 
 def test_children_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     program = (
+        "from pathlib import Path\n"
+        "from isolated_tasks import WaitRequest\n"
         "from mjbench.instrument import isolate\n"
-        "isolate.run('isolated_tasks:ask_for_time', {'file': '/nonexistent'},"
-        f" lambda m: print(m['child'], flush=True), 60.0, {HERE!r})"
+        "isolate.run('isolated_tasks:wait_for_file', WaitRequest(Path('/nonexistent')),"
+        f" lambda message: print(message.pid, flush=True), 60.0, {str(TESTS)!r})"
     )
     parent = subprocess.Popen(
-        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, cwd=tmp_path
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
     )
     assert parent.stdout is not None
     process = os.pidfd_open(int(parent.stdout.readline()))
@@ -115,12 +251,12 @@ def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    dead, alive = (
-        tmp_path / f"{child._SCRATCH}{child._pid_namespace()}-{pid}-x"
-        for pid in (2**22 + 1, os.getpid())
-    )
+    with child.scratch() as folder:
+        prefix, own_pid, _ = folder.name.rpartition(f"{os.getpid()}-")
+    assert own_pid
+    dead, alive = (tmp_path / f"{prefix}{pid}-x" for pid in (2**22 + 1, os.getpid()))
     dead.mkdir()
     alive.mkdir()
-    run("echo")
+    run("echo", Text(""))
     assert not dead.exists()
     assert alive.exists()

@@ -1,67 +1,170 @@
 import json
+import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import runs
+from mjbench.instrument import machine, runs
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A record with a number and a unit that may be missing."""
+
+    record_type: ClassVar[str] = "sample"
+    index: int
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Note:
+    """A record of another type."""
+
+    record_type: ClassVar[str] = "note"
+    text: str
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Arguments of a command, one of which is a path."""
+
+    model: str
+    results: Path
+
+
+TYPES = {kind.record_type: kind for kind in (Sample, Note)}
+MACHINE = machine.describe()
+ARGUMENTS = Arguments("cartpole", Path("runs"))
+RECORDS = (Sample(1, 0.5), Note("between"), Sample(2))
 
 
 def written(folder: Path) -> Path:
-    file = runs.RunFile(folder, "compare", {"machine": {"cpu": "x"}})
-    file.append({"type": "measurement", "n": 1})
-    file.append({"type": "measurement", "n": 2})
+    """Return a run file with RECORDS."""
+    file = runs.RunFile(folder, "compare", MACHINE, ARGUMENTS)
+    for record in RECORDS:
+        file.append(record)
     file.close()
     return file.path
 
 
-def test_what_was_appended_comes_back_in_order(tmp_path: Path) -> None:
-    header, *records = runs.load(written(tmp_path))
-    assert header["schema"] == runs.SCHEMA
-    assert [r["n"] for r in records] == [1, 2]
+def edited(folder: Path, number: int, line: str) -> Path:
+    """Return a run file whose line `number`, counted from 1, is another."""
+    path = written(folder)
+    lines = path.read_text().splitlines()
+    lines[number - 1] = line
+    path.write_text("".join(f"{text}\n" for text in lines))
+    return path
+
+
+# what comes back
+
+
+def test_records_come_back_in_order_as_what_they_were(tmp_path: Path) -> None:
+    assert runs.load(written(tmp_path), TYPES).records == RECORDS
+
+
+def test_records_are_selected_by_type(tmp_path: Path) -> None:
+    run = runs.load(written(tmp_path), TYPES)
+    assert run.of_type(Sample) == [RECORDS[0], RECORDS[2]]
+    assert run.of_type(Note) == [RECORDS[1]]
+    assert run.of_type(runs.RunHeader) == []
+
+
+def test_the_header_holds_the_machine_and_the_arguments(tmp_path: Path) -> None:
+    header = runs.load(written(tmp_path), TYPES).header
+    assert header == runs.RunHeader(
+        runs.SCHEMA, "compare", MACHINE, {"model": "cartpole", "results": "runs"}
+    )
 
 
 def test_every_record_is_on_disk_as_soon_as_it_is_appended(tmp_path: Path) -> None:
-    file = runs.RunFile(tmp_path, "compare", {})
-    file.append({"n": 1})
-    assert json.loads(file.path.read_text().splitlines()[-1]) == {"n": 1}
+    file = runs.RunFile(tmp_path, "compare", MACHINE, {})
+    file.append(Sample(1))
+    last_line = file.path.read_text().splitlines()[-1]
+    assert json.loads(last_line) == {"type": "sample", "index": 1, "seconds": 0.0}
     file.close()
+
+
+def test_a_key_that_a_later_version_added_is_ignored(tmp_path: Path) -> None:
+    path = edited(tmp_path, 2, '{"type": "sample", "index": 7, "added": [1]}')
+    assert runs.load(path, TYPES).records[0] == Sample(7)
 
 
 def test_a_last_line_cut_short_loses_nothing_else(tmp_path: Path) -> None:
     path = written(tmp_path)
     path.write_text(path.read_text()[:-5])
-    assert [r.get("n") for r in runs.load(path)] == [None, 1]
+    assert runs.load(path, TYPES).records == RECORDS[:2]
+
+
+# what is refused
 
 
 def test_damage_in_the_middle_is_an_error_that_names_the_line(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join([lines[0], "{", lines[2]]))
-    with pytest.raises(InputError, match="line 2"):
-        runs.load(path)
+    with pytest.raises(InputError, match="line 2: not JSON"):
+        runs.load(edited(tmp_path, 2, "{"), TYPES)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('{"type": "sample", "index": "one"}', r"`int`, got `str` - at `\$\.index`"),
+        ('{"type": "sample", "index": 1.5}', r"\$\.index"),
+        ('{"type": "sample", "index": null}', r"\$\.index"),
+        ('{"type": "sample", "seconds": 1.0}', "missing required field `index`"),
+        ('{"type": "other", "index": 1}', "not a record"),
+        ('{"index": 1}', "not a record"),
+        ("[1, 2]", "not a record"),
+    ],
+)
+def test_a_record_that_does_not_fit_its_type_is_refused_naming_the_line(
+    tmp_path: Path, line: str, message: str
+) -> None:
+    with pytest.raises(InputError, match=f"line 3: .*{message}"):
+        runs.load(edited(tmp_path, 3, line), TYPES)
+
+
+def test_a_record_of_a_type_that_was_not_asked_for_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="line 3: not a record"):
+        runs.load(written(tmp_path), {"sample": Sample})
+
+
+def test_a_header_that_lacks_the_machine_is_refused(tmp_path: Path) -> None:
+    header = {"type": "run", "schema": runs.SCHEMA, "command": "compare", "arguments": {}}
+    with pytest.raises(InputError, match=r"line 1: .*machine"):
+        runs.load(edited(tmp_path, 1, json.dumps(header)), TYPES)
 
 
 @pytest.mark.parametrize("text", ["", "[]\n", '{"type": "other"}\n'])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "x.jsonl").write_text(text)
     with pytest.raises(InputError, match="not a run file"):
-        runs.load(tmp_path / "x.jsonl")
+        runs.load(tmp_path / "x.jsonl", TYPES)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot read"):
+        runs.load(tmp_path / "x.jsonl", TYPES)
 
 
 def test_a_later_format_is_refused_by_number(tmp_path: Path) -> None:
     (tmp_path / "x.jsonl").write_text('{"type": "run", "schema": 99}\n')
     with pytest.raises(InputError, match="99"):
-        runs.load(tmp_path / "x.jsonl")
+        runs.load(tmp_path / "x.jsonl", TYPES)
 
 
-def test_a_folder_that_cannot_be_made_is_told_with_the_way_out(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_reported_with_the_option_to_use(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(MachineError, match="--results"):
-        runs.RunFile(tmp_path / "file", "compare", {})
+        runs.RunFile(tmp_path / "file", "compare", MACHINE, {})
 
 
 def test_the_latest_is_the_newest(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run file"):
         runs.latest(tmp_path)
-    assert runs.latest(written(tmp_path).parent).suffix == ".jsonl"
+    for age_s, name in ((10, "b"), (0, "a"), (20, "c")):
+        (tmp_path / f"{name}.jsonl").touch()
+        os.utime(tmp_path / f"{name}.jsonl", (1e9 - age_s, 1e9 - age_s))
+    assert runs.latest(tmp_path) == tmp_path / "a.jsonl"
