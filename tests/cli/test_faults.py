@@ -28,7 +28,7 @@ QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
         (["compare", "cartpole", "--nbatch", "0"], 2, "0 is below 1"),
         (["compare", "cartpole", "--nstep", "-5"], 2, "-5 is not in the range"),
         (["compare", "cartpole", "--nstep", "10", "--hold", "3"], 2, "not a multiple"),
-        (["compare", "cartpole", "--nbatch", "1000000000"], 2, "lower --nbatch"),
+        (["compare", "cartpole", "--nbatch", "1000000000"], 2, "reduce --nbatch"),
         (["compare", "cartpole", "--threads", "0"], 2, "below 1"),
         (["compare", "cartpole", "--threads", "two"], 2, "whole numbers"),
         (["compare", "cartpole", "--option", "pool=warm"], 2, "pool is one of kept, new"),

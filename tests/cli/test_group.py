@@ -3,17 +3,17 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 from commands import PYTHONPATH
 
 
-def test_help_and_version_need_no_engine(tmp_path: Path) -> None:
+def test_help_and_version_need_no_engine() -> None:
     program = (
         "import sys; sys.argv = ['mjbench', sys.argv[1]]\n"
         "from mjbench.__main__ import main\n"
         "try: main()\nexcept SystemExit: pass\n"
-        "heavy = {'mujoco', 'numpy', 'jax', 'scipy', 'plotly', 'rich.console'} & set(sys.modules)\n"
+        "heavy = {'mujoco', 'numpy', 'jax', 'scipy', 'msgspec', 'rich.console'}\n"
+        "heavy &= set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy else 0)\n"
     )
     for word in ("--help", "--version"):
@@ -26,7 +26,7 @@ def test_help_and_version_need_no_engine(tmp_path: Path) -> None:
         assert "mjbench" in done.stdout
 
 
-def test_without_its_optional_packages_the_command_says_what_to_install(tmp_path: Path) -> None:
+def test_without_its_optional_packages_the_command_says_what_to_install() -> None:
     program = "import sys; sys.modules['click'] = None\nfrom mjbench.__main__ import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", program],

@@ -1,4 +1,4 @@
-"""What our own models promise, in the engine's own words; nothing of mjbench is used."""
+"""What each shipped model is there to show; nothing of mjbench is used."""
 
 from typing import Any
 
@@ -21,11 +21,11 @@ def load(name: str) -> tuple[Any, Any]:
 
 
 def normal_forces(model: Any, data: Any) -> list[float]:
-    force, found = np.zeros(6), []
+    force, normal = np.zeros(6), []
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force)
-        found.append(float(force[0]))
-    return found
+        normal.append(float(force[0]))
+    return normal
 
 
 def bodies_in_contact(model: Any, data: Any, floor: str) -> list[str]:
@@ -39,7 +39,7 @@ def bodies_in_contact(model: Any, data: Any, floor: str) -> list[str]:
 # cartpole
 
 
-def test_cartpole_has_the_names_ids_and_masses_it_is_known_by() -> None:
+def test_cartpole_has_its_documented_names_ids_and_masses() -> None:
     model, data = load("cartpole")
     assert (model.body("cart").id, model.body("pole").id) == (1, 2)
     assert (model.joint("slider").id, model.joint("hinge").id) == (0, 1)
@@ -55,23 +55,6 @@ def test_cartpole_named_access_reads_what_was_set() -> None:
     mujoco.mj_forward(model, data)
     np.testing.assert_array_equal(data.joint("hinge").qpos, [0.1])
     np.testing.assert_array_equal(data.sensor("pole_angle").data, [0.1])
-
-
-def test_the_falling_poles_tip_ranges_over_227_mm_as_copies_and_nothing_as_views() -> None:
-    model, data = load("cartpole")
-    copies, views = [], []
-    for _ in range(200):
-        mujoco.mj_step(model, data)
-        copies.append(data.site("pole_tip").xpos.copy())
-        views.append(data.site("pole_tip").xpos)
-    assert f"{np.ptp(np.array(copies)[:, 0]):.4f}" == "0.2269"
-    assert f"{np.ptp(np.array(views)[:, 0]):.4f}" == "0.0000"
-
-
-def test_a_wrong_name_lists_the_valid_ones() -> None:
-    _, data = load("cartpole")
-    with pytest.raises(KeyError, match=r"hinge.*slider|slider.*hinge"):
-        data.joint("hing")
 
 
 # cube_table
@@ -100,20 +83,6 @@ def test_a_box_of_two_kilograms_weighs_four_times_as_much() -> None:
     model.body_inertia[:] *= 4
     mujoco.mj_step(model, data, 300)
     assert normal_forces(model, data) == pytest.approx([4.905] * 8, abs=5e-4)
-
-
-def test_a_free_joint_declared_earlier_shifts_indices_and_not_names() -> None:
-    hinge = "<body name='arm'><joint name='hinge'/><geom size='.1'/></body>"
-    free = "<body name='free'><freejoint/><geom size='.1'/></body>"
-    before, after = (
-        mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{b}</worldbody></mujoco>")
-        for b in (hinge, free + hinge)
-    )
-    assert after.joint("hinge").qposadr[0] - before.joint("hinge").qposadr[0] == 7
-    assert after.joint("hinge").dofadr[0] - before.joint("hinge").dofadr[0] == 6
-    data = mujoco.MjData(after)
-    data.joint("hinge").qpos = 0.3
-    assert data.qpos[7] == 0.3
 
 
 # the others
