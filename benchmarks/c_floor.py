@@ -140,9 +140,9 @@ def measure_launch(request: dict[str, Any], channel: isolate.Channel) -> None:
     run, reference = c_loop(library, work, resources.datas(1)[0], contest.returns_states)
     run()
     prepared = paths.find(contest.path).prepare(work, contest.options, resources)
-    states = prepared.verify()
+    states = prepared.verified_states()
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    difference = agreement.first_difference(states.values, reference, columns, states.held)
+    difference = agreement.first_difference(states.values, reference, columns, states.mask)
     if difference:
         raise MachineError(f"disagrees with the C program: {difference}")
     contenders = [

@@ -1,5 +1,7 @@
 """Errors that reach a user as one line: what was given, what was expected, what to do."""
 
+import difflib
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mjbench.status import ExitCode, Status
@@ -44,3 +46,15 @@ def one_line(text: object, limit: int = 300) -> str:
     """Return `text` as a single line of at most `limit` characters."""
     line = " ".join(str(text).split())
     return line if len(line) <= limit else line[: limit - 1] + "…"
+
+
+def suggestion(word: str, choices: Iterable[str], n: int = 3) -> str:
+    """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar.
+
+    Args:
+      word: that the user typed.
+      choices: the words that are known.
+      n: the most choices to name, the most similar first.
+    """
+    similar = difflib.get_close_matches(word, list(choices), n=n)
+    return f" (did you mean {', '.join(similar)}?)" if similar else ""

@@ -89,6 +89,7 @@ def compare(
     """
     from mjbench.comparison import compare as room
     from mjbench.comparison import measure, selection
+    from mjbench.paths import nthread
     from mjbench.simulation import models
 
     check_sizes(nstep, hold)
@@ -105,7 +106,7 @@ def compare(
     if asked and len(sweep) > 1:
         asked = [*asked, *selection.rivals(asked)]
     variants = selection.variants(asked, threads, choices)
-    largest = max(max(o.get("threads", 1), o.get("processes", 1)) for _, o in variants)
+    largest = max(nthread(options) for _, options in variants)
     plan = room.ComparisonPlan(
         variants=variants,
         nstep=nstep,

@@ -4,6 +4,7 @@ It takes the workload from the file that `measure` left, bit by bit; compiles; t
 from states of the reference run and judges them; and only then times the steady program.
 """
 
+import dataclasses
 import resource
 import sys
 import time
@@ -22,10 +23,11 @@ from mjbench.paths.accelerated import (
     Compiled,
     StepOutcome,
     load_workload,
-    peaks,
+    reference_peaks,
     start_fields,
 )
-from mjbench.simulation import agreement, models, trajectory, work, workload
+from mjbench.simulation import accelerated_check, agreement, models, trajectory, work, workload
+from mjbench.simulation.accelerated_check import AcceleratedCheck
 from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps
 
 # Simulations followed step by step, spread over the batch, and the most single steps taken from
@@ -128,13 +130,15 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
         channel.expect(request["limit_s"])  # each call anew: a program that hangs is soon found
         return advance(*arguments)
 
-    compiled.advance = patient
+    compiled = dataclasses.replace(compiled, advance=patient)
     checked, final = check(made, compiled, path.precision)
-    failures = agreement.failures(checked)
-    verdict["snippet"] = path.snippet(made, {**request["options"], **compiled.room})
+    failures = accelerated_check.failures(checked)
+    verdict["snippet"] = path.snippet(made, {**request["options"], **compiled.buffer_sizes})
     if failures:
         verdict |= {"status": "disagrees", "detail": "; ".join(failures)}
-    channel.send(**verdict, agrees=not failures, agreement=agreement.words(checked), check=checked)
+    channel.send(
+        **verdict, agrees=not failures, agreement=accelerated_check.summary(checked), check=checked
+    )
     if not failures:
         channel.where(f"timing {path.name} {request['options']}")
         _time(compiled, channel, request["limit_s"])
@@ -150,22 +154,22 @@ def measure(request: dict[str, Any], channel: Channel) -> None:
 
 def check(
     made: workload.Workload, compiled: Compiled, precision: str
-) -> tuple[dict[str, Any], Mapping[str, np.ndarray]]:
+) -> tuple[AcceleratedCheck, Mapping[str, np.ndarray]]:
     """Return how far a compiled run strays from the reference, and the fields that it ends in.
 
-    See `agreement.failures`.
+    See `accelerated_check.failures`.
     """
     rounded = precision == "float32"
-    reference = trajectory.run(made, FOLLOWED)
+    reference = trajectory.record_trajectory(made, FOLLOWED)
     taken = trajectory.single_steps(made, reference, MOST_SINGLES, rounded)
     after = _single_steps(compiled, made, taken)
     found = _judged_singles(made, taken, after) | {"precision": precision}
     followed = reference.simulation
-    shadow = trajectory.run(made, FOLLOWED, rounded=True)
+    shadow = trajectory.record_trajectory(made, FOLLOWED, rounded=True)
     starts = start_fields(made)
     final = compiled.advance(starts, made.control, made.nstep).fields
     found["received"] = _received(made, compiled, starts, final, rounded)
-    for key, nstep in (("free", reference.free), ("final", made.nstep)):
+    for key, nstep in (("unconstrained", reference.unconstrained_nstep), ("final", made.nstep)):
         got = final
         if nstep < made.nstep:
             got = compiled.advance(starts, made.control, nstep).fields
@@ -181,14 +185,14 @@ def check(
     found["final_shadow_median"] = float(np.median(shaded))
     whole = np.isfinite(np.hstack([final[n] for n in COMPARED if n in final])).all(axis=1)
     found["lost"] = int((~whole).sum())
-    return found, final
+    return AcceleratedCheck(**found), final
 
 
 def _other_end(
     made: workload.Workload,
     compiled: Compiled,
     final: Mapping[str, np.ndarray],
-    checked: Mapping[str, Any],
+    checked: AcceleratedCheck,
 ) -> str:
     """Return how the last timed block ended elsewhere than the run that was checked, if it did.
 
@@ -199,15 +203,15 @@ def _other_end(
     reached = compiled.final_states()
     got = workload.fields(made.model, reached.values)
     strayed = agreement.max_relative_error(got, final, COMPARED)
-    lost = int((strayed > agreement.FINITE).sum())
+    lost = int((strayed > accelerated_check.FINITE_LIMIT).sum())
     if lost:
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     stray, allowed = float(strayed.max()), 0.0
-    if not compiled.exact:
-        shadow = checked["final_shadow"]
-        if checked["free_nstep"] < made.nstep:
-            stray, shadow = float(np.median(strayed)), checked["final_shadow_median"]
-        allowed = agreement.SHADOW_FACTOR * max(shadow, float(np.finfo(np.float32).eps))
+    if not compiled.is_deterministic:
+        shadow = checked.final_shadow
+        if checked.unconstrained_nstep < made.nstep:
+            stray, shadow = float(np.median(strayed)), checked.final_shadow_median
+        allowed = accelerated_check.SHADOW_FACTOR * max(shadow, float(np.finfo(np.float32).eps))
     if stray <= allowed:
         return ""
     return f"timed blocks end {stray:.2g} from the run that was checked"
@@ -272,17 +276,17 @@ def _judged_singles(
     if after.contacts is not None and touching.any():
         same = after.contacts.counts(total) == contacts
         found["same_count"] = float(same[touching].mean())
-        found["normal_degrees"] = agreement.normal_angle(
+        found["normal_degrees"] = accelerated_check.normal_angle(
             taken.contacts, after.contacts.first(count)
         )
     kinds = {
-        "free": ~touching & ~constrained,
+        "unconstrained": ~touching & ~constrained,
         "constrained": ~touching & constrained,
         "contact": touching,
     }
     for kind, rows in kinds.items():
         found[f"{kind}_steps"] = int(rows[:count].sum())
-        found[f"{kind}_stray"] = float(stray[rows].max()) if rows.any() else None
+        found[f"{kind}_error"] = float(stray[rows].max()) if rows.any() else None
     return found
 
 
@@ -306,6 +310,6 @@ def memory_bytes() -> int:
 
 def _hopeless(made: workload.Workload, resources: paths.Resources) -> str | None:
     """Return why MJX on a CPU is not worth trying on a workload, or None."""
-    if work.describe(made.model)["integrator"] == "rk4":
+    if work.describe(made.model).integrator == "rk4":
         return RK4_REASON
-    return CONTACT_REASON if peaks(made, resources).contacts else None
+    return CONTACT_REASON if reference_peaks(made, resources).contacts else None

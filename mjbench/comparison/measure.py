@@ -70,7 +70,7 @@ class Bench:
     def difference(self, states: paths.States) -> agreement.Difference | None:
         """Return where `states` first differ from the reference, or None."""
         return agreement.first_difference(
-            states.values, self.observed.final_state, self.columns, states.held
+            states.values, self.observed.final_state, self.columns, states.mask
         )
 
 
@@ -144,7 +144,7 @@ def _contact_bench(request: dict[str, Any]) -> Bench:
     hold = request["hold"]
     nstep = hold * max(1, CONTACT_NSTEP // hold)
     workload = make(model, CONTACT_NBATCH, nstep, hold, request["seed"])
-    return Bench.of(*work.healthy(workload))
+    return Bench.of(*work.observe_healthy(workload))
 
 
 def _verified(
@@ -159,14 +159,14 @@ def _verified(
         return None
     try:
         prepared = path.prepare(bench.workload, options, bench.resources)
-        difference = bench.difference(prepared.verify())
+        difference = bench.difference(prepared.verified_states())
         place = ""
         if difference:
             difference = _located(variant, bench, difference)
         elif contact:
             place = f", on {CONTACT_MODEL}"
             difference = contact.difference(
-                path.prepare(contact.workload, options, contact.resources).verify()
+                path.prepare(contact.workload, options, contact.resources).verified_states()
             )
             if difference:
                 difference = _located(variant, contact, difference)
@@ -192,10 +192,10 @@ def _located(variant: Variant, bench: Bench, at_end: agreement.Difference) -> ag
     """
 
     def seen(ncontrol: int) -> agreement.Difference | None:
-        shorter = Bench.of(*work.healthy(bench.workload.first(ncontrol)))
+        shorter = Bench.of(*work.observe_healthy(bench.workload.first(ncontrol)))
         try:
             prepared = variant.path.prepare(shorter.workload, variant.options, shorter.resources)
-            return shorter.difference(prepared.verify())
+            return shorter.difference(prepared.verified_states())
         finally:
             shorter.resources.close()
 

@@ -65,7 +65,7 @@ def rivals(names: Sequence[str]) -> list[str]:
 
 def compiles(name: str) -> bool:
     """Return whether a path compiles first, and has a process of its own for it."""
-    return isinstance(paths.find(name), AcceleratedPath)
+    return paths.find(name).compiles
 
 
 def _usual(name: str) -> bool:

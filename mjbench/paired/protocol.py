@@ -21,9 +21,11 @@ import numpy as np
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess, place
+from mjbench.paths import nthread
 from mjbench.releases import installs
 from mjbench.simulation import agreement
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import PortableWorkload
 
 # A block is about this long, in seconds: the shorter, the closer a pair, and the fewer are hit by
 # what else the machine does; the longer, the less its cold start weighs, which both sides have
@@ -39,7 +41,6 @@ LAYOUTS, LAYOUT_S, LEAST_QUADS, MOST_QUADS = 3, 0.1, 2, 100
 # Paths with threads get blocks in which starting the threads is no longer what is measured.
 THREADED_BLOCK_S = 0.01
 
-_THREAD_OPTIONS = ("threads", "processes", "engine_threads")
 # The cores that this process may use, before it pins itself to one.
 _ALLOWED = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 
@@ -67,7 +68,7 @@ class Target:
     @property
     def threads(self) -> int:
         """Return how many threads, or processes, it steps with."""
-        return max(self.options.get(name) or 1 for name in _THREAD_OPTIONS)
+        return nthread(self.options)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON-ready values."""
@@ -257,7 +258,7 @@ class TargetPair:
                 seen.append(process.call("observe", work=str(file)))
         kept = self._kept([s["healthy"] for s in seen], [s["diagnosis"] for s in seen], shared)
         self.works = [
-            self.pool.keep(_rows(work, s["final"], rows))
+            self.pool.keep(work.only(rows, s["final"]))
             for work, s, rows in zip(works, seen, kept, strict=True)
         ]
         self._nsim, self._nbatch = len(kept[0]), min(nbatch, len(kept[0]))
@@ -274,7 +275,7 @@ class TargetPair:
 
     def _shared(
         self, both: Sequence[WorkerProcess], making: Mapping[str, Any]
-    ) -> list[dict[str, Any]]:
+    ) -> list[PortableWorkload]:
         """Return the workload of each side: one for both, unless their models differ in size."""
         made = both[0].call("make", **making)
         try:
@@ -343,16 +344,6 @@ class TargetPair:
             self._calibrator = self.pool.start(self.sides[0].release)
             self._calibrator.answers()
         return float(self._calibrator.call("cores", threads=threads))
-
-
-def _rows(work: Mapping[str, Any], final: np.ndarray, rows: np.ndarray) -> dict[str, Any]:
-    """Return some simulations of a workload, with the final states they must reach."""
-    return {
-        **work,
-        "fields": {name: values[rows] for name, values in work["fields"].items()},
-        "control": work["control"][rows],
-        "final": final[rows],
-    }
 
 
 def _quads(old: WorkerProcess, new: WorkerProcess, count: int) -> tuple[list[str], np.ndarray]:

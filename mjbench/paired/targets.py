@@ -6,7 +6,6 @@ from typing import Any
 from mjbench import paths
 from mjbench.errors import InputError
 from mjbench.paired.protocol import Target
-from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.releases import installs
 from mjbench.simulation import models
 
@@ -68,7 +67,7 @@ def way(name: str) -> paths.SteppingPath:
       InputError: no such path, or one that compiles and is not the same to the last bit.
     """
     path = paths.find(name)
-    if isinstance(path, AcceleratedPath):
+    if path.compiles:
         raise InputError(
             f"path {name} compiles first and rounds its own way, so it cannot take turns with C:"
             f" `mjbench compare --paths {name}` compares it"

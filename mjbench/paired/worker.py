@@ -24,11 +24,14 @@ import time
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mjbench
 from mjbench.errors import InputError, MachineError, failure_of, one_line
 from mjbench.instrument import child
+
+if TYPE_CHECKING:
+    from mjbench.simulation.workload import PortableWorkload
 
 BLOCK, END = b"b", b"e"
 NANOSECONDS = struct.Struct("<q")
@@ -95,8 +98,8 @@ class Worker:
 
         mujoco.mj_saveModel(self.model, path, None)
 
-    def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> dict[str, Any]:
-        """Make a workload; return it, taken apart by MjData field."""
+    def do_make(self, nbatch: int, nstep: int, hold: int, seed: int) -> "PortableWorkload":
+        """Make a workload; return it in a form that any release restores."""
         from mjbench.simulation import work, workload
 
         made, _, _ = work.stable_workload(self.model, nbatch, nstep, hold, seed)
@@ -108,7 +111,7 @@ class Worker:
 
         given = pickle.loads(Path(work).read_bytes())
         self.workload = workload.restore(self.model, given)
-        self.final = given.get("final")
+        self.final = given.final_state
 
     def do_equip(self, model: str, work: str) -> None:
         """Take a saved model and a workload, and import what a run needs."""
@@ -173,8 +176,8 @@ class Worker:
             raise InputError(reason)
         self.resources = paths.Resources(made)
         self.prepared = way.prepare(made, options, self.resources)
-        reached = self.prepared.verify()
-        held = slice(None) if reached.held is None else reached.held
+        reached = self.prepared.verified_states()
+        held = slice(None) if reached.mask is None else reached.mask
         if not np.array_equal(reached.values[held], self.final[rows][held]):
             raise MachineError(f"path {path} does not reach the final states of the plain loop")
         if before is not None:  # until now its memory kept the new one from lying there too

@@ -170,8 +170,8 @@ def differences(old: Sequence[Record], new: Sequence[Record], across: bool) -> l
             if row["workload_digest"] != other["workload_digest"]:
                 raise InputError("not comparable, they did other work")
             faster = stats.unpaired(
-                stats.Measured(_per_step(row), identity(row, new[0])),
-                stats.Measured(_per_step(other), identity(other, old[0])),
+                stats.TimedBlocks(_per_step(row), identity(row, new[0])),
+                stats.TimedBlocks(_per_step(other), identity(other, old[0])),
                 across,
             )
             ratio = {"estimate": faster.median, "low": faster.low, "high": faster.high}
@@ -251,7 +251,7 @@ def _result(row: Record, base: Record | None, timestep: float | None) -> Record:
     result["step_ns"] = {"median": 1e9 * median, "min": 1e9 * min(samples) / steps}
     result["realtime_factor"] = timestep / median if timestep else None
     if base and _compiles(row):
-        sides = (stats.Measured(base["samples_s"], {}), stats.Measured(samples, {}))
+        sides = (stats.TimedBlocks(base["samples_s"], {}), stats.TimedBlocks(samples, {}))
         result["speedup"] = asdict(stats.unpaired(*sides))
         gain = statistics.median(base["samples_s"]) / steps - median
         spent = (row["trace_s"] or 0.0) + row["compile_s"]

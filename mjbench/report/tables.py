@@ -8,8 +8,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from mjbench.instrument.runs import Record
+from mjbench.paths import nthread
 from mjbench.report import results as derive
-from mjbench.simulation import agreement
+from mjbench.simulation import accelerated_check
 
 # Below this share of the usable cores, threaded figures say more about the machine's other
 # guests than about the paths.
@@ -268,13 +269,13 @@ def _causes(results: Sequence[Record]) -> list[str]:
     checks = {r["precision"]: r for r in known}
     if "float32" not in checks or "float64" not in checks:
         return []
-    cause = agreement.cause(checks["float32"]["check"], checks["float64"]["check"])
+    cause = accelerated_check.error_cause(checks["float32"]["check"], checks["float64"]["check"])
     return [f"MJX strays from C by {cause}"]
 
 
 def _threaded(result: Record) -> bool:
     options = result["options"]
-    return bool(max(options.get("threads", 1), options.get("processes", 1)) > 1)
+    return nthread(options) > 1
 
 
 def _print_advice(out: Console, entry: Record) -> None:

@@ -1,5 +1,6 @@
 """MJX and Warp: the same workload, judged by tolerances, killed where they do not return."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -10,19 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import PYTHONPATH, ROOT, mjbench
-from pretender import FREE, NBATCH, NSTEP, Pretender, made
+from pretender import MODEL, NBATCH, NSTEP, Pretender, make_workload
 
 from mjbench import paths
 from mjbench.comparison import accelerated_run, compare, selection
 from mjbench.errors import MachineError
 from mjbench.instrument import isolate
-from mjbench.paths.accelerated import (
-    AcceleratedPath,
-    check_overflow,
-    save_workload,
-)
+from mjbench.paths.accelerated import AcceleratedPath, save_workload
+from mjbench.paths.warp_buffers import check_overflow
 from mjbench.report import results
-from mjbench.simulation import agreement, models, trajectory, workload
+from mjbench.simulation import accelerated_check, models, trajectory, workload
 from mjbench.simulation.work import Peaks, observe
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
@@ -51,13 +49,13 @@ def measured(
             told["samples"].append(message["seconds"])
         told.update(message)
 
-    source = models.resolve(more.pop("model", FREE))
+    source = models.resolve(more.pop("model", MODEL))
     return accelerated_run.run(source, path.name, {}, file, take, **more), told
 
 
 @pytest.mark.parametrize(("name", "nstep"), [("mjx", NSTEP), ("mjx64", 500), ("warp", NSTEP)])
 def test_the_cart_pole_keeps_to_the_tolerances(name: str, nstep: int, tmp_path: Path) -> None:
-    work = made(nstep=nstep)
+    work = make_workload(nstep=nstep)
     ended, told = measured(available(name), work, tmp_path)
     assert ended.status == "ok", ended.detail
     assert told["agrees"] is True, told["detail"]
@@ -69,10 +67,10 @@ def test_the_cart_pole_keeps_to_the_tolerances(name: str, nstep: int, tmp_path: 
     assert told["workload_digest"] == work.digest()
     check = told["check"]
     assert check["received"] is True
-    assert check["free_steps"] == min(NBATCH * nstep, accelerated_run.MOST_SINGLES)
+    assert check["unconstrained_steps"] == min(NBATCH * nstep, accelerated_run.MOST_SINGLES)
     assert check["final_nstep"] == nstep
     if name == "mjx64":
-        assert check["free_stray"] <= 1e-12
+        assert check["unconstrained_error"] <= 1e-12
         assert check["final_difference"] <= 1e-10
 
 
@@ -88,7 +86,7 @@ BALL = """
 
 def test_warp_called_by_mjx_has_room_and_tells_its_contacts(tmp_path: Path) -> None:
     (tmp_path / "ball.xml").write_text(BALL)
-    work = made(str(tmp_path / "ball.xml"), nbatch=8, nstep=10)
+    work = make_workload(str(tmp_path / "ball.xml"), nbatch=8, nstep=10)
     contacts = observe(work).peaks.contacts
     model = str(tmp_path / "ball.xml")
     ended, told = measured(available("mjx_warp"), work, tmp_path, model=model, limit_s=120.0)
@@ -104,40 +102,40 @@ def test_warp_called_by_mjx_has_room_and_tells_its_contacts(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ("control", "free step strays"),
-        ("control", "does not hold"),
-        ("start", "does not hold"),
+        ("control", "an unconstrained step differs"),
+        ("control", "does not have"),
+        ("start", "does not have"),
         ("nan", "finite"),
-        ("step", "free steps stray"),
+        ("step", "unconstrained steps differ"),
     ],
 )
 def test_a_wrong_engine_is_refused(wrong: str, said: str) -> None:
-    work = made()
-    compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-    found = agreement.failures(accelerated_run.check(work, compiled, "float64")[0])
+    work = make_workload()
+    compiled = Pretender(wrong).compile(work, {}, Peaks(0, 0))
+    found = accelerated_check.failures(accelerated_run.check(work, compiled, "float64")[0])
     assert any(said in line for line in found), found
 
 
 @pytest.mark.parametrize("wrong", ["still", "nan", "start"])
 def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
-    work = made("humanoid")
-    compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-    assert agreement.failures(accelerated_run.check(work, compiled, "float64")[0])
+    work = make_workload("humanoid")
+    compiled = Pretender(wrong).compile(work, {}, Peaks(0, 0))
+    assert accelerated_check.failures(accelerated_run.check(work, compiled, "float64")[0])
 
 
 def test_every_simulation_of_a_large_batch_takes_a_step_that_is_judged() -> None:
-    work = made(nbatch=300, nstep=4)
+    work = make_workload(nbatch=300, nstep=4)
     for wrong in ("", "many"):
-        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-        found = agreement.failures(accelerated_run.check(work, compiled, "float64")[0])
-        assert any("a free step strays" in line for line in found) == bool(wrong), found
+        compiled = Pretender(wrong).compile(work, {}, Peaks(0, 0))
+        found = accelerated_check.failures(accelerated_run.check(work, compiled, "float64")[0])
+        assert any("an unconstrained step differs" in line for line in found) == bool(wrong), found
 
 
 def test_timed_blocks_that_do_nothing_are_told_in_contact_on_a_gpu_too() -> None:
-    work = made("humanoid", nbatch=8)
+    work = make_workload("humanoid", nbatch=8)
     for wrong in ("", "idle"):
-        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-        compiled.exact = False
+        compiled = Pretender(wrong).compile(work, {}, Peaks(0, 0))
+        compiled = dataclasses.replace(compiled, is_deterministic=False)
         checked, reached = accelerated_run.check(work, compiled, "float64")
         assert bool(accelerated_run._other_end(work, compiled, reached, checked)) == bool(wrong)
 
@@ -145,9 +143,9 @@ def test_timed_blocks_that_do_nothing_are_told_in_contact_on_a_gpu_too() -> None
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told(exact: bool) -> None:
     for wrong, said in (("", ""), ("block", "timed blocks end")):
-        work = made()
-        compiled = Pretender(wrong).compiled(work, {}, Peaks(0, 0))
-        compiled.exact = exact
+        work = make_workload()
+        compiled = Pretender(wrong).compile(work, {}, Peaks(0, 0))
+        compiled = dataclasses.replace(compiled, is_deterministic=exact)
         checked, reached = accelerated_run.check(work, compiled, "float64")
         assert accelerated_run._other_end(work, compiled, reached, checked).startswith(said)
         assert bool(accelerated_run._other_end(work, compiled, reached, checked)) == bool(said)
@@ -160,7 +158,7 @@ def test_a_timed_block_that_ends_elsewhere_than_what_was_checked_is_told(exact: 
 def test_the_snippet_computes_what_c_computes(
     name: str, result: str, within: float, tmp_path: Path
 ) -> None:
-    path, work = available(name), made()
+    path, work = available(name), make_workload()
     np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
     (tmp_path / "run.py").write_text(
         "import numpy as np\n"
@@ -173,7 +171,7 @@ def test_the_snippet_computes_what_c_computes(
         "np.save('out.npy', np.hstack(rows))\n"
     )
     subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
-    want = trajectory.run(work, NBATCH).states[:, work.nstep]
+    want = trajectory.record_trajectory(work, NBATCH).states[:, work.nstep]
     fields = workload.fields(work.model, want)
     got = np.load(tmp_path / "out.npy")
     assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
@@ -191,7 +189,9 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
         "    def counts_on_host(self): return True\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    ended, told = measured(available("fixed:Fixed"), made(), tmp_path, import_from=str(tmp_path))
+    ended, told = measured(
+        available("fixed:Fixed"), make_workload(), tmp_path, import_from=str(tmp_path)
+    )
     assert ended.status == "ok", ended.detail
     assert told["agrees"] is True, told["agreement"]
     assert len(told["samples"]) >= accelerated_run.LEAST_BLOCKS
@@ -199,29 +199,28 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
 
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])
 def test_the_reference_engine_itself_passes(model: str) -> None:
-    work = made(model)
-    compiled = Pretender().compiled(work, {}, Peaks(0, 0))
+    work = make_workload(model)
+    compiled = Pretender().compile(work, {}, Peaks(0, 0))
     checked, _ = accelerated_run.check(work, compiled, "float64")
-    assert agreement.failures(checked) == []
-    assert checked["final_difference"] == 0
-    assert checked["final_shadow"] > 0
-    assert bool(checked["contact_steps"]) == (model == "humanoid")
-    json.dumps(checked, allow_nan=False)
+    assert accelerated_check.failures(checked) == []
+    assert checked.final_difference == 0
+    assert checked.final_shadow > 0
+    assert bool(checked.contact_steps) == (model == "humanoid")
+    json.dumps(dataclasses.asdict(checked), allow_nan=False)
 
 
 def test_a_program_that_never_returns_is_a_row_that_says_timeout(tmp_path: Path) -> None:
     """The run goes on: the paths before and after it have their speeds."""
     (tmp_path / "hangs.py").write_text(
-        "import time\n"
+        "import dataclasses\n"
         "from pretender import Pretender\n"
         "class Hangs(Pretender):\n"
         "    name = 'hangs'\n"
-        "    def compiled(self, work, options, peaks):\n"
-        "        found = super().compiled(work, options, peaks)\n"
+        "    def compile(self, work, options, peaks):\n"
+        "        compiled = super().compile(work, options, peaks)\n"
         "        def run():\n"
         "            while True: pass\n"
-        "        found.run = run\n"
-        "        return found\n"
+        "        return dataclasses.replace(compiled, run=run)\n"
         "class Fine(Pretender):\n"
         "    name = 'fine'\n"
     )
@@ -236,7 +235,7 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(tmp_path: Path)
     )
     sys.path.insert(0, str(tmp_path))
     try:
-        outcome = compare.compare_model(models.resolve(FREE), plan, lambda name, share: None)
+        outcome = compare.compare_model(models.resolve(MODEL), plan, lambda name, share: None)
         found = {r["path"]: r for r in results.of_model(outcome.records)}
     finally:
         sys.path.remove(str(tmp_path))
@@ -256,7 +255,7 @@ def test_a_child_that_takes_too_much_memory_is_killed_and_says_so() -> None:
 
 
 def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjbench.paths.accelerated._installed", lambda name: False)
+    monkeypatch.setattr("mjbench.paths.accelerated._is_installed", lambda name: False)
     for name, extra in (
         ("mjx", "mjx"),
         ("mjx64", "mjx"),
@@ -280,7 +279,7 @@ def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
     path = available("warp")
     asleep = BALL.replace("<mujoco>", '<mujoco><option><flag sleep="enable"/></option>')
     (tmp_path / "asleep.xml").write_text(asleep)
-    assert "sleep" in str(path.unsuited(made(str(tmp_path / "asleep.xml")), {}))
+    assert "sleep" in str(path.unsuited(make_workload(str(tmp_path / "asleep.xml")), {}))
 
 
 def test_a_model_that_mjx_does_not_take_is_told_with_its_own_reason(tmp_path: Path) -> None:
