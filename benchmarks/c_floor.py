@@ -177,7 +177,7 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
     run_c, reference = c_loop(request.library, work, data, case.returns_states)
     prepared = paths.find(case.path).prepare(work, case.options, resources)
     run_c()
-    _compare(prepared.verify(), reference, model)
+    _compare(prepared.verified_states(), reference, model)
     contenders = [
         timing.Contender(_nothing, run_c, _nothing),
         timing.Contender(prepared.clear, prepared.run, _nothing),
@@ -190,7 +190,7 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
 
 def _compare(states: paths.States, reference: np.ndarray, model: mujoco.MjModel) -> None:
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    difference = agreement.first_difference(states.values, reference, columns, states.held)
+    difference = agreement.first_difference(states.values, reference, columns, states.mask)
     if difference:
         raise MachineError(f"the path disagrees with the C program: {difference}")
 

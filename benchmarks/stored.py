@@ -117,7 +117,7 @@ def prepared_run(
     if reason:
         raise NotImplementedError(reason)
     run = stepping_path.prepare(stored, options, paths.Resources(stored))
-    if not np.array_equal(run.verify().values, work.observe(stored).final_state):
+    if not np.array_equal(run.verified_states().values, work.observe(stored).final_state):
         raise RuntimeError(f"{path} {options} is not timed: it disagrees with the plain loop")
     return run
 

@@ -49,6 +49,12 @@ def one_line(text: object, limit: int = 300) -> str:
 
 
 def suggestion(word: str, choices: Iterable[str], n: int = 3) -> str:
-    """Return ` (did you mean …?)` with up to `n` choices near `word`; empty without any."""
-    close = difflib.get_close_matches(word, list(choices), n=n)
-    return f" (did you mean {', '.join(close)}?)" if close else ""
+    """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar.
+
+    Args:
+      word: that the user typed.
+      choices: the words that are known.
+      n: the most choices to name, the most similar first.
+    """
+    similar = difflib.get_close_matches(word, list(choices), n=n)
+    return f" (did you mean {', '.join(similar)}?)" if similar else ""

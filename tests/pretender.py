@@ -1,7 +1,9 @@
-"""An accelerated path that is C under another name, for tests of what checks it."""
+"""An accelerated path that is C under another name, for tests of the check of such paths."""
 
+from collections.abc import Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -10,17 +12,19 @@ from mjbench.paths.accelerated import (
     AcceleratedPath,
     Compiled,
     StepOutcome,
-    final,
     start_fields,
+    states_of_fields,
 )
-from mjbench.paths.base import States
+from mjbench.paths.base import Options, States
 from mjbench.simulation import models, trajectory, workload
+from mjbench.simulation.work import Peaks
 
-FREE = "cartpole"
+# A model without contacts or other constraints.
+MODEL = "cartpole"
 NBATCH, NSTEP = 4, 20
 
 
-def made(name: str = FREE, nbatch: int = NBATCH, nstep: int = NSTEP) -> workload.Workload:
+def make_workload(name: str = MODEL, nbatch: int = NBATCH, nstep: int = NSTEP) -> workload.Workload:
     return workload.make(models.load(models.resolve(name)), nbatch, nstep, hold=2)
 
 
@@ -35,7 +39,12 @@ def available(name: str) -> AcceleratedPath:
 
 
 class Pretender(AcceleratedPath):
-    """C itself under another name, with something wrong, to see what the check makes of it."""
+    """C itself under another name, with one fault, which the check must find.
+
+    Attributes:
+      fault: `control`, `nan`, `many`, `step`, `still` or `start` spoil `advance`, `block` and
+        `idle` the timed run; empty for none.
+    """
 
     name = "pretender"
     summary = "wrong on purpose"
@@ -43,45 +52,69 @@ class Pretender(AcceleratedPath):
     extra = "none"
     packages = ()
 
-    def __init__(self, wrong: str = "") -> None:
-        self.wrong = wrong
+    def __init__(self, fault: str = "") -> None:
+        self.fault = fault
 
     def device_kind(self) -> str:
         return "cpu"
 
-    def fields(self, model: Any) -> Any:
-        return workload.fields(model, made().initial_state)
+    def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
+        return workload.fields(model, make_workload().initial_state)
 
-    def snippet(self, workload: Any, options: Any) -> str:
+    def snippet(self, workload: workload.Workload, options: Options) -> str:
         return ""
 
-    def compiled(self, work: Any, options: Any, peaks: Any) -> Compiled:
-        def advance(fields: Any, control: np.ndarray, nstep: int) -> StepOutcome:
-            rows = workload.states(work.model, fields)
-            if self.wrong == "control":
-                control = np.roll(control, 1, axis=0) + 0.1
-            given = workload.Workload(work.model, rows, control, work.hold, 0)
-            states = trajectory.run(with_steps(given, nstep), work.nbatch).states
-            after = workload.fields(work.model, states[:, nstep])
-            after.pop("ctrl", None)
-            if self.wrong == "nan":
-                after["qvel"][1] = np.nan
-            if self.wrong == "many" and len(rows) > 256:  # as if a buffer ended there
-                after["qpos"][256:] = fields["qpos"][256:]
-            after["ctrl"] = given.step_control[:, max(nstep - 1, 0)]
-            if self.wrong == "step" and nstep > 1:
-                after |= workload.fields(work.model, states[:, nstep - 1])
-            if self.wrong == "still":
-                after |= fields
-            if self.wrong == "start":
-                after["qpos"] = after["qpos"] + 1e-16
-            return StepOutcome(after, None)
+    def compile(self, work: workload.Workload, options: Options, peaks: Peaks) -> Compiled:
+        def advance(
+            fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
+        ) -> StepOutcome:
+            return StepOutcome(self._advance(work, fields, control, nstep), None)
 
         def final_states() -> States:
-            nstep = work.nstep - {"block": 1, "idle": work.nstep}.get(self.wrong, 0)
-            return final(work, advance(start_fields(work), work.control, nstep).fields)
+            nstep = work.nstep - {"block": 1, "idle": work.nstep}.get(self.fault, 0)
+            end = advance(start_fields(work), work.control, nstep)
+            return states_of_fields(work, end.fields)
 
-        return Compiled(_nothing, _nothing, final_states, device="cpu", advance=advance)
+        return Compiled(
+            _nothing,
+            _nothing,
+            final_states,
+            advance=advance,
+            device="cpu",
+            trace_s=None,
+            compile_s=0.0,
+            is_deterministic=True,
+            buffer_sizes={},
+            gpu_memory_bytes=lambda: None,
+        )
+
+    def _advance(
+        self,
+        work: workload.Workload,
+        fields: Mapping[str, np.ndarray],
+        control: np.ndarray,
+        nstep: int,
+    ) -> dict[str, np.ndarray]:
+        """Return the fields after `nstep` steps in C, spoilt by the fault."""
+        if self.fault == "control":
+            control = np.roll(control, 1, axis=0) + 0.1
+        start = workload.states(work.model, fields)
+        stepped = workload.Workload(work.model, start, control, work.hold, 0)
+        states = trajectory.record_trajectory(with_steps(stepped, nstep), work.nbatch).states
+        after = workload.fields(work.model, states[:, nstep])
+        after.pop("ctrl", None)
+        if self.fault == "nan":
+            after["qvel"][1] = np.nan
+        if self.fault == "many" and len(start) > 256:  # as if a buffer ended there
+            after["qpos"][256:] = fields["qpos"][256:]
+        after["ctrl"] = stepped.step_control[:, max(nstep - 1, 0)]
+        if self.fault == "step" and nstep > 1:
+            after |= workload.fields(work.model, states[:, nstep - 1])
+        if self.fault == "still":
+            after |= fields
+        if self.fault == "start":
+            after["qpos"] = after["qpos"] + 1e-16
+        return after
 
 
 def _nothing() -> None:
@@ -89,6 +122,6 @@ def _nothing() -> None:
 
 
 def with_steps(work: workload.Workload, nstep: int) -> workload.Workload:
-    """Return a workload of as many steps, each with the control that it would have had."""
+    """Return a workload of `nstep` steps, each with the control that it had."""
     control = np.ascontiguousarray(work.step_control[:, :nstep])
     return workload.Workload(work.model, work.initial_state, control, 1, 0)

@@ -1,4 +1,4 @@
-"""Paths that are wrong on purpose, one way each; agreement must catch every one."""
+"""Paths that are wrong on purpose, each in one way; the comparison must find every one."""
 
 import dataclasses
 import os
@@ -6,13 +6,12 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.paths.base import fill_from_array, simulate
+from mjbench.paths.base import array_callbacks, make_simulate
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
@@ -22,23 +21,23 @@ class _Wrong(paths.SteppingPath):
     closed_loop = True
 
     def prepare(
-        self, workload: Workload, options: Any, resources: paths.Resources
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
         start, control = self.spoiled(workload)
         final = resources.final_state()
         data = mujoco.MjData(workload.model)
-        spec = compat.state_spec("INTEGRATION")
+        simulate = make_simulate(workload.model, workload.hold)
         n = len(start)
 
         def run() -> None:
-            simulate(workload.model, data, start, control, workload.hold, final[:n], spec, False)
+            simulate(data, start, control, final[:n])
 
-        return paths.Prepared(run, *fill_from_array(final))
+        return paths.Prepared(run, *array_callbacks(final))
 
-    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state, workload.control
 
-    def snippet(self, workload: Any, options: Any) -> str:
+    def snippet(self, workload: Workload, options: paths.Options) -> str:
         return "raise NotImplementedError\n"
 
 
@@ -49,7 +48,7 @@ class Right(_Wrong):
 class ColdWarmStart(_Wrong):
     name = "wrong_paths:ColdWarmStart"
 
-    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
         cold = workload.initial_state.copy()
         cold[:, columns["qacc_warmstart"]] = 0.0
@@ -59,21 +58,21 @@ class ColdWarmStart(_Wrong):
 class OneStepFewer(_Wrong):
     name = "wrong_paths:OneStepFewer"
 
-    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state, workload.control[:, :-1]
 
 
 class ControlShifted(_Wrong):
     name = "wrong_paths:ControlShifted"
 
-    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state, np.roll(workload.control, 1, axis=1)
 
 
 class LastUnstepped(_Wrong):
     name = "wrong_paths:LastUnstepped"
 
-    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state[:-1], workload.control[:-1]
 
 
@@ -82,7 +81,7 @@ class LateError(_Wrong):
 
     name = "wrong_paths:LateError"
 
-    def spoiled(self, workload: Any) -> tuple[np.ndarray, np.ndarray]:
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         control = workload.control.copy()
         control[3, 29:] += 1e-3
         return workload.initial_state, control
@@ -94,7 +93,7 @@ class WrongWhenTimed(Right):
     name = "wrong_paths:WrongWhenTimed"
 
     def prepare(
-        self, workload: Workload, options: Any, resources: paths.Resources
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
         prepared = super().prepare(workload, options, resources)
         right, calls = prepared.run, 0
@@ -106,14 +105,15 @@ class WrongWhenTimed(Right):
             if calls > 2:
                 resources.final_state()[0, 0] += 1.0
 
-        prepared.run = run
-        return prepared
+        return dataclasses.replace(prepared, run=run)
 
 
 class Crashes(Right):
     name = "wrong_paths:Crashes"
 
-    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
         os.kill(os.getpid(), signal.SIGSEGV)
         raise AssertionError
 
@@ -121,7 +121,9 @@ class Crashes(Right):
 class Hangs(Right):
     name = "wrong_paths:Hangs"
 
-    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
         while True:
             time.sleep(600)
 
@@ -129,16 +131,20 @@ class Hangs(Right):
 class Raises(Right):
     name = "wrong_paths:Raises"
 
-    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
         raise RuntimeError("out of luck")
 
 
 class Tells(Right):
-    """Right, and tells a waiting test that it was prepared."""
+    """Right; writes to a pipe once it is prepared, for a test that waits for it."""
 
     name = "wrong_paths:Tells"
 
-    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
         prepared = super().prepare(workload, options, resources)
         pipe = Path(os.environ["MJBENCH_TEST_PIPE"])
         if pipe.exists():
@@ -151,7 +157,9 @@ class CrashesWhenTimed(Right):
 
     name = "wrong_paths:CrashesWhenTimed"
 
-    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
         return _with_late_fault(super().prepare(workload, options, resources), _crash)
 
 
@@ -160,7 +168,9 @@ class HangsWhenTimed(Right):
 
     name = "wrong_paths:HangsWhenTimed"
 
-    def prepare(self, workload: Any, options: Any, resources: Any) -> paths.Prepared:
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
         return _with_late_fault(super().prepare(workload, options, resources), _hang)
 
 

@@ -4,12 +4,12 @@
 `mjbench.simulation.accelerated_check` says what it must hold to.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.paths.accelerated import Compiled, StepOutcome, start_fields
+from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
 from mjbench.simulation import accelerated_check, agreement, trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.accelerated_check import AcceleratedCheck
@@ -21,7 +21,6 @@ from mjbench.simulation.workload import Workload
 FOLLOWED, MAX_SINGLE_STEPS = 32, 256
 
 Fields = Mapping[str, np.ndarray]
-Advance = Callable[[Fields, np.ndarray, int], StepOutcome]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +62,8 @@ def check_run(workload: Workload, advance: Advance, precision: str) -> CheckedRu
       precision: `float32` or `float64`, that it computes in.
     """
     rounded = precision == "float32"
-    reference = trajectory.run(workload, FOLLOWED)
-    shadow = trajectory.run(workload, FOLLOWED, rounded=True)
+    reference = trajectory.record_trajectory(workload, FOLLOWED)
+    shadow = trajectory.record_trajectory(workload, FOLLOWED, rounded=True)
     singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded)
     outcome = _take_single_steps(advance, workload, singles)
     starts = start_fields(workload)
@@ -85,7 +84,7 @@ def check_run(workload: Workload, advance: Advance, precision: str) -> CheckedRu
             float(np.median(shadow_errors)),
         )
 
-    unconstrained, final = run_error(reference.free), run_error(workload.nstep)
+    unconstrained, final = run_error(reference.unconstrained_nstep), run_error(workload.nstep)
     compared = [final_fields[name] for name in COMPARED if name in final_fields]
     is_finite = np.isfinite(np.hstack(compared)).all(axis=1)
     steps = _judge_single_steps(workload, singles, outcome)
@@ -122,11 +121,11 @@ def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRu
     """
     reached = workloads.fields(workload.model, compiled.final_states().values)
     errors = agreement.max_relative_error(reached, checked.final_fields, COMPARED)
-    lost = int((errors > accelerated_check.FINITE).sum())
+    lost = int((errors > accelerated_check.FINITE_LIMIT).sum())
     if lost:
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     error, allowed = float(errors.max()), 0.0
-    if not compiled.exact:
+    if not compiled.is_deterministic:
         shadow = checked.check.final_shadow
         if checked.check.unconstrained_nstep < workload.nstep:
             error, shadow = float(np.median(errors)), checked.check.final_shadow_median

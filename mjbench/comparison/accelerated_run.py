@@ -23,7 +23,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.instrument import isolate, machine, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.paths.accelerated import AcceleratedPath, Compiled, load_workload, peaks
+from mjbench.paths.accelerated import AcceleratedPath, Compiled, load_workload, reference_peaks
 from mjbench.simulation import accelerated_check, models, work
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -98,7 +98,7 @@ def measure(request: AcceleratedRequest, channel: Channel) -> None:
     digest = workload.digest()
     channel.send(CompileReport(compiled.device, compiled.trace_s, compiled.compile_s, digest))
     channel.doing(f"checking {path.name} on {name}")
-    snippet = path.snippet(workload, {**options, **compiled.room})
+    snippet = path.snippet(workload, {**options, **compiled.buffer_sizes})
     _check_and_time(_Case(workload, compiled, path, snippet, request), channel)
     channel.send(PeakMemory(machine.peak_memory_bytes(), compiled.gpu_memory_bytes()))
     resources.close()
@@ -185,4 +185,4 @@ def _reason_not_to_run(
         return reason
     if work.describe(workload.model).integrator == "rk4":
         return RK4_REASON
-    return CONTACT_REASON if peaks(workload, resources).contacts else None
+    return CONTACT_REASON if reference_peaks(workload, resources).contacts else None

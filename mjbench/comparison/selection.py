@@ -7,7 +7,6 @@ from mjbench import paths
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.instrument import machine
-from mjbench.paths.accelerated import AcceleratedPath
 
 # Words that stand for several paths.
 C_PATHS, USUAL_PATHS = "c", "usual"
@@ -69,7 +68,7 @@ def rivals(names: Sequence[str]) -> list[str]:
 
 def _is_usual(name: str) -> bool:
     path = paths.find(name)
-    return isinstance(path, AcceleratedPath) and path.usual and path.unavailable() is None
+    return path.usual and path.unavailable() is None
 
 
 def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:

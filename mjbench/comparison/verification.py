@@ -49,19 +49,20 @@ class ReferenceCase:
         model = models.load(models.resolve(CONTACT_MODEL))
         nstep = hold * max(1, CONTACT_NSTEP // hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
-        return cls.create(*work.healthy(contact_workload), label=CONTACT_MODEL)
+        healthy, observation = work.observe_healthy(contact_workload)
+        return cls.create(healthy, observation, CONTACT_MODEL)
 
     def difference(self, states: paths.States) -> Difference | None:
         """Return where `states` first differ from the reference run's final states, or None."""
         return agreement.first_difference(
-            states.values, self.observation.final_state, self.columns, states.held
+            states.values, self.observation.final_state, self.columns, states.mask
         )
 
     def verify(self, variant: Variant) -> tuple[paths.Prepared, Difference | None]:
         """Prepare a variant and run it once; return the run, and where it first differs."""
         path = paths.find(variant.path)
         prepared = path.prepare(self.workload, variant.options, self.resources)
-        difference = self.difference(prepared.verify())
+        difference = self.difference(prepared.verified_states())
         return prepared, self._first_step(variant, difference) if difference else None
 
     def _first_step(self, variant: Variant, at_end: Difference) -> Difference:
@@ -72,11 +73,11 @@ class ReferenceCase:
         """
 
         def difference_after(ncontrol: int) -> Difference | None:
-            shorter = ReferenceCase.create(*work.healthy(self.workload.first(ncontrol)))
+            shorter = ReferenceCase.create(*work.observe_healthy(self.workload.first(ncontrol)))
             try:
                 path = paths.find(variant.path)
                 prepared = path.prepare(shorter.workload, variant.options, shorter.resources)
-                return shorter.difference(prepared.verify())
+                return shorter.difference(prepared.verified_states())
             finally:
                 shorter.resources.close()
 

@@ -1,8 +1,8 @@
-"""Estimates from raw samples; pure functions.
+"""Estimate speed-ups and judge launches from raw samples; pure functions.
 
-Speed-ups are ratios within a round, where both sides saw the same machine. Their centre is the
-median and their interval comes from order statistics, which assumes nothing about the shape of
-the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
+A speed-up is a ratio within a round, so the machine was in the same state for both times. It is
+estimated by the median; its interval comes from order statistics, which assume nothing about the
+shape of the noise (P. Conover, Practical Nonparametric Statistics, section 3.2).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,42 +14,50 @@ import numpy as np
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
-# Variance of the prior on mean over deviation: the interval is narrowest where the effect is
-# somewhat larger than the deviation between launches, so that ten or twenty of them tell.
+# Variance of the prior on the ratio of mean to deviation. The interval is narrowest where the
+# effect is somewhat larger than the deviation between launches: ten or twenty launches suffice.
 PRIOR = 2.0
-# A verdict of faster or slower stands when its interval's half-width is this share of the change.
+# A verdict of faster or slower is final when its interval's half-width is at most this share of the
+# change.
 SHARE = 0.8
 # Share of the launches left out at each end.
 TRIM = 0.2
-# Fewer launches give no verdict, however clear: they would rest on a deviation of a few numbers.
+# Fewer launches give no verdict, however clear: a few numbers do not estimate a deviation.
 LEAST_LAUNCHES = 6
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A median with its interval; the ends are None where samples are too few for one."""
+    """A median with its interval.
+
+    Attributes:
+      median: of the samples.
+      low: lower end of the interval; None with too few samples.
+      high: upper end of the interval; None with too few samples.
+    """
 
     median: float
     low: float | None
     high: float | None
 
 
-def speedup(base_s: Sequence[float], other_s: Sequence[float]) -> Estimate:
-    """Return how many times faster `other_s` is than `base_s`, round by round.
+def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
+    """Return how many times faster the candidate is than the baseline, round by round.
 
     Args:
-      base_s: seconds of the base in each round.
-      other_s: seconds of the other side in the same rounds.
+      baseline_s: seconds of the baseline in each round.
+      candidate_s: seconds of the candidate in the same rounds.
 
     Raises:
       ValueError: the two differ in length, or are empty.
     """
-    if len(base_s) != len(other_s) or not base_s:
-        raise ValueError(f"need samples of the same rounds, got {len(base_s)} and {len(other_s)}")
-    ratios = np.log(np.asarray(base_s)) - np.log(np.asarray(other_s))
-    low, high = median_interval(ratios)
+    counts = len(baseline_s), len(candidate_s)
+    if counts[0] != counts[1] or not counts[0]:
+        raise ValueError(f"need samples of the same rounds, got {counts[0]} and {counts[1]}")
+    log_ratios = np.log(np.asarray(baseline_s)) - np.log(np.asarray(candidate_s))
+    low, high = median_interval(log_ratios)
     return Estimate(
-        float(np.exp(np.median(ratios))),
+        float(np.exp(np.median(log_ratios))),
         None if low is None else float(np.exp(low)),
         None if high is None else float(np.exp(high)),
     )
@@ -57,48 +65,50 @@ def speedup(base_s: Sequence[float], other_s: Sequence[float]) -> Estimate:
 
 @dataclass(frozen=True)
 class TimedBlocks:
-    """Seconds of blocks of the same work, and what they were taken with.
+    """Times of blocks of the same work, and the circumstances they were measured in.
 
     Attributes:
       seconds: of each block.
-      identity: what must not differ between results that are compared, by name.
+      identity: circumstances, by name, in which results must not differ to be comparable.
     """
 
     seconds: Sequence[float]
     identity: Mapping[str, object]
 
 
-def unpaired(base: TimedBlocks, other: TimedBlocks, across: bool = False) -> Estimate:
-    """Return how many times faster `other` is than `base`, taken at another time.
+def unpaired(baseline: TimedBlocks, candidate: TimedBlocks, across: bool = False) -> Estimate:
+    """Return how many times faster the candidate is than a baseline measured at another time.
 
-    The interval is made of both medians' own, each at the confidence that leaves 95 % for both
-    (Bonferroni); it knows nothing of what changed on the machine between.
+    The interval combines the intervals of both medians, each at the confidence that leaves 95 % for
+    both together (Bonferroni). It does not account for changes of the machine in between.
 
     Args:
-      base: seconds of the base.
-      other: of the other side.
-      across: compare even what differs in identity.
+      baseline: times of the baseline.
+      candidate: times of the candidate.
+      across: compare even results that differ in identity.
 
     Raises:
       InputError: the two differ in identity.
     """
     differing = [
-        f"{name} ({base.identity.get(name)}, {other.identity.get(name)})"
-        for name in sorted({*base.identity, *other.identity})
-        if base.identity.get(name) != other.identity.get(name)
+        f"{name} ({baseline.identity.get(name)}, {candidate.identity.get(name)})"
+        for name in sorted({*baseline.identity, *candidate.identity})
+        if baseline.identity.get(name) != candidate.identity.get(name)
     ]
     if differing and not across:
         raise InputError(f"not comparable, they differ in {', '.join(differing)}")
     confidence = 1 - (1 - CONFIDENCE) / 2
-    logs = [np.log(np.asarray(side.seconds)) for side in (base, other)]
-    ends = [median_interval(values, confidence) for values in logs]
-    (base_low, base_high), (other_low, other_high) = ends
-    known = None not in (base_low, base_high, other_low, other_high)
-    return Estimate(
-        float(np.exp(np.median(logs[0]) - np.median(logs[1]))),
-        float(np.exp(base_low - other_high)) if known else None,  # type: ignore[operator]
-        float(np.exp(base_high - other_low)) if known else None,  # type: ignore[operator]
+    logs = [np.log(np.asarray(blocks.seconds)) for blocks in (baseline, candidate)]
+    (baseline_low, baseline_high), (candidate_low, candidate_high) = (
+        median_interval(values, confidence) for values in logs
     )
+    low = high = None
+    if baseline_low is not None and candidate_high is not None:
+        low = float(np.exp(baseline_low - candidate_high))
+    if baseline_high is not None and candidate_low is not None:
+        high = float(np.exp(baseline_high - candidate_low))
+    median = float(np.exp(np.median(logs[0]) - np.median(logs[1])))
+    return Estimate(median, low, high)
 
 
 def median_interval(
@@ -117,13 +127,13 @@ def median_interval(
 
 @dataclass(frozen=True)
 class Interval:
-    """A trimmed mean with an interval that stays valid however often one looked before stopping.
+    """A trimmed mean with an anytime-valid interval (see `anytime_interval`).
 
     Attributes:
-      mean: of the samples.
+      mean: trimmed mean of the samples.
       low: lower end; minus infinity with too few samples.
       high: upper end; infinity with too few samples.
-      count: samples.
+      count: number of samples.
     """
 
     mean: float
@@ -140,17 +150,23 @@ class Interval:
 def anytime_interval(samples: Sequence[float], confidence: float) -> Interval:
     """Return the trimmed mean of independent samples with its anytime-valid interval.
 
-    Whoever computes it after every new sample, and stops when he likes, is wrong about the centre
-    at any look with a probability of about 1 - confidence. It holds what the t-test's Bayes
-    factor with right-Haar prior on the deviation and a normal prior of variance PRIOR on mean over
-    deviation does not reject at 1 / (1 - confidence); for normal samples that factor is a test
-    martingale, and the bound exact (Pérez-Ortiz, Lardy, de Heij and Grünwald, E-statistics, group
-    invariance and anytime-valid testing, Annals of Statistics 52, 2024; the factor: Gönen, Johnson,
-    Lu and Westfall, The American Statistician 59, 2005).
+    The interval may be computed after every new sample, and sampling stopped at any time: the
+    probability that any of these intervals misses the centre is about 1 - confidence. It contains
+    the values that the t-test's Bayes factor, with right-Haar prior on the deviation and a normal
+    prior of variance PRIOR on the ratio of mean to deviation, does not reject at
+    1 / (1 - confidence). For normal samples that factor is a test martingale, and the bound is
+    exact (Pérez-Ortiz, Lardy, de Heij and Grünwald, E-statistics, group invariance and
+    anytime-valid testing, Annals of Statistics 52, 2024; the factor: Gönen, Johnson, Lu and
+    Westfall, The American Statistician 59, 2005).
 
-    A launch disturbed by another process is off by ten times what others are. So a share TRIM of
-    the samples is left out at each end, and mean and error are those of Yuen (Biometrika 61, 1974),
-    which behave as a mean of the samples left. tests/test_stats.py simulates both kinds of noise.
+    A launch that another process disturbed is off by ten times as much as others. So a share TRIM
+    of the samples is left out at each end, and mean and error are those of Yuen (Biometrika 61,
+    1974), which behave like those of the remaining samples. tests/instrument/test_stats.py
+    simulates both kinds of noise.
+
+    Args:
+      samples: independent samples.
+      confidence: such as 0.99.
 
     Raises:
       ValueError: no samples, or a confidence not between 0 and 1.
@@ -160,42 +176,45 @@ def anytime_interval(samples: Sequence[float], confidence: float) -> Interval:
     values = np.sort(np.asarray(samples, dtype=float))
     count = len(values)
     cut = int(TRIM * count)
-    left = count - 2 * cut
+    left = count - 2 * cut  # samples that remain
     mean = float(values[cut : count - cut].mean())
     growth = 1 + left * PRIOR
-    # the factor reaches 1 / (1 - confidence) where (1 + u) / (1 + u / growth) is `ratio`,
-    # u being t² over the degrees of freedom
+    # The factor reaches 1 / (1 - confidence) where (1 + u) / (1 + u / growth) equals `ratio`; u is
+    # t² divided by the degrees of freedom.
     ratio = (np.sqrt(growth) / (1 - confidence)) ** (2 / left)
     if left < 2 or ratio >= growth:
         return Interval(mean, -np.inf, np.inf, count)
     winsorized = np.clip(values, values[cut], values[count - cut - 1])
     error = np.sqrt((count - 1) * winsorized.var(ddof=1) / (left * (left - 1)))
     u = (ratio - 1) / (1 - ratio / growth)
-    half = float(error * np.sqrt((left - 1) * u))
-    return Interval(mean, mean - half, mean + half, count)
+    half_width = float(error * np.sqrt((left - 1) * u))
+    return Interval(mean, mean - half_width, mean + half_width, count)
 
 
 class Verdict(StrEnum):
-    """What a paired comparison decides of the candidate."""
+    """The outcome of a paired comparison."""
 
     FASTER = "faster"
+    """The candidate takes less time."""
     SLOWER = "slower"
+    """The candidate takes more time."""
     SAME = "same"
-    """Within the smallest effect that matters."""
+    """Any difference is smaller than the smallest effect that matters."""
     INCONCLUSIVE = "inconclusive"
+    """The launches do not decide."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What launches say of candidate over baseline time.
+    """What launches show about the ratio of candidate time to baseline time.
 
     Attributes:
-      verdict: the decision so far.
-      ratio: estimate of new time over old time.
+      verdict: the outcome.
+      ratio: estimate of candidate time over baseline time.
       low: lower end of its interval.
       high: upper end of its interval.
-      launches: that it rests on.
-      enough: whether further launches would change nothing that was asked for.
+      launches: number of launches.
+      enough: whether more launches are unnecessary for the verdict and precision asked for.
     """
 
     verdict: Verdict
@@ -209,41 +228,46 @@ class Judgement:
 def judge(
     log_ratios: Sequence[float], min_effect: float, confidence: float, precision: float
 ) -> Judgement:
-    """Judge launches, each a natural logarithm of new time over old time.
+    """Judge launches, each the natural logarithm of candidate time over baseline time.
 
-    `same`: the whole interval lies within the smallest effect that matters. `slower`, `faster`:
-    the interval excludes no change, and the estimate is nearer to that effect than to none. It is
-    enough when it is `same`, when the half-width is within a SHARE of the change (stopping as soon
-    as it excludes none would overstate the change), and in any case when it is within `precision`,
-    or half of the smallest effect where that is less.
+    The verdict is `same` if the whole interval is within the smallest effect that matters. It is
+    `slower` or `faster` if the interval excludes "no change" and the estimate is nearer to that
+    effect than to no change.
+
+    Launches are enough if the verdict is `same`, or if the interval's half-width is at most a SHARE
+    of the change (to stop as soon as the interval excludes "no change" would overstate the change).
+    They are also enough if the half-width is at most `precision`, or half of the smallest effect if
+    that is less.
 
     Args:
-      log_ratios: one a launch.
+      log_ratios: one per launch.
       min_effect: smallest effect that matters, such as 0.01.
       confidence: such as 0.99; of the whole procedure, however often it is called.
       precision: such as 0.005.
     """
     interval = anytime_interval(log_ratios, confidence)
-    matters = float(np.log1p(min_effect))
-    if -matters < interval.low and interval.high < matters:
-        verdict = Verdict.SAME
-    elif interval.low > 0 and interval.mean > matters / 2:
-        verdict = Verdict.SLOWER
-    elif interval.high < 0 and interval.mean < -matters / 2:
-        verdict = Verdict.FASTER
-    else:
-        verdict = Verdict.INCONCLUSIVE
-    # `same` needs room on both sides of no change
-    asked = min(float(np.log1p(precision)), matters / 2)
-    narrow = max(asked, abs(interval.mean) * SHARE)
-    enough = interval.count >= LEAST_LAUNCHES and (
-        verdict == Verdict.SAME or interval.half_width <= narrow
-    )
+    log_effect = float(np.log1p(min_effect))
+    verdict = _verdict(interval, log_effect)
+    # half of the effect: an interval as wide as the effect on both sides could never be `same`
+    precise = min(float(np.log1p(precision)), log_effect / 2)
+    narrow = max(precise, abs(interval.mean) * SHARE)
+    has_launches = interval.count >= LEAST_LAUNCHES
     return Judgement(
-        verdict if interval.count >= LEAST_LAUNCHES else Verdict.INCONCLUSIVE,
+        verdict if has_launches else Verdict.INCONCLUSIVE,
         float(np.exp(interval.mean)),
         float(np.exp(interval.low)),
         float(np.exp(interval.high)),
         interval.count,
-        enough,
+        has_launches and (verdict == Verdict.SAME or interval.half_width <= narrow),
     )
+
+
+def _verdict(interval: Interval, log_effect: float) -> Verdict:
+    """Return the verdict on an interval of log ratios (see `judge`)."""
+    if -log_effect < interval.low and interval.high < log_effect:
+        return Verdict.SAME
+    if interval.low > 0 and interval.mean > log_effect / 2:
+        return Verdict.SLOWER
+    if interval.high < 0 and interval.mean < -log_effect / 2:
+        return Verdict.FASTER
+    return Verdict.INCONCLUSIVE

@@ -1,8 +1,8 @@
-"""Blocks of work timed in turns, so that the machine's drift hits every contender alike.
+"""Time blocks of work in turns, so that the machine's drift affects every contender alike.
 
-A round times every contender once, in an order drawn anew for each round (the block that follows
-a given neighbour pays for what that neighbour left in the caches). Times are raw: nothing is
-averaged, corrected or thrown away here.
+A round times every contender once. Each round has its own random order, because a block's time
+depends on what the block before it left in the caches. Times are raw: nothing is averaged,
+corrected or discarded here.
 """
 
 import random
@@ -18,9 +18,9 @@ class Contender:
     """Something to time.
 
     Attributes:
-      before: called before each block, untimed.
+      before: called before each block; not timed.
       run: the block.
-      after: called after each block, untimed.
+      after: called after each block; not timed.
     """
 
     before: Callable[[], None]
@@ -29,7 +29,7 @@ class Contender:
 
 
 def block_s(contender: Contender, clock: Clock = time.perf_counter) -> float:
-    """Time one block of a contender; return seconds."""
+    """Time one block of a contender and return the seconds it took."""
     contender.before()
     start = clock()
     contender.run()
@@ -49,24 +49,25 @@ def rounds(
     """Time the contenders in turns; yield the seconds of each round, in the contenders' order.
 
     Args:
-      contenders: what to time.
-      budget_s: no round begins that would end later than this, going by the longest so far.
-      least: rounds that are made whatever they take.
-      most: rounds after which to stop in any case.
-      seed: decides the order within each round.
+      contenders: to time.
+      budget_s: seconds for all rounds; no round begins that would exceed them if it took as long as
+        the longest so far.
+      least: number of rounds to time even if they exceed the budget.
+      most: number of rounds after which to stop.
+      seed: of the order within each round.
       clock: returns seconds.
     """
     order, shuffle = list(range(len(contenders))), random.Random(seed).shuffle
-    begin, longest = clock(), 0.0
-    for done in range(most):
-        now = clock()
-        if done >= least and now - begin + longest > budget_s:
+    begin, longest_s = clock(), 0.0
+    for completed in range(most):
+        round_begin = clock()
+        if completed >= least and round_begin - begin + longest_s > budget_s:
             return
         shuffle(order)
         seconds = [0.0] * len(contenders)
         for i in order:
             seconds[i] = block_s(contenders[i], clock)
-        longest = max(longest, clock() - now)
+        longest_s = max(longest_s, clock() - round_begin)
         yield seconds
 
 

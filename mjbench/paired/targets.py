@@ -11,7 +11,6 @@ from mjbench import paths
 from mjbench.errors import InputError
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
-from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.releases import installs
 from mjbench.simulation import models
 
@@ -96,7 +95,7 @@ def find_path(name: str) -> paths.SteppingPath:
       InputError: there is no such path, or it is an accelerated one.
     """
     path = paths.find(name)
-    if isinstance(path, AcceleratedPath):
+    if path.compiles:
         raise InputError(
             f"path {name} compiles first and rounds differently from C, so the two cannot alternate"
             f" in blocks of the same work; compare them with `mjbench compare --paths {name}`"

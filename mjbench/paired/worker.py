@@ -189,7 +189,7 @@ class Worker:
             raise InputError(reason)
         self.resources = paths.Resources(selected)
         self.prepared = path.prepare(selected, request.options, self.resources)
-        self._check_final_states(request.path, self.prepared.verify(), rows)
+        self._check_final_states(request.path, self.prepared.verified_states(), rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
         gc.collect()
@@ -202,8 +202,8 @@ class Worker:
         import numpy as np
 
         assert self.final_state is not None, "a run is prepared from a workload with final states"
-        held = slice(None) if states.held is None else states.held
-        if not np.array_equal(states.values[held], self.final_state[rows][held]):
+        mask = slice(None) if states.mask is None else states.mask
+        if not np.array_equal(states.values[mask], self.final_state[rows][mask]):
             raise MachineError(f"path {path} does not reach the final states of the plain loop")
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:

@@ -1,16 +1,16 @@
 """The ways of stepping MuJoCo, by name.
 
-`registry()` lists them in the order they are shown; `find` turns a word from the command line
-into a path, `module:Class` for one of your own included.
+`registry()` lists them in the order they are shown; `find` returns the path that a name on the
+command line stands for, including `module:Class` for a path of the user's own.
 """
 
-import difflib
 import importlib
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, one_line, suggestion
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.paths.parallelism import nthread
 
-# The path that every speed-up is a speed-up over.
+# The path that every speed-up is relative to.
 BASE = "python_loop"
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "States",
     "SteppingPath",
     "find",
+    "nthread",
     "registry",
 ]
 
@@ -36,31 +37,30 @@ def registry() -> dict[str, SteppingPath]:
     from mjbench.paths.threads import Threads
     from mjbench.paths.warp import Warp
 
-    kinds = (
+    classes = (
         *(PythonLoop, PythonLoopHold, Rollout, BatchStep, BatchRollout, Threads, Processes),
         *(Mjx, Mjx64, MjxWarp, Warp),
     )
-    return {kind.name: kind() for kind in kinds}
+    return {path_class.name: path_class() for path_class in classes}
 
 
 def find(name: str) -> SteppingPath:
     """Return the path called `name`, or an object of the class that `module:Class` names.
 
     Raises:
-      InputError: no such path; the message lists those there are.
+      InputError: no such path; the message lists the known ones.
     """
     paths = registry()
     if name in paths:
         return paths[name]
     module, colon, attribute = name.partition(":")
-    if colon:
-        try:
-            kind = getattr(importlib.import_module(module), attribute)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise InputError(f"path {name}: {one_line(error)}") from error
-        if isinstance(kind, type) and issubclass(kind, SteppingPath):
-            return kind()
-        raise InputError(f"path {name}: not a subclass of mjbench.paths.SteppingPath")
-    near = difflib.get_close_matches(name, paths, n=1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    raise InputError(f"no path {name!r}{hint}; there are {', '.join(paths)}")
+    if not colon:
+        hint = suggestion(name, paths)
+        raise InputError(f"no path {name!r}{hint}; the paths are {', '.join(paths)}")
+    try:
+        path_class = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"path {name}: {one_line(error)}") from error
+    if isinstance(path_class, type) and issubclass(path_class, SteppingPath):
+        return path_class()
+    raise InputError(f"path {name}: not a subclass of mjbench.paths.SteppingPath")

@@ -1,8 +1,8 @@
-"""What a way of stepping promises that compiles the step first, for an accelerator or for this CPU.
+"""What every path promises that compiles the step first, for an accelerator or for this CPU.
 
-Such a path works in a process of its own (see `apart`): its engine takes all cores, may never
-return, and must not run beside another's timing. It computes in its own precision and order, so it
-is held to tolerances and not to the last bit (see `agreement.judge`).
+Such a path runs in a process of its own (`comparison.accelerated_run`): its engine uses all cores,
+may never return, and must not run while another path is timed. It computes in its own precision
+and order, so its results are held to tolerances, not to the last bit (`AcceleratedCheck`).
 """
 
 import importlib.util
@@ -11,82 +11,75 @@ import pickle
 import sys
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import InputError, one_line
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, work
 from mjbench.simulation.trajectory import Contacts
 from mjbench.simulation.work import Peaks
-from mjbench.simulation.workload import Workload, fields, portable, restore
-
-# Room for contacts and constraints in Warp's buffers, as a multiple of the reference run's peak.
-_ROOM = 2
-# They hold pairs that are merely near, too: no fewer for each world than MuJoCo Warp's own guess
-# for a model of plain geoms (make_data without nconmax).
-_LEAST_CONTACTS = 48
-# Of MuJoCo Warp's overflow flags, those of iterations are no lack of room.
-_ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
+from mjbench.simulation.workload import PortableWorkload, Workload, fields, portable, restore
 
 
 @dataclass(frozen=True, eq=False)
 class StepOutcome:
-    """Where some steps led.
+    """The states that some steps led to.
 
     Attributes:
-      fields: (nbatch, size) float64 arrays by MjData field, those that the engine keeps, and the
-        last controls under `ctrl`.
-      contacts: of the last step; None where the engine does not tell.
+      fields: (nbatch, size) float64 arrays by MjData field: the fields that the engine keeps, and
+        the last controls under `ctrl`.
+      contacts: of the last step; None where the engine does not report them.
     """
 
     fields: Mapping[str, np.ndarray]
     contacts: Contacts | None
 
 
-@dataclass(eq=False)
+# (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep)
+Advance = Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Compiled(Prepared):
-    """A run that was compiled for one size of batch and number of controls.
+    """A run that was compiled for one batch size and number of controls.
 
     Attributes:
-      device: what it runs on, such as `cpu` or `NVIDIA H200`.
-      trace_s: seconds from Python to what the compiler takes; None where there is no such stage.
-      compile_s: seconds of the compiler.
-      exact: whether a timed run repeats the checked one to the last bit: one program, on a CPU. A
-        GPU adds in any order.
-      room: sizes of buffers, by the engine's names for them.
-      gpu_memory_bytes: () → the most memory of the GPU that was taken; None on a CPU, or where the
-        engine does not tell.
-      advance: (fields by name, each (nbatch, size); control (nbatch, ncontrol, nu); nstep) →
-        StepOutcome: the very program that is timed, from other states and for as many steps as one likes.
+      advance: the same program as `run`, called with any states, controls and number of steps.
+      device: that it runs on, such as `cpu` or `NVIDIA H200`.
+      trace_s: seconds from Python to the compiler's input; None where there is no such stage.
+      compile_s: seconds that the compiler took.
+      is_deterministic: whether a timed run repeats the checked one to the last bit. It does where
+        both are one program on a CPU; a GPU adds in any order.
+      buffer_sizes: sizes of the engine's buffers, by its names for them.
+      gpu_memory_bytes: returns the peak GPU memory so far; None on a CPU, or where the engine does
+        not report it.
     """
 
-    device: str = ""
-    trace_s: float | None = None
-    compile_s: float = 0.0
-    exact: bool = True
-    room: Mapping[str, int] = field(default_factory=dict)
-    gpu_memory_bytes: Callable[[], int | None] = lambda: None
-    advance: Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome] = field(
-        default=None  # type: ignore[assignment]
-    )
+    advance: Advance
+    device: str
+    trace_s: float | None
+    compile_s: float
+    is_deterministic: bool
+    buffer_sizes: Mapping[str, int]
+    gpu_memory_bytes: Callable[[], int | None]
 
 
 class AcceleratedPath(SteppingPath):
-    """A path that compiles first.
+    """A path that compiles the step first.
 
     Class attributes:
       precision: `float32` or `float64`.
-      extra: of mjbench that installs what it needs.
-      packages: modules that it needs.
-      engine: what people call it.
-      usual: whether `--paths usual` has it.
+      extra: the extra of mjbench that installs the packages.
+      packages: modules that the path needs.
+      engine: its name for people.
     """
 
     closed_loop = True
-    usual: ClassVar[bool] = False
+    compiles = True
     precision: ClassVar[str]
     extra: ClassVar[str]
     packages: ClassVar[tuple[str, ...]]
@@ -94,171 +87,132 @@ class AcceleratedPath(SteppingPath):
 
     def unavailable(self) -> str | None:
         """Return which extra to install where a package is missing."""
-        missing = [name for name in self.packages if not _installed(name)]
+        missing = [name for name in self.packages if not _is_installed(name)]
         if missing:
             return f"needs {', '.join(missing)}: pip install 'mjbench[{self.extra}]'"
         return None
 
     @abstractmethod
     def device_kind(self) -> str:
-        """Return the kind of device that it would run on, `cpu` or not.
+        """Return the kind of device that the path would run on: `cpu`, or the engine's name of it.
 
         Raises:
-          MachineError: there is none.
+          MachineError: there is no device.
         """
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """Return the engine's own reason for not taking the model or its start states."""
+        """Return the engine's own reason for rejecting the model or its start states."""
         try:
-            taken(start_fields(workload), self.fields(workload.model), self.engine)
-        except Exception as error:  # whatever an engine says of a model that it does not take
-            if _of_machine(error):
+            supported_fields(start_fields(workload), self.data_fields(workload.model), self.engine)
+        except Exception as error:  # engines reject models with exceptions of any type
+            if _is_machine_error(error):
                 raise
-            said = one_line(error) or type(error).__name__
-            return f"{self.engine} does not take this model: {said}"
+            reason = one_line(error) or type(error).__name__
+            return f"{self.engine} does not take this model: {reason}"
         return None
 
     @abstractmethod
-    def fields(self, model: Any) -> Mapping[str, Any]:
-        """Return the engine's Data of a model by field.
+    def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
+        """Return the fields of the engine's Data for a model, by name.
 
-        An error that is not the machine's says that it does not take the model.
+        An exception means that the engine rejects the model, unless it is a machine's error.
         """
 
     def environment(self) -> dict[str, str | None]:
-        """Return environment variables for its process, set before it starts; None removes one."""
+        """Return environment variables to set before its process starts; None removes one."""
         return {}
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Compiled:
         """Return a compiled run, with buffers for what the reference run needs."""
-        return self.compiled(workload, options, peaks(workload, resources))
+        return self.compile(workload, options, reference_peaks(workload, resources))
 
     @abstractmethod
-    def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Return a compiled run."""
+    def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
+        """Return a compiled run, with buffers for steps of up to `peaks`."""
 
 
 def start_fields(workload: Workload) -> dict[str, np.ndarray]:
     """Return the start states by MjData field, each (nbatch, size), without controls."""
-    found = fields(workload.model, workload.initial_state)
-    found.pop("ctrl", None)
-    return found
+    start = fields(workload.model, workload.initial_state)
+    start.pop("ctrl", None)
+    return start
 
 
-def taken(found: Mapping[str, np.ndarray], known: Mapping[str, Any], engine: str) -> dict[str, Any]:
-    """Return the fields that an engine keeps; whatever else is there must be zero.
+def supported_fields(
+    start: Mapping[str, np.ndarray], engine_fields: Mapping[str, Any], engine: str
+) -> dict[str, np.ndarray]:
+    """Return the fields of a start that an engine has; all others must be zero.
 
     Raises:
-      InputError: a field that it does not keep says something.
+      InputError: a field that the engine lacks is not zero.
     """
-    kept = {}
-    for name, values in found.items():
-        if name in known:
-            kept[name] = values
+    supported = {}
+    for name, values in start.items():
+        if name in engine_fields:
+            supported[name] = values
         elif values.any():
-            raise InputError(f"{engine} keeps no {name}, which the start states have")
-    return kept
+            raise InputError(f"{engine} has no {name}, which is not zero in the start states")
+    return supported
+
+
+@dataclass(frozen=True, eq=False)
+class _SavedWorkload:
+    """The content of a file that `save_workload` writes."""
+
+    workload: PortableWorkload
+    peaks: Peaks
 
 
 def save_workload(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
-    """Leave a workload, and the most that a step of its reference run did, for another process."""
-    file.write_bytes(pickle.dumps({"workload": portable(workload), "peaks": peaks}))
+    """Write a workload and the peaks of its reference run to a file, for another process."""
+    file.write_bytes(pickle.dumps(_SavedWorkload(portable(workload), peaks)))
 
 
-def load_workload(model: Any, file: pathlib.Path) -> tuple[Workload, Resources]:
+def load_workload(model: mujoco.MjModel, file: pathlib.Path) -> tuple[Workload, Resources]:
     """Return the workload that `save_workload` wrote, and resources that hold its peaks."""
-    given = pickle.loads(file.read_bytes())
-    made = restore(model, given["workload"])
-    resources = Resources(made)
-    resources.get_or_create("peaks", lambda: given["peaks"])
-    return made, resources
+    saved: _SavedWorkload = pickle.loads(file.read_bytes())
+    workload = restore(model, saved.workload)
+    resources = Resources(workload)
+    resources.get_or_create("peaks", lambda: saved.peaks)
+    return workload, resources
 
 
-def peaks(workload: Workload, resources: Resources) -> Peaks:
-    """Return the most that a step of the reference run did, which is made where none was yet."""
-    made = resources.get_or_create("peaks", lambda: work.observe(workload).peaks)
-    assert isinstance(made, Peaks)
-    return made
+def reference_peaks(workload: Workload, resources: Resources) -> Peaks:
+    """Return the peaks of the reference run, which runs here unless `resources` hold its peaks."""
+    peaks: Peaks = resources.get_or_create("peaks", lambda: work.observe(workload).peaks)
+    return peaks
 
 
-def room_for(peaks: Peaks, nbatch: int) -> dict[str, int]:
-    """Return sizes of Warp's buffers by make_data's names: contacts of all, constraints of each."""
-    return {
-        "naconmax": nbatch * max(_LEAST_CONTACTS, _ROOM * peaks.contacts),
-        "njmax": max(1, _ROOM * peaks.constraints),
-    }
-
-
-def keywords(sizes: Mapping[str, int]) -> str:
-    """Return sizes as they follow other arguments in a call, for a snippet."""
+def keyword_arguments(sizes: Mapping[str, int]) -> str:
+    """Return sizes as keyword arguments that follow others in the text of a call."""
     return "".join(f", {name}={size}" for name, size in sizes.items())
 
 
-def listed_contacts(
-    count: Any, world: Any, geom: Any, frame: Any, distance: Any, margin: Any
-) -> Contacts:
-    """Return those of Warp's contacts that are close enough to count.
-
-    Args:
-      count: how many of the rows below there are.
-      world: (n,) whose they are.
-      geom: (n, 2) ids of geoms.
-      frame: (n, 3, 3) the normal first.
-      distance: (n,) between the geoms, in m.
-      margin: (n,) below which they count, in m.
-    """
-    filled = slice(min(int(np.ravel(count)[0]), len(distance)))
-    near = np.asarray(distance)[filled] < np.asarray(margin)[filled]
-    frames = np.asarray(frame)[filled].reshape(-1, 9)
-    return Contacts.of(
-        np.asarray(world)[filled][near], np.asarray(geom)[filled][near], frames[near, :3]
-    )
-
-
-def final(workload: Workload, found: Mapping[str, np.ndarray]) -> States:
-    """Return final states, and which of their entries the engine keeps.
+def states_of_fields(workload: Workload, fields: Mapping[str, np.ndarray]) -> States:
+    """Return states made of the fields that an engine has, with a mask of their entries.
 
     Args:
       workload: that was run.
-      found: (nbatch, size) arrays by MjData field.
+      fields: (nbatch, size) arrays by MjData field.
     """
     columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
     values = np.full_like(workload.initial_state, np.nan)
-    held = np.zeros(values.shape, dtype=bool)
+    mask = np.zeros(values.shape, dtype=bool)
     for name, place in columns.items():
-        if name in found:
-            values[:, place] = found[name]
-            held[:, place] = True
-    return States(values, held)
+        if name in fields:
+            values[:, place] = fields[name]
+            mask[:, place] = True
+    return States(values, mask)
 
 
-def check_overflow(flags: np.ndarray) -> None:
-    """Refuse a result of MuJoCo Warp's for which a buffer was too small.
-
-    Args:
-      flags: of each world, bits of its OverflowType.
-
-    Raises:
-      MachineError: one was; told which.
-    """
-    from mujoco_warp import OverflowType
-
-    single = [flag for flag in OverflowType if flag.value and not flag.value & (flag.value - 1)]
-    small = [f for f in single if f.name not in _ITERATIONS and (flags & f.value).any()]
-    if small:
-        worlds = int(np.count_nonzero(flags & sum(f.value for f in small)))
-        names = ", ".join(str(f.name) for f in small)
-        raise MachineError(f"buffers of Warp overflowed in {worlds} worlds: {names}")
-
-
-def _of_machine(error: Exception) -> bool:
-    """Return whether an error is the machine's or the installation's rather than a model's."""
-    if isinstance(error, NotImplementedError):  # a RuntimeError, too
+def _is_machine_error(error: Exception) -> bool:
+    """Return whether an error comes from the machine or installation rather than from a model."""
+    if isinstance(error, NotImplementedError):  # a subclass of RuntimeError
         return False
     return isinstance(error, RuntimeError | MemoryError | OSError)
 
 
-def _installed(name: str) -> bool:
+def _is_installed(name: str) -> bool:
     if name in sys.modules:
         return True
     try:

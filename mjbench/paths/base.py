@@ -1,22 +1,23 @@
-"""What every way of stepping promises.
+"""What every way of stepping promises: the interface `SteppingPath`.
 
-A `SteppingPath` says what it is called, what it can do, why it is unavailable here, and makes a
-`Prepared` run of a workload. `Prepared.run()` is exactly the timed region: it starts from the
-workload's start states, does all its steps, and leaves the final states where `final_states()`
-can read them afterwards. Every allocation, thread pool and worker is made in `prepare`.
+A `SteppingPath` has a name and options, says why it is unavailable here, and prepares runs of a
+workload. `Prepared.run()` is exactly the timed region: it starts from the workload's start states,
+takes all steps, and leaves the final states where `final_states()` can read them afterwards.
+`prepare` makes every allocation and starts every thread and worker.
 """
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from mjbench.errors import InputError
+from mjbench.paths.parallelism import PARALLEL_OPTIONS
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
@@ -28,11 +29,12 @@ class Option:
     """An option of a path.
 
     Attributes:
-      name: what it is called on the command line and in results.
+      name: the option's name on the command line and in results.
       summary: what it does, in a few words.
-      values: what is tried unless the user says otherwise; None means the path's own default.
-      parse: turns a user's word into a value.
-      allowed: the values there are; empty when any will do.
+      values: the values that are tried unless the user names others; None means the path's own
+        default.
+      parse: turns the user's text into a value.
+      allowed: all possible values; empty if any value will do.
     """
 
     name: str
@@ -41,60 +43,65 @@ class Option:
     parse: Callable[[str], Any]
     allowed: tuple[str, ...] = ()
 
-    def value(self, word: str) -> Any:
-        """Return the value that a word of the command line stands for.
+    @property
+    def is_parallel(self) -> bool:
+        """Whether the option sets a number of threads or worker processes."""
+        return self.name in PARALLEL_OPTIONS
+
+    def value(self, text: str) -> Any:
+        """Return the value that a text from the command line stands for.
 
         Raises:
-          InputError: it stands for none.
+          InputError: it is not a value of this option.
         """
         try:
-            value = self.parse(word)
+            value = self.parse(text)
         except ValueError as error:
             raise InputError(f"{self.name}: {error}") from error
         if self.allowed and value not in self.allowed:
-            raise InputError(f"{self.name} is one of {', '.join(self.allowed)}, not {word}")
+            raise InputError(f"{self.name} is one of {', '.join(self.allowed)}, not {text}")
         if self.parse is int and value < 1:
-            raise InputError(f"{self.name} must be at least 1, not {word}")
+            raise InputError(f"{self.name} must be at least 1, not {text}")
         return value
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """Final states that a run left behind.
+    """Final states of a run.
 
     Attributes:
       values: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
-      held: (nbatch, nstate) which entries the path gives away; None when it gives all.
+      mask: (nbatch, nstate) the entries that the path returns; None when it returns all.
     """
 
     values: np.ndarray
-    held: np.ndarray | None = None
+    mask: np.ndarray | None = None
 
 
 class Resources:
     """Memory and workers that prepared runs of one workload share, made on first use.
 
     Runs take turns, so one set of MjData and one output buffer serve all of them: memory does
-    not grow with the number of paths. Close it to stop what was started.
+    not grow with the number of paths. Close it to stop the workers.
     """
 
     def __init__(self, workload: Workload):
         self.workload = workload
-        self._kept: dict[Any, Any] = {}
-        self._datas: list[Any] = []
+        self._shared: dict[Hashable, Any] = {}
+        self._datas: list[mujoco.MjData] = []
         self._closing = ExitStack()
 
-    def datas(self, count: int) -> list[Any]:
+    def datas(self, count: int) -> list[mujoco.MjData]:
         """Return `count` MjData, the same ones to every caller."""
         while len(self._datas) < count:
             self._datas.append(mujoco.MjData(self.workload.model))
         return self._datas[:count]
 
-    def get_or_create(self, key: Any, create: Callable[[], Any]) -> Any:
-        """Return what `create` returned when `key` was first asked for."""
-        if key not in self._kept:
-            self._kept[key] = create()
-        return self._kept[key]
+    def get_or_create(self, key: Hashable, create: Callable[[], Any]) -> Any:
+        """Return the object stored under `key`; the first call creates it by `create()`."""
+        if key not in self._shared:
+            self._shared[key] = create()
+        return self._shared[key]
 
     def final_state(self) -> np.ndarray:
         """Return the (nbatch, nstate) array that runs write their final states to."""
@@ -107,35 +114,34 @@ class Resources:
         self._closing.callback(callback)
 
     def close(self) -> None:
-        """Stop workers and pools, and drop all memory."""
+        """Stop workers and pools, and release all memory."""
         self._closing.close()
-        self._kept.clear()
+        self._shared.clear()
         self._datas.clear()
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Prepared:
-    """A run that is ready to be timed, over and over.
+    """A run that can be timed as often as one likes.
 
     Attributes:
       run: the timed region.
-      clear: makes the outputs of an earlier run invalid, so that only states that `run` computed
-        can pass for its result; untimed.
-      final_states: reads what `run` left behind; untimed.
-      verify: runs and returns every entry of the final states, by further calls where the timed
-        call does not give all away; untimed.
+      clear: invalidates the output of an earlier run, so that only states that `run` computed
+        pass as its result; not timed.
+      final_states: reads the states that `run` ended in; not timed.
+      verify: runs, and returns every entry of the final states, with further calls for the entries
+        that `run` does not return; None where `run` returns all. Not timed.
     """
 
     run: Callable[[], None]
     clear: Callable[[], None]
     final_states: Callable[[], States]
-    verify: Callable[[], States] = field(default=None)  # type: ignore[assignment]
+    verify: Callable[[], States] | None = None
 
-    def __post_init__(self) -> None:
-        if self.verify is None:
-            self.verify = self._run_once
-
-    def _run_once(self) -> States:
+    def verified_states(self) -> States:
+        """Run once, and return as many entries of the final states as the path can."""
+        if self.verify is not None:
+            return self.verify()
         self.clear()
         self.run()
         return self.final_states()
@@ -145,15 +151,19 @@ class SteppingPath(ABC):
     """One way of stepping a workload.
 
     Class attributes:
-      name: what results call it.
+      name: the path's name on the command line and in results.
       summary: one line for people.
       closed_loop: whether a feedback policy can choose each control from the state before it.
+      compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
+      usual: whether `--paths usual` includes it beside the C paths, where it is available.
       options: what can be varied.
     """
 
     name: ClassVar[str]
     summary: ClassVar[str]
     closed_loop: ClassVar[bool]
+    compiles: ClassVar[bool] = False
+    usual: ClassVar[bool] = False
     options: ClassVar[tuple[Option, ...]] = ()
 
     def unavailable(self) -> str | None:
@@ -166,78 +176,77 @@ class SteppingPath(ABC):
 
     @abstractmethod
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
-        """Return a run of `workload`, everything allocated and started."""
+        """Return a run of `workload`, with everything allocated and started."""
 
     @abstractmethod
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return Python that does what this path does, for people to paste.
+        """Return Python code that does what this path does, for people to paste.
 
         It starts from `model`, `initial_state` (nbatch, nstate) and `control`
-        (nbatch, ncontrol, nu), and leaves `final_state` (nbatch, nstate).
+        (nbatch, ncontrol, nu), and ends with `final_state` (nbatch, nstate).
         """
 
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
-        """Return the option sets to try: every combination, without those that mean the same.
+        """Return the option sets to try: every combination, without duplicates in effect.
 
         Args:
-          choices: values by option name that replace the path's own.
+          choices: values by option name; they replace the option's own.
         """
+        names = [option.name for option in self.options]
         values = [choices.get(option.name, option.values) for option in self.options]
-        sets = [
-            self.simplified(dict(zip([o.name for o in self.options], combination, strict=True)))
-            for combination in itertools.product(*values)
-        ]
-        return [s for i, s in enumerate(sets) if s not in sets[:i]]
+        variants: list[dict[str, Any]] = []
+        for combination in itertools.product(*values):
+            variant = self.simplified(dict(zip(names, combination, strict=True)))
+            if variant not in variants:
+                variants.append(variant)
+        return variants
 
-    def complete(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a whole option set: what was not given is one thread, or what is tried first."""
-        one = {"threads": 1, "processes": 1}
-        usual = {o.name: one.get(o.name, o.values[0] if o.values else None) for o in self.options}
-        return self.simplified({**usual, **given})
+    def complete(self, options: Options) -> dict[str, Any]:
+        """Return a full option set: missing options get their first value, or one thread."""
+        defaults = {
+            option.name: option.values[0] if option.values else 1 if option.is_parallel else None
+            for option in self.options
+        }
+        return self.simplified({**defaults, **options})
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Return `options` without those that mean nothing beside the others."""
+        """Return `options` without those that have no effect beside the others."""
         return {name: value for name, value in options.items() if value is not None}
 
 
-def fill_from_array(array: np.ndarray) -> tuple[Callable[[], None], Callable[[], States]]:
-    """Return `clear` and `final_states` of a run that writes all of `array`."""
+def array_callbacks(array: np.ndarray) -> tuple[Callable[[], None], Callable[[], States]]:
+    """Return `clear` and `final_states` of a run that writes its final states to `array`."""
     return lambda: array.fill(np.nan), lambda: States(array)
 
 
-def simulate(
-    model: Any,
-    data: Any,
-    initial_state: np.ndarray,
-    control: np.ndarray,
-    hold: int,
-    final_state: np.ndarray,
-    spec: int,
-    fresh: bool,
-) -> None:
-    """Step simulations one after the other, holding each control for one `mj_step` call.
+# (data, initial_state (n, nstate), control (n, ncontrol, nu), final_state (n, nstate), written)
+Simulate = Callable[[mujoco.MjData, np.ndarray, np.ndarray, np.ndarray], None]
 
-    Args:
-      model: the MjModel.
-      data: the MjData that every simulation runs in.
-      initial_state: (n, nstate) start states.
-      control: (n, ncontrol, nu) controls.
-      hold: steps per control.
-      final_state: (n, nstate), written.
-      spec: mjSTATE_INTEGRATION.
-      fresh: whether to reset `data` before each simulation (see `needs_reset`).
+
+def make_simulate(model: mujoco.MjModel, hold: int) -> Simulate:
+    """Return a function that steps simulations one after the other in one MjData.
+
+    It calls `mj_step` once per control, with `nstep=hold`. What it needs to know of the model is
+    looked up here, so that a timed call does nothing but step.
     """
-    mj_step, ctrl = mujoco.mj_step, data.ctrl
-    for start, controls, end in zip(initial_state, control, final_state, strict=True):
-        if fresh:
-            mujoco.mj_resetData(model, data)
-        mujoco.mj_setState(model, data, start, spec)
-        for values in controls:
-            ctrl[:] = values
-            mj_step(model, data, hold)
-        mujoco.mj_getState(model, data, end, spec)
+    spec, has_reset = compat.state_spec("INTEGRATION"), needs_reset(model)
+
+    def simulate(
+        data: mujoco.MjData, initial_state: np.ndarray, control: np.ndarray, final_state: np.ndarray
+    ) -> None:
+        mj_step, ctrl = mujoco.mj_step, data.ctrl
+        for start, controls, end in zip(initial_state, control, final_state, strict=True):
+            if has_reset:
+                mujoco.mj_resetData(model, data)
+            mujoco.mj_setState(model, data, start, spec)
+            for values in controls:
+                ctrl[:] = values
+                mj_step(model, data, hold)
+            mujoco.mj_getState(model, data, end, spec)
+
+    return simulate
 
 
-def needs_reset(model: Any) -> bool:
+def needs_reset(model: mujoco.MjModel) -> bool:
     """Return whether an MjData must be reset between simulations: sleep is not in the state."""
     return compat.has_sleep(model)

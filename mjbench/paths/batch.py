@@ -1,6 +1,7 @@
 """`mujoco.batch.Batch`: many simulations on the engine's threads, stepped or rolled out."""
 
 import functools
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -20,18 +21,19 @@ _DATA = Option(
     str,
     ("shared", "persistent"),
 )
+# Share of the free memory that an MjData per simulation may take.
 _SHARE_OF_MEMORY = 0.5
 
 
 class _BatchPath(SteppingPath):
-    """What stepping and rolling out a Batch have in common."""
+    """The base class of stepping and of rolling out a Batch."""
 
     def unavailable(self) -> str | None:
         """See `SteppingPath.unavailable`."""
         return compat.batch_unavailable()
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """See `SteppingPath.unsuited`: sleep needs an MjData per simulation, memory limits it."""
+        """See `SteppingPath.unsuited`: sleep needs an MjData per simulation, and memory for it."""
         if options["data"] == "shared":
             if compat.has_sleep(workload.model):
                 return "a model with sleep enabled needs data=persistent"
@@ -47,34 +49,34 @@ class _BatchPath(SteppingPath):
 
     def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
         """See `SteppingPath.variants`: by default only the most threads try data=persistent."""
-        found = super().variants(choices)
-        most = max(options["threads"] for options in found)
+        variants = super().variants(choices)
         if "data" in choices:
-            return found
-        return [o for o in found if o["data"] == "shared" or o["threads"] == most]
+            return variants
+        most = max(options["threads"] for options in variants)
+        return [o for o in variants if o["data"] == "shared" or o["threads"] == most]
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""
         batch = _batch(workload, options, resources)
         start, state = workload.initial_state, batch.state
-        advance = self.advance(batch, workload, options, resources)
+        step_all = self.make_step_all(batch, workload, options, resources)
 
         def run() -> None:
             state[:] = start
             batch.warning[:] = 0
-            advance()
+            step_all()
 
         return Prepared(run, lambda: state.fill(np.nan), lambda: States(state))
 
-    def advance(
+    @abstractmethod
+    def make_step_all(
         self, batch: Any, workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
-        """Return the function that takes `batch` through all steps."""
-        raise NotImplementedError
+        """Return a function that takes all steps of the simulations in `batch`."""
 
 
 class BatchStep(_BatchPath):
-    """`Batch.step` once per control: all simulations advance together, a policy in between."""
+    """`Batch.step` once per control: all simulations step together, so a policy can run between."""
 
     name = "batch_step"
     summary = "mujoco.batch step(), controls of all simulations written before each"
@@ -97,10 +99,10 @@ class BatchStep(_BatchPath):
             options = {**options, "stage": None}
         return super().simplified(options)
 
-    def advance(
+    def make_step_all(
         self, batch: Any, workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
-        """See `_BatchPath.advance`."""
+        """See `_BatchPath.make_step_all`."""
         by_control = resources.get_or_create(
             "control by step", lambda: np.ascontiguousarray(workload.control.swapaxes(0, 1))
         )
@@ -109,23 +111,23 @@ class BatchStep(_BatchPath):
         if options.get("stage") == "vel":
             keywords["stage"] = int(mujoco.mjtStage.mjSTAGE_VEL)
 
-        def advance() -> None:
+        def step_all() -> None:
             for values in by_control:
                 ctrl[:] = values
                 step(nstep=hold, **keywords)
 
-        return advance
+        return step_all
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        words = f"nstep={workload.hold}" if workload.hold > 1 else ""
+        arguments = [f"nstep={workload.hold}"] if workload.hold > 1 else []
         if options.get("stage") == "vel":
-            words += (", " if words else "") + "stage=mujoco.mjtStage.mjSTAGE_VEL.value"
-        return _STEP.format(make=_make(options), words=words)
+            arguments.append("stage=mujoco.mjtStage.mjSTAGE_VEL.value")
+        return _STEP.format(constructor=_constructor(options), arguments=", ".join(arguments))
 
 
 class BatchRollout(_BatchPath):
-    """`Batch.rollout`: one call takes all simulations through all controls."""
+    """`Batch.rollout`: one call takes all steps of all simulations."""
 
     name = "batch_rollout"
     summary = "mujoco.batch rollout(), open loop"
@@ -148,10 +150,10 @@ class BatchRollout(_BatchPath):
             options = {**options, "record": None}
         return super().simplified(options)
 
-    def advance(
+    def make_step_all(
         self, batch: Any, workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
-        """See `_BatchPath.advance`."""
+        """See `_BatchPath.make_step_all`."""
         control = workload.step_control if workload.model.nu else None
         items = _record_items(options)
         out = {
@@ -174,11 +176,13 @@ class BatchRollout(_BatchPath):
         imports = "import numpy as np\n" if hold > 1 else ""
         if options.get("record") == "state":
             imports = "import mujoco\n" + imports
-        return _ROLLOUT.format(make=_make(options), imports=imports, repeat=repeat, record=record)
+        return _ROLLOUT.format(
+            constructor=_constructor(options), imports=imports, repeat=repeat, record=record
+        )
 
 
 def _batch(workload: Workload, options: Options, resources: Resources) -> Any:
-    """Return a Batch, shared by the paths that use one of its kind."""
+    """Return a Batch; paths with the same threads and storage share it."""
     from mujoco import batch
 
     threads, persistent = options["threads"], options["data"] == "persistent"
@@ -188,20 +192,22 @@ def _batch(workload: Workload, options: Options, resources: Resources) -> Any:
     )
 
 
-def _record_items(options: Options) -> tuple[Any, ...]:
+def _record_items(options: Options) -> tuple[str | int, ...]:
+    """Return what `Batch.rollout` records: field names or state specifications."""
     record = options.get("record", "none")
     if record == "none":
         return ()
     return ("qpos",) if record == "qpos" else (compat.state_spec("FULLPHYSICS"),)
 
 
-def _buffer(workload: Workload, item: Any) -> np.ndarray:
+def _buffer(workload: Workload, item: str | int) -> np.ndarray:
+    """Return an (nbatch, nstep, size) array for what is recorded of an item."""
     model = workload.model
-    size = model.nq if item == "qpos" else compat.state_size(model, item)
+    size = model.nq if isinstance(item, str) else compat.state_size(model, item)
     return np.empty((workload.nbatch, workload.nstep, size))
 
 
-def _make(options: Options) -> str:
+def _constructor(options: Options) -> str:
     persistent = ", persistent=True" if options["data"] == "persistent" else ""
     return f"batch.Batch(model, len(initial_state), nthread={options['threads']}{persistent})"
 
@@ -210,19 +216,19 @@ _STEP = """\
 import mujoco
 from mujoco import batch
 
-b = {make}
+b = {constructor}
 b.state[:] = initial_state
 ctrl = b.bind("ctrl")
 for k in range(control.shape[1]):
     ctrl[:] = control[:, k]  # or ctrl[:] = policy(b.bind("qpos"), b.bind("qvel"))
-    b.step({words})
+    b.step({arguments})
 final_state = b.state
 """
 
 _ROLLOUT = """\
 {imports}from mujoco import batch
 
-{repeat}b = {make}
+{repeat}b = {constructor}
 b.state[:] = initial_state
 b.rollout(control.shape[1], control if control.size else None, record={record})
 final_state = b.state

@@ -1,11 +1,12 @@
-"""Which options of a path mean parallelism."""
+"""Which options of a path mean parallelism, and how many threads an option set steps with."""
 
 from collections.abc import Mapping
 from typing import Any
 
+# Options that set a number of threads or worker processes.
 PARALLEL_OPTIONS = ("threads", "processes", "engine_threads")
 
 
 def nthread(options: Mapping[str, Any]) -> int:
-    """Return how many threads or processes a path steps with; 1 where no option says."""
+    """Return the threads or worker processes that an option set steps with; 1 if it names none."""
     return max(options.get(name) or 1 for name in PARALLEL_OPTIONS)

@@ -1,12 +1,14 @@
-"""Worker processes, an MjModel and an MjData each, started before the timed region.
+"""Worker processes, each with its own MjModel and MjData, started before the timed region.
 
-States and controls lie in memory shared with the workers; a run sends each worker one byte and
+States and controls are in memory shared with the workers; a run sends each worker one byte and
 waits for one byte back. Workers end when the parent does, however it ends.
 """
 
 import contextlib
 import multiprocessing
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
 import mujoco
@@ -19,15 +21,17 @@ from mjbench.paths.base import (
     Prepared,
     Resources,
     SteppingPath,
-    fill_from_array,
-    needs_reset,
-    simulate,
+    array_callbacks,
+    make_simulate,
 )
 from mjbench.paths.threads import shares
-from mjbench.simulation.compat import state_spec
 from mjbench.simulation.workload import Workload
 
 _START_LIMIT_S = 60.0
+
+
+# One byte each, from a worker that is ready, to a worker that should step, and back when it has.
+_READY, _GO, _DONE = b"r", b"g", b"d"
 
 
 class Processes(SteppingPath):
@@ -41,55 +45,86 @@ class Processes(SteppingPath):
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""
         count = options["processes"]
-        pool = resources.get_or_create(("workers", count), lambda: _Workers(workload, count))
+        pool = resources.get_or_create(("workers", count), lambda: _WorkerPool(workload, count))
         resources.at_close(pool.close)
-        return Prepared(pool.run, *fill_from_array(pool.final_state))
+        return Prepared(pool.run, *array_callbacks(pool.final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
         return _SNIPPET.format(processes=options["processes"], hold=workload.hold)
 
 
-class _Workers:
+@dataclass(frozen=True, eq=False)
+class _SharedArray:
+    """A float64 array in anonymous shared memory, which lasts as long as a reference to it."""
+
+    memory: Any
+    shape: tuple[int, ...]
+
+    @classmethod
+    def copy_of(cls, context: SpawnContext, array: np.ndarray) -> "_SharedArray":
+        shared = cls(context.RawArray("d", max(1, array.size)), array.shape)
+        shared.as_array()[...] = array
+        return shared
+
+    def as_array(self) -> np.ndarray:
+        values = np.frombuffer(self.memory, dtype=np.float64)
+        return values[: int(np.prod(self.shape))].reshape(self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _SharedWorkload:
+    """A workload in shared memory, as it is sent to the workers."""
+
+    model: mujoco.MjModel
+    hold: int
+    initial_state: _SharedArray
+    control: _SharedArray
+    final_state: _SharedArray
+
+
+class _WorkerPool:
     """Started workers, the memory they share, and a pipe to each."""
 
     def __init__(self, workload: Workload, count: int):
         context = multiprocessing.get_context("spawn")
-        initial_state = _shared(context, workload.initial_state)
-        control = _shared(context, workload.control)
-        final = _shared(context, np.full_like(workload.initial_state, np.nan))
-        # the memory is given to others when its last owner in this process goes
-        self._memory = (initial_state, control, final)
-        self.final_state = _array(final)
+        # kept: the allocator reuses the memory once this process holds no reference to it
+        self._shared = _SharedWorkload(
+            workload.model,
+            workload.hold,
+            _SharedArray.copy_of(context, workload.initial_state),
+            _SharedArray.copy_of(context, workload.control),
+            _SharedArray.copy_of(context, np.full_like(workload.initial_state, np.nan)),
+        )
+        self.final_state = self._shared.final_state.as_array()
         self.pipes: list[Connection] = []
-        self.processes: list[Any] = []
+        self.processes: list[SpawnProcess] = []
         for part in shares(workload.nbatch, count):
-            ours, theirs = context.Pipe()
-            process = context.Process(
-                target=_serve,
-                args=(theirs, workload.model, initial_state, control, final, part, workload.hold),
-                daemon=True,
-            )
-            process.start()
-            theirs.close()
-            self.pipes.append(ours)
-            self.processes.append(process)
+            self._start(context, part)
         for pipe in self.pipes:
             if not pipe.poll(_START_LIMIT_S):
                 raise TimeoutError(f"a worker process did not start within {_START_LIMIT_S:.0f} s")
             pipe.recv_bytes()
 
+    def _start(self, context: SpawnContext, part: slice) -> None:
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, self._shared, part), daemon=True)
+        process.start()
+        theirs.close()
+        self.pipes.append(ours)
+        self.processes.append(process)
+
     def run(self) -> None:
         """Let every worker step its share; return when all have."""
         for pipe in self.pipes:
-            pipe.send_bytes(b"g")
+            pipe.send_bytes(_GO)
         for pipe in self.pipes:
             pipe.recv_bytes()
 
     def close(self) -> None:
         """End the workers."""
         for pipe in self.pipes:
-            pipe.close()  # a worker that waits sees the end of its pipe and returns
+            pipe.close()  # a waiting worker reads the end of its pipe and returns
         for process in self.processes:
             process.join(1.0)
             if process.is_alive():
@@ -98,37 +133,18 @@ class _Workers:
         self.processes.clear()
 
 
-def _serve(
-    pipe: Connection,
-    model: mujoco.MjModel,
-    initial_state: Any,
-    control: Any,
-    final: Any,
-    part: slice,
-    hold: int,
-) -> None:
-    """Be a worker: step the share `part` whenever a byte arrives, until the pipe closes."""
+def _serve(pipe: Connection, shared: _SharedWorkload, part: slice) -> None:
+    """Be a worker: step the simulations of `part` for each byte, until the pipe closes."""
     child.die_with_parent()
-    data, spec, fresh = mujoco.MjData(model), state_spec("INTEGRATION"), needs_reset(model)
-    starts, controls, ends = (_array(a)[part] for a in (initial_state, control, final))
+    simulate = make_simulate(shared.model, shared.hold)
+    data = mujoco.MjData(shared.model)
+    arrays = (shared.initial_state, shared.control, shared.final_state)
+    initial_state, control, final_state = (array.as_array()[part] for array in arrays)
     with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):
-        pipe.send_bytes(b"r")
+        pipe.send_bytes(_READY)
         while pipe.recv_bytes():
-            simulate(model, data, starts, controls, hold, ends, spec, fresh)
-            pipe.send_bytes(b"d")
-
-
-def _shared(context: Any, array: np.ndarray) -> tuple[Any, tuple[int, ...]]:
-    """Return a copy of a float64 array in shared memory without a name, and its shape."""
-    memory = context.RawArray("d", max(1, array.size))
-    shared = (memory, array.shape)
-    _array(shared)[...] = array
-    return shared
-
-
-def _array(shared: tuple[Any, tuple[int, ...]]) -> np.ndarray:
-    memory, shape = shared
-    return np.frombuffer(memory, dtype=np.float64)[: int(np.prod(shape))].reshape(shape)
+            simulate(data, initial_state, control, final_state)
+            pipe.send_bytes(_DONE)
 
 
 _SNIPPET = """\

@@ -1,4 +1,4 @@
-"""The plain Python loop, one `mj_step` call per step or one per control."""
+"""The plain Python loop: one `mj_step` call per step, or one per control."""
 
 import mujoco
 
@@ -8,16 +8,16 @@ from mjbench.paths.base import (
     Prepared,
     Resources,
     SteppingPath,
-    fill_from_array,
+    array_callbacks,
+    make_simulate,
     needs_reset,
-    simulate,
 )
 from mjbench.simulation.compat import state_spec
 from mjbench.simulation.workload import Workload
 
 
 class PythonLoop(SteppingPath):
-    """`mj_step(model, data)` in a loop; what every speed-up is a speed-up over."""
+    """`mj_step(model, data)` in a loop; every speed-up is relative to this path."""
 
     name = "python_loop"
     summary = "for loop over mj_step, one call per step"
@@ -28,14 +28,14 @@ class PythonLoop(SteppingPath):
         model, hold = workload.model, workload.hold
         (data,) = resources.datas(1)
         final_state = resources.final_state()
-        spec, fresh = state_spec("INTEGRATION"), needs_reset(model)
+        spec, has_reset = state_spec("INTEGRATION"), needs_reset(model)
 
         def run() -> None:
             mj_step, ctrl = mujoco.mj_step, data.ctrl
             for start, controls, end in zip(
                 workload.initial_state, workload.control, final_state, strict=True
             ):
-                if fresh:
+                if has_reset:
                     mujoco.mj_resetData(model, data)
                 mujoco.mj_setState(model, data, start, spec)
                 for values in controls:
@@ -44,7 +44,7 @@ class PythonLoop(SteppingPath):
                         mj_step(model, data)
                 mujoco.mj_getState(model, data, end, spec)
 
-        return Prepared(run, *fill_from_array(final_state))
+        return Prepared(run, *array_callbacks(final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
@@ -55,7 +55,7 @@ class PythonLoop(SteppingPath):
 
 
 class PythonLoopHold(SteppingPath):
-    """`mj_step(model, data, nstep=hold)` in a loop: Python is entered once per control."""
+    """`mj_step(model, data, nstep=hold)` in a loop: one call from Python per control."""
 
     name = "python_loop_hold"
     summary = "for loop over mj_step(nstep=hold), one call per control"
@@ -78,40 +78,31 @@ class PythonLoopHold(SteppingPath):
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""
         model, threads = workload.model, options.get("engine_threads")
-        if threads:  # an MjData of its own: rollout refuses one that has a pool
+        if threads:  # not one of the shared MjData: rollout refuses an MjData with a thread pool
             data = resources.get_or_create(
-                ("engine_threads", threads), lambda: _pooled(model, threads)
+                ("engine_threads", threads), lambda: _data_with_threadpool(model, threads)
             )
         else:
             (data,) = resources.datas(1)
         final_state = resources.final_state()
-        spec, fresh = state_spec("INTEGRATION"), needs_reset(model)
+        simulate = make_simulate(model, workload.hold)
 
         def run() -> None:
-            simulate(
-                model,
-                data,
-                workload.initial_state,
-                workload.control,
-                workload.hold,
-                final_state,
-                spec,
-                fresh,
-            )
+            simulate(data, workload.initial_state, workload.control, final_state)
 
-        return Prepared(run, *fill_from_array(final_state))
+        return Prepared(run, *array_callbacks(final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
         code = _LOOP.format(step=f"        mujoco.mj_step(model, data, nstep={workload.hold})\n")
         threads = options.get("engine_threads")
         if threads:
-            made = "data = mujoco.MjData(model)\n"
-            code = code.replace(made, made + f"mujoco.mju_threadpool(data, {threads})\n")
+            create = "data = mujoco.MjData(model)\n"
+            code = code.replace(create, create + f"mujoco.mju_threadpool(data, {threads})\n")
         return code
 
 
-def _pooled(model: mujoco.MjModel, threads: int) -> mujoco.MjData:
+def _data_with_threadpool(model: mujoco.MjModel, threads: int) -> mujoco.MjData:
     data = mujoco.MjData(model)
     mujoco.mju_threadpool(data, threads)
     return data

@@ -1,32 +1,26 @@
 """`mujoco.rollout`: open-loop trajectories, in C, on threads."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.paths.rollout_inputs import RolloutInputs, changed_inputs, make_inputs
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
-# What a rollout sets to the model's defaults unless it is part of the control.
-_USER_INPUTS = (
-    "QFRC_APPLIED",
-    "XFRC_APPLIED",
-    "EQ_ACTIVE",
-    "MOCAP_POS",
-    "MOCAP_QUAT",
-    "USERDATA",
-)
-
 
 class Rollout(SteppingPath):
-    """`mujoco.rollout.rollout` into arrays made beforehand.
+    """`mujoco.rollout.rollout` into arrays allocated beforehand.
 
-    It returns full-physics states after every step, unless told to return nothing: then the MjData
-    of its threads keep what each simulated last. The warm-start is not among them: the timed
-    call is compared on all it returns and on the MjData its threads leave behind, and `verify`
-    repeats every simulation alone, which leaves its whole state in the MjData.
+    By default it returns the full-physics states after every step. With `returns=nothing` the
+    MjData of each thread holds the last state of the simulation that the thread ran last.
+
+    No output holds the warm-start. A timed call is therefore compared on everything that it returns
+    and on the states that its MjData hold. `verify` runs every simulation alone, so that its whole
+    state is in the MjData.
     """
 
     name = "rollout"
@@ -74,72 +68,66 @@ class Rollout(SteppingPath):
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""
-        return _PreparedRollout(workload, options, resources).prepared()
+        return _RolloutRun(workload, options, resources).prepared()
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        threads, hold = options["threads"], workload.hold
-        extra = "".join(
-            f", {word}"
-            for word in (
-                f"chunk_size={options['chunk']}" if options.get("chunk") else "",
-                "persistent_pool=True" if options.get("pool") == "kept" else "",
-            )
-            if word
-        )
-        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
-        inputs = _moved_inputs(workload, columns)
-        prepare = f"control = np.repeat(control, {hold}, axis=1)\n" if hold > 1 else ""
+        hold = workload.hold
+        arguments = []
+        if options.get("chunk"):
+            arguments.append(f"chunk_size={options['chunk']}")
+        if options.get("pool") == "kept":
+            arguments.append("persistent_pool=True")
+        prepare = _SNIPPET_NOTHING if options.get("returns") == "nothing" else ""
+        if hold > 1:
+            prepare += f"control = np.repeat(control, {hold}, axis=1)\n"
+        inputs = changed_inputs(workload)
         if inputs:
             bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
             prepare += _SNIPPET_INPUTS.format(bits=bits)
-            extra += ", control_spec=int(spec)"
-        if options.get("returns") == "nothing":
-            prepare = _SNIPPET_NOTHING + prepare
-        return _SNIPPET.format(threads=threads, extra=extra, prepare=prepare)
+            arguments.append("control_spec=int(spec)")
+        extra = "".join(f", {argument}" for argument in arguments)
+        return _SNIPPET.format(threads=options["threads"], extra=extra, prepare=prepare)
 
 
-class _PreparedRollout:
-    """Arrays of one rollout variant; all variants of a workload share the big ones."""
+class _RolloutRun:
+    """The arrays and MjData of one variant, and how to read its final states."""
 
     def __init__(self, workload: Workload, options: Options, resources: Resources):
-        from mujoco import rollout
-
-        model = workload.model
-        self.module, self.model, self.workload = rollout, model, workload
-        self.integration = compat.state_spec("INTEGRATION")
-        self.columns = compat.state_columns(model, self.integration)
-        physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
-        self.returned = np.concatenate([np.r_[self.columns[name]] for name in physics])
-        self.start = resources.get_or_create(
-            "rollout start", lambda: np.ascontiguousarray(workload.initial_state[:, self.returned])
-        )
-        self.warmstart = resources.get_or_create(
-            "rollout warmstart",
-            lambda: np.ascontiguousarray(workload.initial_state[:, self.columns["qacc_warmstart"]]),
-        )
-        self.control_spec, self.control = resources.get_or_create(
-            "rollout control", lambda: _control(workload, self.columns)
+        self.workload, self.model = workload, workload.model
+        self.spec = compat.state_spec("INTEGRATION")
+        columns = compat.state_columns(self.model, self.spec)
+        physics = compat.state_columns(self.model, compat.state_spec("FULLPHYSICS"))
+        # entries of a whole state row that a rollout returns
+        self.physics = np.concatenate([np.r_[columns[name]] for name in physics])
+        self.inputs: RolloutInputs = resources.get_or_create(
+            "rollout inputs", lambda: make_inputs(workload, self.physics)
         )
         shape = (workload.nbatch, workload.nstep)
         self.state = resources.get_or_create(
-            "rollout state", lambda: np.empty((*shape, len(self.returned)))
+            "rollout state", lambda: np.empty((*shape, len(self.physics)))
         )
         self.sensordata = resources.get_or_create(
-            "rollout sensordata", lambda: np.empty((*shape, model.nsensordata))
+            "rollout sensordata", lambda: np.empty((*shape, self.model.nsensordata))
         )
         self.datas = resources.datas(options["threads"])
         self.final_state = resources.final_state()
         self.returns_states = options.get("returns") != "nothing"
+        # (nbatch, nstate) final states of the last `verify`; none before it
         self.verified = np.empty((0, self.final_state.shape[1]))
-        self.call = self._caller(options, resources)
+        self.run = self._timed_call(options, resources)
 
-    def _caller(self, options: Options, resources: Resources) -> Any:
+    def prepared(self) -> Prepared:
+        """Return the run."""
+        return Prepared(self.run, self.clear, self.final_states, self.verify)
+
+    def _timed_call(self, options: Options, resources: Resources) -> Callable[[], None]:
         """Return the function whose one call is the timed region."""
+        start, control = self.inputs.start, self.inputs.control
         keywords: dict[str, Any] = {
-            "control_spec": self.control_spec,
+            "control_spec": self.inputs.control_spec,
             "nstep": self.workload.nstep,
-            "initial_warmstart": self.warmstart,
+            "initial_warmstart": self.inputs.warmstart,
             "state": self.state if self.returns_states else None,
             "sensordata": self.sensordata if self.returns_states else None,
         }
@@ -151,24 +139,15 @@ class _PreparedRollout:
         if options.get("chunk"):
             keywords["chunk_size"] = options["chunk"]
         data: Any = self.datas if compat.rollout_threads() else self.datas[0]
-        if options.get("pool") == "kept":
-            pool = resources.get_or_create(
-                ("rollout pool", len(self.datas)), lambda: _pool(self.module, len(self.datas))
-            )
-            resources.at_close(pool.close)
-            function = pool.rollout
-        else:
-            function = self.module.rollout
-        return lambda: function(model, data, self.start, self.control, **keywords)
+        function = _rollout_function(options, resources)
 
-    def prepared(self) -> Prepared:
-        """Return the run."""
-        return Prepared(self.run, self.clear, self.final_states, self.verify)
+        def run() -> None:
+            function(model, data, start, control, **keywords)
 
-    def run(self) -> None:
-        self.call()
+        return run
 
     def clear(self) -> None:
+        """Invalidate the states that an earlier call returned, or left in the MjData."""
         if self.returns_states:
             self.state[:, -1] = np.nan
         else:
@@ -176,105 +155,89 @@ class _PreparedRollout:
                 mujoco.mj_resetData(self.model, data)
 
     def final_states(self) -> States:
-        """Return what the call returned, and the whole state of each thread's last simulation."""
-        return self._returned_states() if self.returns_states else self._left_states()
+        """Return the returned states, and the whole state of each thread's last simulation."""
+        return self._returned_states() if self.returns_states else self._states_in_data()
 
-    def _left_states(self) -> States:
-        """Return the whole state of each thread's last simulation, which no array names.
+    def _states_in_data(self) -> States:
+        """Return the whole state of each thread's last simulation.
 
-        It is the simulation that ended so when verified; one that ended like none of them is
-        handed back as the last simulation, which it then disagrees with.
+        Nothing says which simulation that was, so each state is attributed to the verified state
+        that equals it. A state that equals none is attributed to the last simulation, where the
+        comparison with the reference then fails.
         """
-        values, held = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
+        values, mask = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
         row = np.empty(values.shape[1])
         for data in self.datas:
-            if data.time == 0.0:  # as `clear` left it: the thread got no work
+            if data.time == 0.0:  # unchanged since `clear`: the thread ran no simulation
                 continue
-            compat.get_state(self.model, data, row, self.integration)
-            same = (self.verified.view(np.uint64) == row.view(np.uint64)).all(axis=1)
-            (ran,) = np.nonzero(same)
-            number = int(ran[-1]) if len(ran) else self.workload.nbatch - 1
-            values[number], held[number] = row, True
-        if not held.any():
-            values[-1], held[-1] = np.nan, True
-        return States(values, held)
+            compat.get_state(self.model, data, row, self.spec)
+            matches = np.flatnonzero(_equal_rows(self.verified, row))
+            simulation = int(matches[-1]) if len(matches) else self.workload.nbatch - 1
+            values[simulation], mask[simulation] = row, True
+        if not mask.any():
+            values[-1], mask[-1] = np.nan, True
+        return States(values, mask)
 
     def _returned_states(self) -> States:
-        values, held = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
-        values[:, self.returned] = self.state[:, -1]
-        held[:, self.returned] = True
+        values, mask = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
+        values[:, self.physics] = self.state[:, -1]
+        mask[:, self.physics] = True
         row = np.empty(values.shape[1])
         for data in self.datas:
-            compat.get_state(self.model, data, row, self.integration)
-            same = values[:, self.returned].view(np.uint64) == row[self.returned].view(np.uint64)
-            (ran,) = np.nonzero(same.all(axis=1))
-            if len(ran) == 1:  # else the thread got no work, or the simulations are twins
-                values[ran[0]], held[ran[0]] = row, True
-        return States(values, held)
+            compat.get_state(self.model, data, row, self.spec)
+            matches = np.flatnonzero(_equal_rows(values[:, self.physics], row[self.physics]))
+            if len(matches) == 1:  # none: the thread ran no simulation; several: equal simulations
+                values[matches[0]], mask[matches[0]] = row, True
+        return States(values, mask)
 
     def verify(self) -> States:
-        """Run each simulation alone, for the entries the timed call keeps back, and then that."""
-        values = np.empty_like(self.final_state)
-        data = self.datas[0]
-        one = [data] if compat.rollout_threads() else data
-        for i in range(self.workload.nbatch):
-            self.module.rollout(
-                self.model,
-                one,
-                self.start[i : i + 1],
-                None if self.control is None else self.control[i : i + 1],
-                control_spec=self.control_spec,
-                nstep=self.workload.nstep,
-                initial_warmstart=self.warmstart[i : i + 1],
-                state=self.state[i : i + 1],
-                sensordata=self.sensordata[i : i + 1],
-            )
-            compat.get_state(self.model, data, values[i], self.integration)
-        self.verified = values
+        """Run the timed call, and each simulation alone for the entries it does not return."""
+        self.verified = self._one_by_one()
         self.clear()
         self.run()
         timed = self.final_states()
-        held = np.asarray(timed.held)
-        return States(np.where(held, timed.values, values))
+        return States(np.where(np.asarray(timed.mask), timed.values, self.verified))
+
+    def _one_by_one(self) -> np.ndarray:
+        """Return (nbatch, nstate) whole final states of simulations that run alone."""
+        from mujoco import rollout
+
+        values = np.empty_like(self.final_state)
+        data = self.datas[0]
+        for i in range(self.workload.nbatch):
+            inputs = self.inputs.only(i)
+            rollout.rollout(
+                self.model,
+                [data] if compat.rollout_threads() else data,
+                inputs.start,
+                inputs.control,
+                control_spec=inputs.control_spec,
+                nstep=self.workload.nstep,
+                initial_warmstart=inputs.warmstart,
+                state=self.state[i : i + 1],
+                sensordata=self.sensordata[i : i + 1],
+            )
+            compat.get_state(self.model, data, values[i], self.spec)
+        return values
 
 
-def _pool(module: Any, threads: int) -> Any:
-    return module.Rollout(nthread=threads)
+def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
+    """Return `mujoco.rollout.rollout`, or that of a thread pool which outlives the call."""
+    from mujoco import rollout
+
+    if options.get("pool") != "kept":
+        return rollout.rollout  # type: ignore[no-any-return]
+    threads = options["threads"]
+    pool = resources.get_or_create(
+        ("rollout pool", threads), lambda: rollout.Rollout(nthread=threads)
+    )
+    resources.at_close(pool.close)
+    return pool.rollout  # type: ignore[no-any-return]
 
 
-def _moved_inputs(workload: Workload, columns: dict[str, slice]) -> list[str]:
-    """Return the inputs (by mjtState name) that differ from what a rollout resets them to."""
-    default = mujoco.MjData(workload.model)
-    moved = []
-    for name in _USER_INPUTS:
-        field = name.lower()
-        if field in columns:
-            given = workload.initial_state[:, columns[field]]
-            if np.any(given != np.asarray(getattr(default, field), dtype=float).ravel()):
-                moved.append(name)
-    return moved
-
-
-def _control(workload: Workload, columns: dict[str, slice]) -> tuple[int, np.ndarray | None]:
-    """Return the control specification and (nbatch, nstep, ncontrol) controls of a rollout.
-
-    Inputs that a rollout would reset (mocap poses, applied forces, ...) are sent along with
-    every step's control.
-    """
-    ctrl = compat.state_spec("CTRL")
-    inputs = _moved_inputs(workload, columns)
-    if not inputs:
-        return ctrl, np.ascontiguousarray(workload.step_control) if workload.model.nu else None
-    spec = ctrl
-    for name in inputs:
-        spec |= compat.state_spec(name)
-    parts = [
-        workload.step_control
-        if field == "ctrl"
-        else np.repeat(workload.initial_state[:, None, columns[field]], workload.nstep, axis=1)
-        for field in compat.state_columns(workload.model, spec)
-    ]
-    return spec, np.concatenate(parts, axis=2)
+def _equal_rows(values: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Return (n,) which rows of `values` equal `row` to the last bit."""
+    return np.asarray((values.view(np.uint64) == row.view(np.uint64)).all(axis=1))
 
 
 _SNIPPET_INPUTS = """\

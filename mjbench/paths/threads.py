@@ -8,11 +8,9 @@ from mjbench.paths.base import (
     Prepared,
     Resources,
     SteppingPath,
-    fill_from_array,
-    needs_reset,
-    simulate,
+    array_callbacks,
+    make_simulate,
 )
-from mjbench.simulation.compat import state_spec
 from mjbench.simulation.workload import Workload
 
 
@@ -31,35 +29,28 @@ class Threads(SteppingPath):
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""
-        threads, model = options["threads"], workload.model
+        threads = options["threads"]
         pool = resources.get_or_create(("executor", threads), lambda: ThreadPoolExecutor(threads))
         resources.at_close(pool.shutdown)
-        free = resources.datas(threads)[:]  # list.pop and append are atomic
+        idle = resources.datas(threads)[:]  # list.pop and append are atomic
         final_state = resources.final_state()
-        spec, fresh = state_spec("INTEGRATION"), needs_reset(model)
+        simulate = make_simulate(workload.model, workload.hold)
         parts = shares(workload.nbatch, threads, options.get("chunk"))
 
         def work(part: slice) -> None:
-            data = free.pop()
+            data = idle.pop()
             try:
                 simulate(
-                    model,
-                    data,
-                    workload.initial_state[part],
-                    workload.control[part],
-                    workload.hold,
-                    final_state[part],
-                    spec,
-                    fresh,
+                    data, workload.initial_state[part], workload.control[part], final_state[part]
                 )
             finally:
-                free.append(data)
+                idle.append(data)
 
         def run() -> None:
             for _ in pool.map(work, parts):
                 pass
 
-        return Prepared(run, *fill_from_array(final_state))
+        return Prepared(run, *array_callbacks(final_state))
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
@@ -70,7 +61,13 @@ class Threads(SteppingPath):
 
 
 def shares(count: int, workers: int, size: int | None = None) -> list[slice]:
-    """Return consecutive slices of `range(count)`, `size` long or one about equal per worker."""
+    """Return consecutive slices that cover `range(count)`.
+
+    Args:
+      count: how many items to divide.
+      workers: that share them.
+      size: items per slice; None for one slice per worker, of about equal size.
+    """
     size = size or -(-count // workers)
     return [slice(i, min(i + size, count)) for i in range(0, count, size)]
 

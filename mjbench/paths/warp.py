@@ -1,23 +1,22 @@
 """MuJoCo Warp: MuJoCo written in NVIDIA Warp, for a CUDA GPU; it runs on a CPU as well."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
+from mjbench.paths import warp_buffers
 from mjbench.paths.accelerated import (
     AcceleratedPath,
     Compiled,
     StepOutcome,
-    check_overflow,
-    final,
-    keywords,
-    listed_contacts,
-    room_for,
+    keyword_arguments,
     start_fields,
-    taken,
+    states_of_fields,
+    supported_fields,
 )
 from mjbench.paths.base import Options, States
 from mjbench.simulation import compat
@@ -37,113 +36,53 @@ class Warp(AcceleratedPath):
     packages = ("warp", "mujoco_warp")
 
     def device_kind(self) -> str:
-        """Return the kind of Warp's own choice of device."""
+        """Return the kind of device that Warp chooses."""
         import warp as wp
 
-        _quiet()
+        _print_warnings_only()
         return "cpu" if wp.get_device().is_cpu else "cuda"
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
-        """Return also that Warp keeps asleep from one run to the next what slept at its end."""
+        """Reject also models with sleep: trees asleep after one run stay asleep in the next."""
         if compat.has_sleep(workload.model):
-            return "which trees sleep is not part of a state, and stays from run to run"
+            return "which trees sleep is not part of a state, and persists from run to run"
         return super().unsuited(workload, options)
 
-    def fields(self, model: Any) -> Mapping[str, Any]:
-        """Return MuJoCo Warp's Data of a model."""
+    def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
+        """Return the fields of MuJoCo Warp's Data for a model."""
         import mujoco_warp
 
-        _quiet()
+        _print_warnings_only()
         mujoco_warp.put_model(model)
         return dict(vars(mujoco_warp.make_data(model)))
 
-    def compiled(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Compile the kernels anew by a first step, then capture one as a graph."""
-        import mujoco_warp
+    def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
+        """Compile all kernels by a first step, then capture one step as a graph."""
         import warp as wp
 
-        quiet_and_uncached()
-        nbatch, hold = workload.nbatch, workload.hold
-        begin = time.perf_counter()
-        model = mujoco_warp.put_model(workload.model)
-        room = room_for(peaks, nbatch)
-        data = mujoco_warp.make_data(workload.model, nworld=nbatch, **room)
-        wp.synchronize()
-        made = time.perf_counter()
-        mujoco_warp.step(model, data)
-        with wp.ScopedCapture() as capture:
-            mujoco_warp.step(model, data)
-        wp.synchronize()
-        compiled = time.perf_counter()
-        arrays = {n: v for n, v in vars(data).items() if isinstance(v, wp.array)}
-
-        def on_device(found: Mapping[str, np.ndarray]) -> dict[str, Any]:
-            return {
-                name: _like(arrays[name], values)
-                for name, values in taken(found, arrays, self.engine).items()
-            }
-
-        def controls_on_device(controls: np.ndarray) -> list[Any]:
-            return [_like(data.ctrl, controls[:, k]) for k in range(controls.shape[1])]
-
-        origin, controls = on_device(start_fields(workload)), controls_on_device(workload.control)
-
-        def rollout(start: Mapping[str, Any], held: Sequence[Any], nstep: int) -> None:
-            for name, values in start.items():
-                wp.copy(arrays[name], values)
-            for k in range(nstep):
-                if k % hold == 0:
-                    wp.copy(data.ctrl, held[k // hold])
-                wp.capture_launch(capture.graph)
-            wp.synchronize()
-
-        def run() -> None:
-            rollout(origin, controls, workload.nstep)
-
-        def clear() -> None:
-            data.overflow.zero_()
-            for name in origin:
-                if name != "eq_active":
-                    arrays[name].fill_(float("nan"))
-            wp.synchronize()
-
-        def found() -> dict[str, np.ndarray]:
-            check_overflow(data.overflow.numpy())
-            return {
-                name: np.asarray(arrays[name].numpy(), dtype=np.float64).reshape(nbatch, -1)
-                for name in (*origin, "ctrl")
-            }
-
-        def final_states() -> States:
-            return final(workload, found())
-
-        def advance(
-            given: Mapping[str, np.ndarray], control: np.ndarray, count: int
-        ) -> StepOutcome:
-            data.overflow.zero_()
-            rollout(on_device(given), controls_on_device(control), count)
-            return StepOutcome(found(), _contacts(data))
-
+        configure_warp()
+        buffer_sizes = warp_buffers.buffer_sizes(peaks, workload.nbatch)
+        graph = _StepGraph(workload, buffer_sizes)
         device = wp.get_device()
         return Compiled(
-            run,
-            clear,
-            final_states,
+            graph.timed_call(),
+            graph.clear,
+            graph.final_states,
+            advance=graph.advance,
             device="cpu" if device.is_cpu else device.name,
-            trace_s=made - begin,
-            compile_s=compiled - made,
-            exact=device.is_cpu,
-            room=room,
-            gpu_memory_bytes=most_memory,
-            advance=advance,
+            trace_s=graph.trace_s,
+            compile_s=graph.compile_s,
+            is_deterministic=device.is_cpu,
+            buffer_sizes=buffer_sizes,
+            gpu_memory_bytes=peak_gpu_memory_bytes,
         )
 
     def snippet(self, workload: Workload, options: Options) -> str:
-        """Return the loop over a captured step.
+        """Return a loop over a captured step.
 
         Args:
           workload: to run.
-          options: sizes of buffers (see `Compiled.room`).
+          options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
         spec = "mujoco.mjtState.mjSTATE_INTEGRATION"
         times = (
@@ -152,7 +91,7 @@ class Warp(AcceleratedPath):
         return (
             "import mujoco\nimport mujoco_warp as mjw\nimport numpy as np\nimport warp as wp\n\n"
             "m = mjw.put_model(model)\n"
-            f"d = mjw.make_data(model, nworld=len(initial_state){keywords(options)})\n"
+            f"d = mjw.make_data(model, nworld=len(initial_state){keyword_arguments(options)})\n"
             "mjw.step(m, d)  # compiles\n"
             "with wp.ScopedCapture() as capture:\n"
             "    mjw.step(m, d)\n"
@@ -169,36 +108,135 @@ class Warp(AcceleratedPath):
         )
 
 
-def quiet_and_uncached() -> None:
-    """Have Warp print warnings alone, and compile anew: the figure is that of an empty cache.
+class _StepGraph:
+    """One step of all worlds, captured as a graph, and the arrays that it steps.
 
-    Its cache is a folder where this process stands, which goes with it (see `isolate`).
+    Attributes:
+      trace_s: seconds of making Warp's Model and Data.
+      compile_s: seconds of compiling and of capturing the graph.
+    """
+
+    def __init__(self, workload: Workload, buffer_sizes: Mapping[str, int]):
+        import mujoco_warp
+        import warp as wp
+
+        self._workload = workload
+        begin = time.perf_counter()
+        model = mujoco_warp.put_model(workload.model)
+        data = mujoco_warp.make_data(workload.model, nworld=workload.nbatch, **buffer_sizes)
+        wp.synchronize()
+        prepared = time.perf_counter()
+        mujoco_warp.step(model, data)
+        with wp.ScopedCapture() as capture:
+            mujoco_warp.step(model, data)
+        wp.synchronize()
+        self.trace_s = prepared - begin
+        self.compile_s = time.perf_counter() - prepared
+        self._model = model  # the graph reads its arrays
+        self._data, self._capture = data, capture
+        self._arrays = {n: v for n, v in vars(data).items() if isinstance(v, wp.array)}
+        self._start = self._fields_on_device(start_fields(workload))
+        self._controls = self._controls_on_device(workload.control)
+        self._rollout = self._make_rollout()
+
+    def timed_call(self) -> Callable[[], None]:
+        """Return the timed region."""
+        rollout, start, controls = self._rollout, self._start, self._controls
+        nstep = self._workload.nstep
+        return lambda: rollout(start, controls, nstep)
+
+    def clear(self) -> None:
+        """Invalidate the output of the last run."""
+        import warp as wp
+
+        self._data.overflow.zero_()
+        for name in self._start:
+            if name != "eq_active":
+                self._arrays[name].fill_(float("nan"))
+        wp.synchronize()
+
+    def final_states(self) -> States:
+        """Return the states that the last run ended in."""
+        return states_of_fields(self._workload, self._fields())
+
+    def advance(
+        self, fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
+    ) -> StepOutcome:
+        """Take `nstep` steps from other states (see `Compiled.advance`)."""
+        self._data.overflow.zero_()
+        self._rollout(self._fields_on_device(fields), self._controls_on_device(control), nstep)
+        return StepOutcome(self._fields(), _contacts(self._data))
+
+    def _make_rollout(self) -> "_Rollout":
+        """Return a function that copies a start to the arrays, and steps."""
+        import warp as wp
+
+        arrays, data, capture, hold = self._arrays, self._data, self._capture, self._workload.hold
+
+        def rollout(start: Mapping[str, Any], controls: Sequence[Any], nstep: int) -> None:
+            for name, values in start.items():
+                wp.copy(arrays[name], values)
+            for k in range(nstep):
+                if k % hold == 0:
+                    wp.copy(data.ctrl, controls[k // hold])
+                wp.capture_launch(capture.graph)
+            wp.synchronize()
+
+        return rollout
+
+    def _fields_on_device(self, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return the fields that MuJoCo Warp has, in its shapes and types."""
+        supported = supported_fields(fields, self._arrays, Warp.engine)
+        return {name: _array_like(self._arrays[name], v) for name, v in supported.items()}
+
+    def _controls_on_device(self, control: np.ndarray) -> list[Any]:
+        """Return one array of all worlds' controls for each of (nbatch, ncontrol, nu) controls."""
+        return [_array_like(self._data.ctrl, control[:, k]) for k in range(control.shape[1])]
+
+    def _fields(self) -> dict[str, np.ndarray]:
+        """Return the start's fields and the controls as they are now, (nbatch, size) in float64."""
+        warp_buffers.check_overflow(self._data.overflow.numpy())
+        nbatch = self._workload.nbatch
+        return {
+            name: np.asarray(self._arrays[name].numpy(), dtype=np.float64).reshape(nbatch, -1)
+            for name in (*self._start, "ctrl")
+        }
+
+
+# (arrays by field, one array of controls for each control, nstep)
+_Rollout = Callable[[Mapping[str, Any], Sequence[Any], int], None]
+
+
+def configure_warp() -> None:
+    """Let Warp print warnings only, and compile everything anew, so that compile times compare.
+
+    The kernel cache is a new folder inside the current one, which `isolate` removes.
     """
     import tempfile
 
     import warp as wp
 
-    _quiet()
+    _print_warnings_only()
     wp.config.kernel_cache_dir = tempfile.mkdtemp(prefix="warp-", dir=Path.cwd())
 
 
-def _quiet() -> None:
+def _print_warnings_only() -> None:
     import warp as wp
 
     wp.config.log_level = wp.LOG_WARNING
 
 
-def _like(array: Any, values: np.ndarray) -> Any:
-    """Return a Warp array of the shape and type of another, with these values."""
+def _array_like(array: Any, values: np.ndarray) -> Any:
+    """Return a new Warp array of the shape and type of another, with these values."""
     import warp as wp
 
-    made = wp.empty_like(array)
-    made.assign(values.reshape(array.numpy().shape).astype(array.numpy().dtype))
-    return made
+    new = wp.empty_like(array)
+    new.assign(values.reshape(array.numpy().shape).astype(array.numpy().dtype))
+    return new
 
 
-def most_memory() -> int | None:
-    """Return the most bytes that Warp took of a GPU's pool of memory; None on a CPU."""
+def peak_gpu_memory_bytes() -> int | None:
+    """Return the peak memory of a GPU's pool that Warp used; None on a CPU."""
     import warp as wp
 
     device = wp.get_device()
@@ -208,7 +246,7 @@ def most_memory() -> int | None:
 
 
 def _contacts(data: Any) -> Contacts:
-    """Return the contacts of the last step that are close enough to count."""
-    of = data.contact
-    arrays = (data.nacon, of.worldid, of.geom, of.frame, of.dist, of.includemargin)
-    return listed_contacts(*(array.numpy() for array in arrays))
+    """Return the contacts of the last step that are near enough to count."""
+    contact = data.contact
+    arrays = (data.nacon, contact.worldid, contact.geom, contact.frame, contact.dist)
+    return warp_buffers.read_contacts(*(a.numpy() for a in (*arrays, contact.includemargin)))

@@ -1,11 +1,62 @@
-"""placeholder until merged"""
+"""Is an engine that compiles the step, MJX or Warp, right? Its check, and what it must not show.
+
+Its colliders and solvers are not C's algorithms. So where no constraint acts, it is held to
+tolerances; where one does, its errors are reported.
+"""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from mjbench.simulation.trajectory import Contacts
+
+# Largest error of a single unconstrained step, relative to the largest entry of a field where that
+# exceeds 1, by precision.
+UNCONSTRAINED_STEP_LIMIT = {"float64": 1e-12, "float32": 1e-4}
+# A run in float32 may differ from C by this many times the difference of the shadow (C with float32
+# states), or the error of a single unconstrained step if that is larger. The shadow rounds only
+# states; an engine in float32 rounds everything that it computes.
+SHADOW_FACTOR = 10.0
+# Largest difference of an unconstrained run in float64.
+UNCONSTRAINED_RUN_LIMIT = 1e-10
+# Errors in float32 and float64 that differ by less than this factor are not due to precision.
+PRECISION_FACTOR = 10.0
+# A larger error stands for NaN or infinity (see `agreement.max_relative_error`).
+FINITE_LIMIT = 1e300
 
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratedCheck:
-    """How far an accelerated engine is from C."""
+    """How far an engine differs from C: in single steps, and over a run.
+
+    Errors and differences are those of `agreement.max_relative_error` over qpos, qvel and act. The
+    shadow is the run of C in which states and controls are rounded to float32 before every step.
+
+    Attributes:
+      precision: `float32` or `float64`.
+      received: whether the engine has exactly the start states and controls that it was given.
+      still: whether no single step changed any state, although C's steps did.
+      same_count: share of the steps in contact that have as many contacts as in C; None if there
+        was none, or if the engine does not report contacts.
+      normal_degrees: largest angle between contact normals of the engine and C (see
+        `normal_angle`), in degrees; None likewise.
+      unconstrained_steps: number of single steps on which no constraint acted.
+      constrained_steps: number of single steps without contact on which a constraint acted.
+      contact_steps: number of single steps in contact.
+      unconstrained_error: largest error of an unconstrained single step; None if there was none.
+      constrained_error: the same for steps with a constraint but no contact.
+      contact_error: the same for steps in contact.
+      unconstrained_nstep: steps of the run before the first on which a constraint acted.
+      unconstrained_difference: largest difference from C after those steps.
+      unconstrained_shadow: the shadow's largest difference after those steps.
+      final_nstep: steps of the whole run.
+      final_difference: largest difference from C at its end.
+      final_shadow: the shadow's largest difference at its end.
+      final_shadow_median: the median, over simulations, of the shadow's difference at its end.
+      lost: number of simulations that do not end in finite numbers.
+    """
 
     precision: str
     received: bool
@@ -29,12 +80,103 @@ class AcceleratedCheck:
 
 
 def failures(check: AcceleratedCheck) -> list[str]:
-    return []
+    """Return what an engine must not do and did, a phrase each; empty if it may be timed."""
+    failed = []
+    if not check.received:
+        failed.append("the engine does not have the start states or controls that it was given")
+    failed += _single_step_failures(check)
+    if check.still:
+        failed.append("no step changes any state")
+    allowed = _unconstrained_run_limit(check)
+    if check.unconstrained_nstep and not check.unconstrained_difference <= allowed:
+        failed.append(
+            f"{check.unconstrained_nstep} unconstrained steps differ by"
+            f" {check.unconstrained_difference:.2g}, more than {allowed:.2g}"
+        )
+    if check.lost:
+        failed.append(f"{check.lost} simulations do not end in finite numbers")
+    return failed
+
+
+def _single_step_failures(check: AcceleratedCheck) -> list[str]:
+    failed = []
+    error, limit = check.unconstrained_error, UNCONSTRAINED_STEP_LIMIT[check.precision]
+    if error is not None and not error <= limit:
+        failed.append(f"an unconstrained step differs by {error:.2g}, more than {limit:g}")
+    if check.constrained_error is not None and check.constrained_error > FINITE_LIMIT:
+        failed.append("a constrained step does not end in finite numbers")
+    if check.contact_error is not None and check.contact_error > FINITE_LIMIT:
+        failed.append("a step in contact does not end in finite numbers")
+    return failed
+
+
+def _unconstrained_run_limit(check: AcceleratedCheck) -> float:
+    """Return the largest difference that an unconstrained run may have."""
+    if check.precision == "float64":
+        return UNCONSTRAINED_RUN_LIMIT
+    rounding = max(check.unconstrained_error or 0.0, float(np.finfo(np.float32).eps))
+    return SHADOW_FACTOR * max(check.unconstrained_shadow, rounding)
 
 
 def summary(check: AcceleratedCheck) -> str:
-    return ""
+    """Return the results of a check in one line."""
+    steps = (
+        (check.unconstrained_steps, "unconstrained steps", check.unconstrained_error),
+        (check.constrained_steps, "constrained steps", check.constrained_error),
+        (check.contact_steps, "steps in contact", check.contact_error),
+    )
+    parts = [f"{count} single {kind} within {error:.1g}" for count, kind, error in steps if count]
+    if check.same_count is not None:
+        parts.append(f"as many contacts as C in {100 * check.same_count:.0f} % of them")
+    if check.normal_degrees is not None:
+        parts.append(f"normals within {check.normal_degrees:.2g}°")
+    parts.append(
+        f"after {check.final_nstep} steps a difference of {check.final_difference:.1g}"
+        f" (C with float32 states: {check.final_shadow:.1g})"
+    )
+    return ", ".join(parts)
 
 
-def normal_angle(a, b) -> float | None:
-    return None
+def error_cause(float32: AcceleratedCheck, float64: AcceleratedCheck) -> str:
+    """Return whether an engine's float32 errors are due to its precision or to its algorithm.
+
+    Args:
+      float32: check of the engine in float32.
+      float64: check of the engine in float64, on the same steps.
+    """
+    errors = (
+        (float32.contact_error, float64.contact_error),
+        (float32.constrained_error, float64.constrained_error),
+        (float32.unconstrained_error, float64.unconstrained_error),
+    )
+    for coarse, fine in errors:
+        if coarse is not None and fine is not None:
+            if fine * PRECISION_FACTOR < coarse:
+                return f"precision: in float64 a step differs by {fine:.1g} instead of {coarse:.1g}"
+            return f"algorithm: in float64 a step differs by {fine:.1g}, about as much"
+    return "unknown: the two checks took no step of the same kind"
+
+
+def normal_angle(reference: "Contacts", contacts: "Contacts") -> float | None:
+    """Return the largest angle between normals of contacts of the same geoms, in degrees.
+
+    Each contact is compared with the nearest normal of the reference for the same two geoms.
+
+    Args:
+      reference: contacts in C.
+      contacts: of the engine, in the same simulations.
+
+    Returns:
+      The angle; 180 where a normal is not finite; None if no contact has the same geoms in both.
+    """
+    largest = None
+    for simulation in np.unique(contacts.simulation):
+        ours = reference.simulation == simulation
+        theirs = contacts.simulation == simulation
+        for geom, normal in zip(contacts.geom[theirs], contacts.normal[theirs], strict=True):
+            same = ours & (reference.geom == geom).all(axis=1)
+            if same.any():
+                cosine = np.clip((reference.normal[same] @ normal).max(), -1.0, 1.0)
+                angle = float(np.degrees(np.arccos(cosine))) if np.isfinite(cosine) else 180.0
+                largest = max(largest or 0.0, angle)
+    return largest

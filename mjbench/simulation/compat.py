@@ -1,10 +1,11 @@
 """The one place that knows how MuJoCo releases differ, from 2.3.7 on.
 
-Everything is asked by name, never by release number (enum values move between releases), and
-nothing here is meant to be called inside a timed region.
+It looks everything up by name, never by release number (enum values change between releases).
+Nothing here belongs inside a timed region.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -36,26 +37,26 @@ def state_spec(name: str) -> int:
     return int(getattr(mujoco.mjtState, f"mjSTATE_{name}"))
 
 
-def state_size(model: Any, spec: int) -> int:
+def state_size(model: mujoco.MjModel, spec: int) -> int:
     """Return the number of mjtNum of a state specification (see mj_stateSize)."""
     return int(mujoco.mj_stateSize(model, spec))
 
 
-def get_state(model: Any, data: Any, out: np.ndarray, spec: int) -> None:
+def get_state(model: mujoco.MjModel, data: mujoco.MjData, out: np.ndarray, spec: int) -> None:
     """Copy the state components in `spec` to `out`, a contiguous float64 row."""
     mujoco.mj_getState(model, data, out, spec)  # by position: the keyword was renamed in 3.3.6
 
 
-def set_state(model: Any, data: Any, row: np.ndarray, spec: int) -> None:
+def set_state(model: mujoco.MjModel, data: mujoco.MjData, row: np.ndarray, spec: int) -> None:
     """Write the state components in `spec` from `row`, a contiguous float64 row."""
     mujoco.mj_setState(model, data, row, spec)
 
 
-def state_columns(model: Any, spec: int) -> dict[str, slice]:
-    """Return where each MjData field stands in a state row of `spec`, in row order.
+def state_columns(model: mujoco.MjModel, spec: int) -> dict[str, slice]:
+    """Return the columns of each MjData field in a state row of `spec`, in row order.
 
-    Keys are MjData field names (`qpos`, `qacc_warmstart`, ...); empty fields are left out. The
-    order of a row is that of the components' bits (mj_getState).
+    Keys are MjData field names (`qpos`, `qacc_warmstart`, ...); empty fields are left out. A row
+    holds the components in the order of their bits (mj_getState).
     """
     bits = {}
     for attribute in dir(mujoco.mjtState):
@@ -102,7 +103,7 @@ def batch_unavailable() -> str | None:
     return None
 
 
-def solver_iterations(data: Any) -> int:
+def solver_iterations(data: mujoco.MjData) -> int:
     """Return the solver iterations of the last step, summed over constraint islands."""
     if hasattr(data, "solver_niter"):
         islands = max(1, min(int(data.nisland), len(data.solver_niter)))
@@ -110,7 +111,7 @@ def solver_iterations(data: Any) -> int:
     return int(data.solver_iter)
 
 
-def warning_counts(data: Any) -> np.ndarray:
+def warning_counts(data: mujoco.MjData) -> np.ndarray:
     """Return a copy of the warning counters, one per mjtWarning."""
     return np.array(data.warning.number)
 
@@ -125,38 +126,41 @@ def warning_names() -> list[str]:
     return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
 
 
-def known(function: Any, **given: Any) -> dict[str, Any]:
-    """Return those of the keywords given that a function has in this release."""
+def known(function: Callable[..., Any], **keywords: Any) -> dict[str, Any]:
+    """Return the keyword arguments that a function accepts in this release."""
     import inspect
 
     names = inspect.signature(function).parameters
-    return {name: value for name, value in given.items() if name in names}
+    return {name: value for name, value in keywords.items() if name in names}
 
 
 def mjx_own(data: Any) -> Any:
-    """Return where an MJX Data keeps what its implementation alone has: once, in itself."""
+    """Return the object with the fields that only one implementation of MJX has.
+
+    It is `data._impl`; in older releases, `data` itself.
+    """
     return getattr(data, "_impl", data)
 
 
-def has_clock(model: Any) -> bool:
-    """Return whether the engine's timers have a clock now, which nobody gave them.
+def has_clock(model: mujoco.MjModel) -> bool:
+    """Return whether the engine's timers have a clock, although no callback is installed.
 
-    From 3.3.1 on they have. Where one was given and taken away, only newer releases get theirs
-    back.
+    They have one from 3.3.1 on. After a callback was installed and removed, only newer releases
+    have theirs again.
     """
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
     return bool(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0)
 
 
-def has_sleep(model: Any) -> bool:
-    """Return whether the model lets islands sleep, which mjSTATE_INTEGRATION does not hold."""
+def has_sleep(model: mujoco.MjModel) -> bool:
+    """Return whether the model enables sleep, which is not part of mjSTATE_INTEGRATION."""
     bit = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
     return bit is not None and bool(model.opt.enableflags & int(bit))
 
 
 def enum_name(enum: Any, value: int, prefix: str) -> str:
-    """Return the name of an enum's value without its prefix, such as `Newton` for mjSOL_NEWTON."""
+    """Return the name of an enum's value without its prefix, such as `newton` for mjSOL_NEWTON."""
     for name in dir(enum):
         if name.startswith(prefix) and int(getattr(enum, name)) == int(value):
             return name.removeprefix(prefix).lower()

@@ -1,25 +1,25 @@
-"""Open any model by a name a person would type.
+"""Find and load any model by a short name.
 
-A model is named `cartpole` (one of ours, in models/), `path/to/robot.xml` or `.mjb` (a file), or
+A name is `cartpole` (one of ours, in models/), `path/to/robot.xml` or `.mjb` (a file), or
 `gymnasium:ant` (an MJCF file inside an installed Python package, found without importing it).
 
-`resolve` turns a name into a `ModelSource`, touching only the file system; `load` compiles it.
+`resolve` turns a name into a `ModelSource` and reads only the file system; `load` compiles it.
 """
 
-import difflib
 import importlib.util
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, one_line, suggestion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    import mujoco
 
-# Where well-known packages keep the models that their names mean (searched first), and the
-# package to install when it is missing.
+# The folder in which well-known packages keep their models (searched first), and the name of the
+# distribution to install.
 _HOMES = {
     "gymnasium": ("envs/mujoco/assets", "gymnasium"),
     "dm_control": ("suite", "dm_control"),
@@ -32,7 +32,12 @@ _SUFFIXES = (".xml", ".mjb")
 
 @dataclass(frozen=True)
 class ModelSource:
-    """Where a model comes from: the name it is told by, and the file that holds it."""
+    """Where a model comes from.
+
+    Attributes:
+      name: as the user typed it.
+      path: of the file.
+    """
 
     name: str
     path: Path
@@ -51,10 +56,10 @@ def shipped() -> list[str]:
 
 
 def resolve(name: str) -> ModelSource:
-    """Return the source that `name` means.
+    """Return the source that `name` stands for.
 
     Raises:
-      InputError: nothing of that name; the message lists what is near.
+      InputError: no such model; the message lists similar names.
     """
     if name in shipped():
         return ModelSource(name, shipped_folder() / f"{name}.xml")
@@ -63,24 +68,24 @@ def resolve(name: str) -> ModelSource:
         if path.suffix.lower() not in _SUFFIXES:
             raise InputError(f"{name}: a model file ends in .xml or .mjb")
         return ModelSource(name, path.resolve())
-    package, colon, wanted = name.partition(":")
+    package, colon, model = name.partition(":")
     if colon and re.fullmatch(r"[A-Za-z_][\w-]*", package):
-        return ModelSource(name, _in_package(package.replace("-", "_"), wanted))
+        return ModelSource(name, _in_package(package.replace("-", "_"), model))
     if path.is_dir():
         raise InputError(f"{name} is a folder; name a model file in it")
     if path.suffix.lower() in _SUFFIXES or "/" in name:
         raise InputError(f"no such file: {name}")
     raise InputError(
-        f"no model {name!r}{_near(name, shipped())}; ours are {', '.join(shipped())};"
+        f"no model {name!r}{suggestion(name, shipped())}; ours are {', '.join(shipped())};"
         " or give a path to .xml or .mjb, or PACKAGE:NAME such as gymnasium:ant"
     )
 
 
-def load(source: ModelSource) -> Any:
-    """Compile the model of `source` and return its MjModel.
+def load(source: ModelSource) -> "mujoco.MjModel":
+    """Return the compiled model of `source`.
 
     Raises:
-      InputError: MuJoCo refuses the file, or the model has no degree of freedom to step.
+      InputError: MuJoCo rejects the file, or the model has no degree of freedom to step.
     """
     import mujoco
 
@@ -98,9 +103,9 @@ def load(source: ModelSource) -> Any:
     return model
 
 
-def _in_package(package: str, wanted: str) -> Path:
-    """Return the model file `wanted` inside an installed package, which is not imported."""
-    home, to_install = _HOMES.get(package, ("", package))
+def _in_package(package: str, name: str) -> Path:
+    """Return the file of a model inside an installed package, which is not imported."""
+    home, distribution = _HOMES.get(package, ("", package))
     try:
         spec = importlib.util.find_spec(package)
     except (ImportError, ValueError):
@@ -108,46 +113,41 @@ def _in_package(package: str, wanted: str) -> Path:
     folders = [Path(p) for p in (spec.submodule_search_locations or ())] if spec else []
     if not folders:
         raise InputError(
-            f"package {package!r} is not installed here: python -m pip install {to_install}"
+            f"package {package!r} is not installed here: python -m pip install {distribution}"
         )
     for root in folders:
-        found = _search(root / home, wanted) or _search(root, wanted)
-        if len(found) == 1:
-            return found[0]
-        if found:
-            choices = ", ".join(_relative(p, root) for p in found[:8])
-            raise InputError(f"{package}:{wanted} is ambiguous, name one of: {choices}")
+        files = _search(root / home, name) or _search(root, name)
+        if len(files) == 1:
+            return files[0]
+        if files:
+            choices = ", ".join(_relative(p, root) for p in files[:8])
+            raise InputError(f"{package}:{name} is ambiguous, name one of: {choices}")
     names = sorted({p.stem for root in folders for p in _model_files(root / home)})
     listing = f"; it has {', '.join(names[:40])}" if names else "; it ships no model file"
-    raise InputError(f"{package} has no model {wanted!r}{_near(wanted, names)}{listing}")
+    raise InputError(f"{package} has no model {name!r}{suggestion(name, names)}{listing}")
 
 
-def _search(folder: Path, wanted: str) -> list[Path]:
-    """Return the model files below `folder` that `wanted` names, nearest to the folder first."""
-    direct = folder / wanted
-    if wanted and direct.suffix in _SUFFIXES and direct.is_file():
+def _search(folder: Path, name: str) -> list[Path]:
+    """Return the model files below `folder` that `name` stands for, nearest to the folder first."""
+    direct = folder / name
+    if name and direct.suffix in _SUFFIXES and direct.is_file():
         return [direct]
-    tail = Path(wanted).parts
-    found = [
+    tail = Path(name).parts
+    files = [
         path
         for path in _model_files(folder)
         if path.with_suffix("").parts[-len(tail) :] == tail or path.parts[-len(tail) :] == tail
     ]
-    found.sort(key=lambda p: (len(p.parts), str(p)))
-    # a file directly in the home folder wins over namesakes further down
-    if found and found[0].parent == folder:
-        return found[:1]
-    return found
+    files.sort(key=lambda p: (len(p.parts), str(p)))
+    # a file directly in the folder wins over files of the same name further down
+    if files and files[0].parent == folder:
+        return files[:1]
+    return files
 
 
-def _model_files(folder: Path) -> "Iterable[Path]":
+def _model_files(folder: Path) -> Iterable[Path]:
     return (p for suffix in _SUFFIXES for p in folder.rglob(f"*{suffix}"))
 
 
 def _relative(path: Path, root: Path) -> str:
     return path.relative_to(root).as_posix()
-
-
-def _near(name: str, names: "Iterable[str]") -> str:
-    close = difflib.get_close_matches(name, list(names), n=3)
-    return f" (did you mean {', '.join(close)}?)" if close else ""

@@ -1,30 +1,30 @@
-"""The reference run, step by step: what single steps of other engines are held against.
+"""The reference run, step by step: other engines' single steps are compared with it.
 
-C takes one step from each recorded state, and says whether a contact or another constraint acted.
-The shadow is the same run with every state rounded to float32: as far as it strays, so far must
-anything that computes in float32 be expected to stray.
+`single_steps` takes one step in C from each of some recorded states, and records whether a contact
+or another constraint acted. The *shadow* is the same run with every state rounded to float32: an
+engine that computes in float32 is expected to differ from C by about as much as the shadow does.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
-# Fields by which states are compared: what physics is, without warm-starts and the clock.
+# Fields by which states are compared: the physics, without warm-starts and time.
 COMPARED = ("qpos", "qvel", "act")
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts of the collision that the last step began with, of all simulations in one list.
+    """Contacts that a step detected at its start, of all simulations in one list.
 
     Attributes:
-      simulation: (ncon,) whose contact it is.
+      simulation: (ncon,) index of the simulation.
       geom: (ncon, 2) ids of the geoms, the lower one first.
       normal: (ncon, 3) unit normals, from the lower geom to the other.
     """
@@ -34,29 +34,29 @@ class Contacts:
     normal: np.ndarray
 
     def counts(self, nbatch: int) -> np.ndarray:
-        """(nbatch,) contacts of each simulation."""
+        """Return (nbatch,) how many contacts each simulation has."""
         return np.bincount(self.simulation, minlength=nbatch)
 
     def first(self, nbatch: int) -> "Contacts":
-        """Return the contacts of the first simulations."""
-        kept = self.simulation < nbatch
-        return Contacts(self.simulation[kept], self.geom[kept], self.normal[kept])
+        """Return the contacts of the first `nbatch` simulations."""
+        first = self.simulation < nbatch
+        return Contacts(self.simulation[first], self.geom[first], self.normal[first])
 
     @classmethod
     def joined(cls, parts: Sequence["Contacts"], nbatch: int) -> "Contacts":
-        """Return the contacts of batches that follow each other."""
+        """Return the contacts of several batches as one: their simulations follow each other."""
         simulation = np.concatenate([p.simulation + i * nbatch for i, p in enumerate(parts)])
         geom = np.concatenate([part.geom for part in parts])
         normal = np.concatenate([part.normal for part in parts])
         return cls(simulation, geom, normal)
 
     @classmethod
-    def of(cls, simulation: Any, geom: Any, normal: Any) -> "Contacts":
-        """Return contacts with the lower geom first; rows of a frame's first axis are normals."""
+    def of(cls, simulation: ArrayLike, geom: ArrayLike, normal: ArrayLike) -> "Contacts":
+        """Return contacts with the lower geom first; a normal points from geom 0 to geom 1."""
         pairs = np.asarray(geom, dtype=int).reshape(-1, 2)
         normals = np.array(normal, dtype=float).reshape(-1, 3)
-        turned = pairs[:, 0] > pairs[:, 1]
-        normals[turned] *= -1
+        is_swapped = pairs[:, 0] > pairs[:, 1]
+        normals[is_swapped] *= -1
         return cls(np.asarray(simulation, dtype=int), np.sort(pairs, axis=1), normals)
 
 
@@ -67,9 +67,9 @@ class SingleSteps:
     Attributes:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
       control: (n, nu) controls of the step.
-      after: (n, nstate) where the step leads.
-      contacts: of the step's collision, by row.
-      constraints: (n,) scalar constraints of the step.
+      after: (n, nstate) states that the steps lead to.
+      contacts: of the steps, by row.
+      constraints: (n,) scalar constraints of the steps.
     """
 
     state: np.ndarray
@@ -81,32 +81,33 @@ class SingleSteps:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A run of some simulations, spread over the batch.
+    """All states of some simulations, evenly spread over the batch.
 
     Attributes:
-      simulation: (n,) which.
+      simulation: (n,) indices of the simulations.
       states: (n, nstep + 1, nstate) from the start on.
-      free: steps before the first that a contact or another constraint acted on; nstep where none.
+      unconstrained_nstep: steps before the first on which a contact or another constraint acted, in
+        any of the simulations; nstep if there was none.
     """
 
     simulation: np.ndarray
     states: np.ndarray
-    free: int
+    unconstrained_nstep: int
 
 
-def run(workload: Workload, nsim: int, rounded: bool = False) -> Trajectory:
-    """Trajectory `nsim` simulations, the first and the last among them, keeping every state.
+def record_trajectory(workload: Workload, nsim: int, rounded: bool = False) -> Trajectory:
+    """Run simulations in C and return all their states.
 
     Args:
-      workload: whose they are.
-      nsim: how many; all where there are fewer.
-      rounded: round state and controls to float32 before every step: the shadow.
+      workload: to run.
+      nsim: number of simulations, the first and the last among them; at most all.
+      rounded: round states and controls to float32 before every step: the shadow.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
     chosen = _spread(workload.nbatch, nsim)
     states = np.empty((len(chosen), nstep + 1, workload.initial_state.shape[1]))
-    free = nstep
+    unconstrained_nstep = nstep
     for i, simulation in enumerate(chosen):
         mujoco.mj_resetData(model, data)
         states[i, 0] = workload.initial_state[simulation]
@@ -118,36 +119,41 @@ def run(workload: Workload, nsim: int, rounded: bool = False) -> Trajectory:
             data.ctrl[:] = as_float32(ctrl) if rounded else ctrl
             mujoco.mj_step(model, data)
             if data.nefc or data.ncon:
-                free = min(free, k)
+                unconstrained_nstep = min(unconstrained_nstep, k)
             compat.get_state(model, data, states[i, k + 1], spec)
-    return Trajectory(chosen, states, free)
+    return Trajectory(chosen, states, unconstrained_nstep)
 
 
-def single_steps(workload: Workload, found: Trajectory, most: int, rounded: bool) -> SingleSteps:
-    """Take single steps from states of a run, evenly spread over it.
+def single_steps(
+    workload: Workload, trajectory: Trajectory, most: int, rounded: bool
+) -> SingleSteps:
+    """Take single steps in C from states of a run, evenly spread over it.
 
     Args:
       workload: that was run.
-      found: the run.
-      most: at most this many.
-      rounded: round the states to float32 first, so that both engines start from the same.
+      trajectory: the run.
+      most: number of steps; fewer if the run has fewer.
+      rounded: round states and controls to float32 first, as an engine in float32 does.
     """
-    model, data = workload.model, mujoco.MjData(workload.model)
-    spec = compat.state_spec("INTEGRATION")
     nstep = workload.nstep
-    chosen = _spread(len(found.states) * nstep, most)
+    chosen = _spread(len(trajectory.states) * nstep, most)
     row, step = chosen // nstep, chosen % nstep
-    state = found.states[row, step]
-    control = workload.control[found.simulation[row], step // workload.hold]
+    state = trajectory.states[row, step]
+    control = workload.control[trajectory.simulation[row], step // workload.hold]
     if rounded:
         state, control = as_float32(state), as_float32(control)
-    state = np.ascontiguousarray(state)
+    return _take_steps(workload.model, np.ascontiguousarray(state), control)
+
+
+def _take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
+    """Take one step in C from each row of `state`, with its row of `control`."""
+    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
     after = np.empty_like(state)
-    constraints = np.zeros(len(chosen), dtype=int)
+    constraints = np.zeros(len(state), dtype=int)
     rows: list[int] = []
     geoms: list[np.ndarray] = []
     normals: list[np.ndarray] = []
-    for i in range(len(chosen)):
+    for i in range(len(state)):
         mujoco.mj_resetData(model, data)
         compat.set_state(model, data, state[i], spec)
         data.ctrl[:] = control[i]
@@ -162,10 +168,10 @@ def single_steps(workload: Workload, found: Trajectory, most: int, rounded: bool
 
 
 def _spread(count: int, most: int) -> np.ndarray:
-    """Return at most `most` of `count` indices, evenly spread from the first to the last."""
+    """Return up to `most` of `count` indices, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
 
 
 def as_float32(values: np.ndarray) -> np.ndarray:
-    """Return values as float32 can hold them, in float64."""
+    """Return float64 values rounded to float32."""
     return values.astype(np.float32).astype(np.float64)

@@ -1,7 +1,7 @@
-"""The same simulation work for every path: start states, controls and number of steps.
+"""The same work for every path: start states, controls and number of steps.
 
-A `Workload` holds everything that decides what is computed. Two paths given the same workload
-must reach the same final states; two releases given the same workload do the same steps.
+A `Workload` determines everything that is computed. Two paths that run the same workload must
+reach the same final states; two releases that run it take the same steps.
 """
 
 import dataclasses
@@ -9,7 +9,6 @@ import functools
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,14 +33,14 @@ class Workload:
     """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
 
     Attributes:
-      model: the MjModel.
+      model: to step.
       initial_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION, warm-start included.
       control: (nbatch, ncontrol, nu) controls in the actuators' units.
       hold: steps for which each control is held (an RL user's frame_skip).
-      seed: the seed that starts and controls were drawn from.
+      seed: that starts and controls were drawn with.
     """
 
-    model: Any
+    model: mujoco.MjModel
     initial_state: np.ndarray
     control: np.ndarray
     hold: int
@@ -75,7 +74,7 @@ class Workload:
         return np.repeat(self.control, self.hold, axis=1)
 
     def digest(self) -> str:
-        """Return 16 hexadecimal digits that name the start states, controls and hold."""
+        """Return 16 hexadecimal digits that identify the start states, controls and hold."""
         content = hashlib.blake2b(digest_size=8)
         content.update(np.array([self.nbatch, self.ncontrol, self.hold], dtype=np.int64).tobytes())
         content.update(np.ascontiguousarray(self.initial_state).tobytes())
@@ -93,20 +92,32 @@ class Workload:
         )
 
     def first(self, ncontrol: int) -> "Workload":
-        """Return the same workload stopped after its first `ncontrol` controls."""
+        """Return the same workload, ending after its first `ncontrol` controls."""
         return dataclasses.replace(self, control=np.ascontiguousarray(self.control[:, :ncontrol]))
 
 
 def make(
-    model: Any, nbatch: int, nstep: int, hold: int = 1, seed: int = 0, spread: float = 1.0
+    model: mujoco.MjModel,
+    nbatch: int,
+    nstep: int,
+    hold: int = 1,
+    seed: int = 0,
+    spread: float = 1.0,
 ) -> Workload:
     """Return a random but reproducible workload around the model's typical regime.
 
-    Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and
-    velocity and then stepped once, so that the warm-start is a real one: of the state before,
-    and not the solution itself, which a cold start would find too. Controls are smooth noise
-    within the control range. `spread` scales both; at 0 every simulation is the keyframe. The
-    same arguments give the same workload.
+    Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and velocity
+    and then stepped once. So the warm-start is that of the previous state, as in any simulation;
+    the solution itself would be no test, since a cold start finds it too. Controls are smooth noise
+    within the control range. The same arguments give the same workload.
+
+    Args:
+      model: to step.
+      nbatch: number of simulations.
+      nstep: steps of each.
+      hold: steps per control.
+      seed: of starts and controls.
+      spread: scales the perturbations and the noise; at 0 every simulation is the keyframe.
 
     Raises:
       InputError: sizes below 1, or nstep not a multiple of hold.
@@ -129,21 +140,21 @@ def make(
     )
 
 
-def fields(model: Any, states: np.ndarray) -> dict[str, np.ndarray]:
-    """Return states taken apart by MjData field, each (nbatch, size): what outlives a release.
+def fields(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
+    """Return states split by MjData field, each (nbatch, size): the same in every release.
 
     Args:
-      model: the MjModel.
-      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs by release.
+      model: of the states.
+      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, whose layout differs between releases.
     """
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
     return {field: np.array(states[:, place]) for field, place in columns.items()}
 
 
-def states(model: Any, given: Mapping[str, np.ndarray]) -> np.ndarray:
+def states(model: mujoco.MjModel, fields: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return rows of this release's mjSTATE_INTEGRATION, the inverse of `fields`.
 
-    A field that this release does not know is left out; one that is not given has its default.
+    Fields that this release does not have are ignored; missing ones get the model's defaults.
 
     Raises:
       InputError: a field's size is not the model's.
@@ -152,26 +163,26 @@ def states(model: Any, given: Mapping[str, np.ndarray]) -> np.ndarray:
     columns = compat.state_columns(model, spec)
     default = np.empty(compat.state_size(model, spec))
     compat.get_state(model, mujoco.MjData(model), default, spec)
-    rows = np.tile(default, (len(next(iter(given.values()))), 1))
+    rows = np.tile(default, (len(next(iter(fields.values()))), 1))
     for field, place in columns.items():
-        if field in given:
-            size = place.stop - place.start
-            if given[field].shape[1] != size:
-                raise InputError(f"{field} has {size} numbers, {given[field].shape[1]} are given")
-            rows[:, place] = given[field]
+        if field in fields:
+            size, width = place.stop - place.start, fields[field].shape[1]
+            if width != size:
+                raise InputError(f"the model's {field} has {size} numbers, the workload's {width}")
+            rows[:, place] = fields[field]
     return rows
 
 
 @dataclass(frozen=True, eq=False)
 class PortableWorkload:
-    """A workload taken apart by MjData field, which any release can read (see `restore`).
+    """A workload in a form that every release of MuJoCo can restore.
 
     Attributes:
-      fields: start states, each (nbatch, size), by MjData field.
-      control: (nbatch, ncontrol, nu) controls in the actuators' units.
+      fields: the start states by MjData field, each (nbatch, size).
+      control: (nbatch, ncontrol, nu) controls.
       hold: steps for which each control is held.
-      final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION that the release which wrote them
-        ends in; None where they were not computed.
+      final_state: (nbatch, nstate) states that the simulations must reach, as rows of
+        mjSTATE_INTEGRATION in the release that runs them; None where nothing is compared.
     """
 
     fields: Mapping[str, np.ndarray]
@@ -179,42 +190,55 @@ class PortableWorkload:
     hold: int
     final_state: np.ndarray | None = None
 
+    def only(self, rows: np.ndarray, final_state: np.ndarray) -> "PortableWorkload":
+        """Return the workload of some simulations.
+
+        Args:
+          rows: indices of the simulations.
+          final_state: (nbatch, nstate) states that all simulations of this workload must reach.
+        """
+        fields = {name: values[rows] for name, values in self.fields.items()}
+        return PortableWorkload(fields, self.control[rows], self.hold, final_state[rows])
+
 
 def portable(workload: Workload) -> PortableWorkload:
-    """Return a workload in the form that any release can read."""
-    return PortableWorkload(
-        fields(workload.model, workload.initial_state), workload.control, workload.hold
-    )
+    """Return a workload in the form that `restore` turns back into one, in any release."""
+    start = fields(workload.model, workload.initial_state)
+    return PortableWorkload(start, workload.control, workload.hold)
 
 
-def restore(model: Any, portable: PortableWorkload) -> Workload:
-    """Return the workload that `portable` took apart, for this release's model.
+def restore(model: mujoco.MjModel, portable: PortableWorkload) -> Workload:
+    """Return the workload that `portable` made portable.
 
     Raises:
       InputError: it belongs to a model of another size.
     """
-    control = portable.control
-    if control.shape[2] != model.nu:
-        raise InputError(f"the model has {model.nu} controls, not {control.shape[2]}")
-    return Workload(model, states(model, portable.fields), control, portable.hold, seed=0)
+    ncontrol = portable.control.shape[2]
+    if ncontrol != model.nu:
+        raise InputError(f"the model has {model.nu} controls, the workload {ncontrol}")
+    start = states(model, portable.fields)
+    return Workload(model, start, portable.control, portable.hold, seed=0)
 
 
-def start_data(model: Any) -> Any:
+def start_data(model: mujoco.MjModel) -> mujoco.MjData:
     """Return a new MjData at keyframe 0, or at the model's defaults if it has none."""
     data = mujoco.MjData(model)
     reset_to_start(model, data)
     return data
 
 
-def reset_to_start(model: Any, data: Any) -> None:
-    """Put `data` at keyframe 0, or at the model's defaults if it has none."""
+def reset_to_start(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Reset `data` to keyframe 0, or at the model's defaults if it has none."""
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     else:
         mujoco.mj_resetData(model, data)
 
 
-def _starts(model: Any, nbatch: int, rng: np.random.Generator, spread: float) -> np.ndarray:
+def _starts(
+    model: mujoco.MjModel, nbatch: int, rng: np.random.Generator, spread: float
+) -> np.ndarray:
+    """Return (nbatch, nstate) random start states."""
     spec = compat.state_spec("INTEGRATION")
     states = np.empty((nbatch, compat.state_size(model, spec)))
     data = mujoco.MjData(model)
@@ -223,14 +247,20 @@ def _starts(model: Any, nbatch: int, rng: np.random.Generator, spread: float) ->
         offset = spread * START_POSITION_SD * rng.standard_normal(model.nv)
         mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
         data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
-        mujoco.mj_step(model, data)  # leaves the warm-start of the state before this one
+        mujoco.mj_step(model, data)  # sets the warm-start to the solution of the previous state
         compat.get_state(model, data, row, spec)
     return states
 
 
 def _controls(
-    model: Any, nbatch: int, ncontrol: int, hold: int, rng: np.random.Generator, spread: float
+    model: mujoco.MjModel,
+    nbatch: int,
+    ncontrol: int,
+    hold: int,
+    rng: np.random.Generator,
+    spread: float,
 ) -> np.ndarray:
+    """Return (nbatch, ncontrol, nu) random controls: an Ornstein-Uhlenbeck process, clipped."""
     if model.nu == 0:
         return np.zeros((nbatch, ncontrol, 0))
     centre = np.array(start_data(model).ctrl)
@@ -240,11 +270,11 @@ def _controls(
     scale = np.full(model.nu, CONTROL_UNLIMITED_SD)
     scale[limited] = CONTROL_SHARE * 0.5 * (high - low)[limited]
     scale *= spread
-    keep = np.exp(-hold * model.opt.timestep / CONTROL_TIME_S)
+    correlation = np.exp(-hold * model.opt.timestep / CONTROL_TIME_S)
     noise = rng.standard_normal((nbatch, model.nu))
     control = np.empty((nbatch, ncontrol, model.nu))
     for k in range(ncontrol):
         np.clip(centre + scale * noise, low, high, out=control[:, k])
-        fresh = rng.standard_normal((nbatch, model.nu))
-        noise = keep * noise + np.sqrt(1.0 - keep**2) * fresh
+        innovation = rng.standard_normal((nbatch, model.nu))
+        noise = correlation * noise + np.sqrt(1.0 - correlation**2) * innovation
     return control

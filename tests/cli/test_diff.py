@@ -13,8 +13,8 @@ RUNS = ROOT / "results/runs"
 
 
 def test_results_that_differ_in_identity_are_not_compared_unless_asked() -> None:
-    old = stats.Measured([1.0] * 9, {"jax": "0.10.1", "device": "cpu"})
-    new = stats.Measured([2.0] * 9, {"jax": "0.10.2", "device": "cpu"})
+    old = stats.TimedBlocks([1.0] * 9, {"jax": "0.10.1", "device": "cpu"})
+    new = stats.TimedBlocks([2.0] * 9, {"jax": "0.10.2", "device": "cpu"})
     with pytest.raises(InputError, match=r"differ in jax \(0.10.2, 0.10.1\)"):
         stats.unpaired(new, old)
     assert stats.unpaired(new, old, across=True).median == pytest.approx(2.0)

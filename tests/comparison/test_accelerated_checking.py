@@ -3,7 +3,7 @@
 import dataclasses
 
 import pytest
-from pretender import Pretender, made
+from pretender import Pretender, make_workload
 
 from mjbench.comparison.accelerated_checking import CheckedRun, check_run, timed_end_problem
 from mjbench.instrument.runs import to_json
@@ -14,7 +14,7 @@ from mjbench.simulation.workload import Workload
 
 
 def compiled_run(workload: Workload, wrong: str = "") -> Compiled:
-    return Pretender(wrong).compiled(workload, {}, Peaks(0, 0))
+    return Pretender(wrong).compile(workload, {}, Peaks(0, 0))
 
 
 def checked_run(workload: Workload, compiled: Compiled) -> CheckedRun:
@@ -37,25 +37,25 @@ def failures(workload: Workload, wrong: str = "") -> list[str]:
     ],
 )
 def test_a_wrong_engine_is_refused(wrong: str, reason: str) -> None:
-    lines = failures(made(), wrong)
+    lines = failures(make_workload(), wrong)
     assert any(reason in line for line in lines), lines
 
 
 @pytest.mark.parametrize("wrong", ["still", "nan", "start"])
 def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
-    assert failures(made("humanoid"), wrong)
+    assert failures(make_workload("humanoid"), wrong)
 
 
 @pytest.mark.parametrize("wrong", ["", "many"])
 def test_every_simulation_of_a_large_batch_takes_a_step_that_is_judged(wrong: str) -> None:
-    lines = failures(made(nbatch=300, nstep=4), wrong)
+    lines = failures(make_workload(nbatch=300, nstep=4), wrong)
     assert any("unconstrained step differs" in line for line in lines) == bool(wrong), lines
 
 
 @pytest.mark.parametrize("wrong", ["", "idle"])
 def test_timed_blocks_that_do_nothing_are_reported_in_contact_on_a_gpu_too(wrong: str) -> None:
-    workload = made("humanoid", nbatch=8)
-    compiled = dataclasses.replace(compiled_run(workload, wrong), exact=False)
+    workload = make_workload("humanoid", nbatch=8)
+    compiled = dataclasses.replace(compiled_run(workload, wrong), is_deterministic=False)
     problem = timed_end_problem(workload, compiled, checked_run(workload, compiled))
     assert bool(problem) == bool(wrong)
 
@@ -65,8 +65,8 @@ def test_timed_blocks_that_do_nothing_are_reported_in_contact_on_a_gpu_too(wrong
 def test_a_timed_block_that_ends_elsewhere_than_the_checked_run_is_reported(
     wrong: str, problem: str, exact: bool
 ) -> None:
-    workload = made()
-    compiled = dataclasses.replace(compiled_run(workload, wrong), exact=exact)
+    workload = make_workload()
+    compiled = dataclasses.replace(compiled_run(workload, wrong), is_deterministic=exact)
     reported = timed_end_problem(workload, compiled, checked_run(workload, compiled))
     assert reported.startswith(problem)
     assert bool(reported) == bool(problem)
@@ -74,7 +74,7 @@ def test_a_timed_block_that_ends_elsewhere_than_the_checked_run_is_reported(
 
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])
 def test_the_reference_engine_itself_passes(model: str) -> None:
-    workload = made(model)
+    workload = make_workload(model)
     checked = checked_run(workload, compiled_run(workload))
     check = checked.check
     assert accelerated_check.failures(check) == []

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pretender import FREE, NBATCH, NSTEP, available, made
+from pretender import MODEL, NBATCH, NSTEP, available, make_workload
 
 from mjbench.comparison import accelerated_run, compare
 from mjbench.comparison.accelerated_checking import MAX_SINGLE_STEPS
@@ -52,7 +52,7 @@ class Child:
 
 
 def measured(
-    path: AcceleratedPath, workload: Workload, folder: Path, model: str = FREE, **more: Any
+    path: AcceleratedPath, workload: Workload, folder: Path, model: str = MODEL, **more: Any
 ) -> Child:
     file = folder / "workload.pickle"
     save_workload(workload, observe(workload).peaks, file)
@@ -64,7 +64,7 @@ def measured(
 
 @pytest.mark.parametrize(("name", "nstep"), [("mjx", NSTEP), ("mjx64", 500), ("warp", NSTEP)])
 def test_the_cart_pole_keeps_to_the_tolerances(name: str, nstep: int, tmp_path: Path) -> None:
-    workload = made(nstep=nstep)
+    workload = make_workload(nstep=nstep)
     child = measured(available(name), workload, tmp_path)
     check = child.report.check
     assert child.compiling is not None
@@ -97,7 +97,7 @@ BALL = """
 def test_warp_called_by_mjx_has_room_and_reports_its_contacts(tmp_path: Path) -> None:
     (tmp_path / "ball.xml").write_text(BALL)
     model = str(tmp_path / "ball.xml")
-    workload = made(model, nbatch=8, nstep=10)
+    workload = make_workload(model, nbatch=8, nstep=10)
     assert observe(workload).peaks.contacts == 1
     child = measured(available("mjx_warp"), workload, tmp_path, model=model, limit_s=120.0)
     check = child.report.check
@@ -122,7 +122,7 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
         "    def counts_on_host(self): return True\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    child = measured(available("fixed:Fixed"), made(), tmp_path, import_from=str(tmp_path))
+    child = measured(available("fixed:Fixed"), make_workload(), tmp_path, import_from=str(tmp_path))
     assert child.report.agreement
 
 
@@ -137,8 +137,8 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
         "    while True: pass\n"
         "class Hangs(Pretender):\n"
         "    name = 'hangs'\n"
-        "    def compiled(self, work, options, peaks):\n"
-        "        return dataclasses.replace(super().compiled(work, options, peaks), run=hang)\n"
+        "    def compile(self, workload, options, peaks):\n"
+        "        return dataclasses.replace(super().compile(workload, options, peaks), run=hang)\n"
         "class Fine(Pretender):\n"
         "    name = 'fine'\n"
     )
@@ -154,7 +154,7 @@ def test_a_program_that_never_returns_is_a_row_that_says_timeout(
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
-    records = compare.compare_model(models.resolve(FREE), plan, lambda name, share: None)
+    records = compare.compare_model(models.resolve(MODEL), plan, lambda name, share: None)
     rows = {r.path: r for r in results.derive(records.model, records.measurements).results}
     assert rows["hangs:Hangs"].status == Status.TIMEOUT
     assert "timing hangs" in rows["hangs:Hangs"].detail
@@ -167,5 +167,5 @@ def test_a_path_that_does_not_compile_is_refused(tmp_path: Path) -> None:
     from mjbench.errors import InputError
 
     with pytest.raises(InputError, match="does not compile"):
-        source, variant = models.resolve(FREE), Variant("rollout", {})
+        source, variant = models.resolve(MODEL), Variant("rollout", {})
         accelerated_run.run(source, variant, tmp_path / "none", lambda message: None)

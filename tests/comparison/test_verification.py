@@ -14,7 +14,7 @@ from mjbench.status import Status
 
 @pytest.fixture(scope="module")
 def case(model: Any) -> ReferenceCase:
-    return ReferenceCase.create(*work.healthy(workload.make(model, nbatch=6, nstep=40)))
+    return ReferenceCase.create(*work.observe_healthy(workload.make(model, nbatch=6, nstep=40)))
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_a_lost_warm_start_shows_on_the_case_in_contact_alone() -> None:
     from mjbench.simulation import models
 
     cartpole = models.load(models.resolve("cartpole"))
-    no_contact = ReferenceCase.create(*work.healthy(workload.make(cartpole, 3, 5)))
+    no_contact = ReferenceCase.create(*work.observe_healthy(workload.make(cartpole, 3, 5)))
     in_contact = ReferenceCase.in_contact(hold=1, seed=0)
     variant = Variant("wrong_paths:ColdWarmStart", {})
     assert verify(0, variant, no_contact, None)[0].agrees is True

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import PYTHONPATH
-from pretender import NBATCH, available, made
+from pretender import NBATCH, available, make_workload
 
 from mjbench import paths
 from mjbench.comparison import selection
@@ -35,7 +35,7 @@ BALL_ASLEEP = """
 def test_the_snippet_computes_what_c_computes(
     name: str, result: str, within: float, tmp_path: Path
 ) -> None:
-    path, work = available(name), made()
+    path, work = available(name), make_workload()
     np.savez(tmp_path / "in.npz", state=work.initial_state, control=work.control)
     (tmp_path / "run.py").write_text(
         "import numpy as np\n"
@@ -48,7 +48,7 @@ def test_the_snippet_computes_what_c_computes(
         "np.save('out.npy', np.hstack(rows))\n"
     )
     subprocess.run([sys.executable, "run.py"], cwd=tmp_path, check=True, env=ENVIRONMENT)
-    want = trajectory.run(work, NBATCH).states[:, work.nstep]
+    want = trajectory.record_trajectory(work, NBATCH).states[:, work.nstep]
     fields = workload.fields(work.model, want)
     got = np.load(tmp_path / "out.npy")
     assert np.abs(got - np.hstack([fields["time"], fields["qpos"]])).max() < within
@@ -69,7 +69,7 @@ def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.Monke
 def test_warp_is_not_timed_where_trees_sleep(tmp_path: Path) -> None:
     path = available("warp")
     (tmp_path / "asleep.xml").write_text(BALL_ASLEEP)
-    assert "sleep" in str(path.unsuited(made(str(tmp_path / "asleep.xml")), {}))
+    assert "sleep" in str(path.unsuited(make_workload(str(tmp_path / "asleep.xml")), {}))
 
 
 def test_a_buffer_of_warp_that_was_too_small_is_reported() -> None:

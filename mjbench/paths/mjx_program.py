@@ -1,0 +1,233 @@
+"""The program that MJX's paths time: jit ∘ vmap ∘ loop over `mjx.step`.
+
+It returns the whole batched Data, so that the compiler cannot drop anything that a step computes.
+The number of steps is an argument: the timed program also takes the single steps by which it is
+checked. On a GPU, where XLA would ask the host before each step of such a loop, a second program
+is timed, with the number compiled in.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from mjbench.errors import MachineError
+from mjbench.paths import warp_buffers
+from mjbench.paths.accelerated import (
+    StepOutcome,
+    start_fields,
+    states_of_fields,
+    supported_fields,
+)
+from mjbench.paths.base import States
+from mjbench.simulation import compat
+from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.workload import Workload
+
+
+class Program:
+    """The program of one workload, not yet compiled, and its arguments on the device.
+
+    Attributes:
+      workload: to run.
+      start: arrays on the device by MjData field.
+      control: (nbatch, ncontrol, nu) on the device.
+      nstep: number of steps on the device.
+    """
+
+    def __init__(self, workload: Workload, model: Any, empty: Any):
+        """Put the workload's start and controls on the device.
+
+        Args:
+          workload: to run.
+          model: MJX's Model of it.
+          empty: MJX's Data of one simulation, whose fields the start replaces.
+        """
+        self.workload, self._model, self._empty = workload, model, empty
+        self._arrays = {n: v for n, v in vars(empty).items() if hasattr(v, "dtype")}
+        self.start = self.fields_on_device(start_fields(workload))
+        self.control = self.control_on_device(workload.control)
+        self.nstep = self.count_on_device(workload.nstep)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The type of floating-point numbers in MJX's Data."""
+        return self._arrays["qpos"].dtype  # type: ignore[no-any-return]
+
+    def fields_on_device(self, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return the fields that MJX has, in its shapes and types."""
+        import jax
+
+        return {
+            name: jax.device_put(
+                values.reshape(-1, *self._arrays[name].shape).astype(self._arrays[name].dtype)
+            )
+            for name, values in supported_fields(fields, self._arrays, "MJX").items()
+        }
+
+    def control_on_device(self, control: np.ndarray) -> Any:
+        """Return controls in MJX's type."""
+        import jax
+
+        return jax.device_put(control.astype(self._arrays["ctrl"].dtype))
+
+    def count_on_device(self, nstep: int) -> Any:
+        """Return a number of steps as the program takes it."""
+        import jax
+
+        return jax.device_put(np.int32(nstep))
+
+    def trace(self, nstep: int | None) -> tuple[Any, float]:
+        """Return the traced program, ready to compile, and the seconds that tracing took.
+
+        Args:
+          nstep: the number of steps to compile in; None to leave it an argument.
+        """
+        begin = time.perf_counter()
+        arguments = (self.start, self.control, self.nstep)
+        try:
+            traced = self._jitted(lambda data: data, nstep).lower(*arguments)
+        except TypeError:  # the loop's Data must have the same types before and after a step
+            cast = self._cast_to_step_types()
+            begin = time.perf_counter()
+            traced = self._jitted(cast, nstep).lower(*arguments)
+        return traced, time.perf_counter() - begin
+
+    def _step(self, data: Any, ctrl: Any) -> Any:
+        from mujoco import mjx
+
+        return mjx.step(self._model, data.replace(ctrl=ctrl))
+
+    def _jitted(self, cast: Callable[[Any], Any], fixed_nstep: int | None) -> Any:
+        """Return the jitted function of `start`, `control` and `nstep`."""
+        import jax
+
+        hold = self.workload.hold
+
+        def rollout(start: Any, control: Any, nstep: Any) -> Any:
+            data = cast(self._empty.replace(**start))
+            end = nstep if fixed_nstep is None else fixed_nstep
+            return jax.lax.fori_loop(0, end, lambda k, d: self._step(d, control[k // hold]), data)
+
+        return jax.jit(jax.vmap(rollout, in_axes=(0, 0, None)), donate_argnums=0)
+
+    def _cast_to_step_types(self) -> Callable[[Any], Any]:
+        """Return a function that casts Data to the types that a step returns.
+
+        In float64, make_data and step give some integers different types.
+        """
+        import jax
+
+        after = jax.eval_shape(lambda data: self._step(data, data.ctrl), self._empty)
+
+        def cast(data: Any) -> Any:
+            return jax.tree.map(lambda value, to: jax.numpy.asarray(value, to.dtype), data, after)
+
+        return cast
+
+
+class CompiledProgram:
+    """A compiled program, the input of its next run, and the output of its last one.
+
+    Attributes:
+      trace_s: seconds of tracing the timed program.
+      compile_s: seconds of compiling it.
+    """
+
+    def __init__(self, program: Program, nstep_is_fixed: bool):
+        """Compile a program.
+
+        Args:
+          program: to compile.
+          nstep_is_fixed: compile the number of steps into the timed program, and a second program,
+            which takes it as an argument, for `advance`.
+        """
+        import jax
+
+        self._program, self._block_until_ready = program, jax.block_until_ready
+        traced, self.trace_s = program.trace(program.workload.nstep if nstep_is_fixed else None)
+        begin = time.perf_counter()
+        self._timed = traced.compile()
+        self.compile_s = time.perf_counter() - begin
+        self._any_nstep = program.trace(None)[0].compile() if nstep_is_fixed else self._timed
+        self._start: Any = None
+        self._end: Any = None
+
+    def first_call_s(self) -> float:
+        """Return the seconds of a first call, of one step."""
+        import jax
+
+        start, one = self._copy_of_start(), self._program.count_on_device(1)
+        begin = time.perf_counter()
+        jax.block_until_ready(self._any_nstep(start, self._program.control, one))
+        return time.perf_counter() - begin
+
+    def clear(self) -> None:
+        """Drop the output of the last run, and copy the start for the next: a run overwrites it."""
+        self._start = self._end = None
+        self._start = self._block_until_ready(self._copy_of_start())
+
+    def run(self) -> None:
+        """Run the timed program; each run needs a `clear` before it."""
+        program, start, self._start = self._program, self._start, None
+        self._end = self._block_until_ready(self._timed(start, program.control, program.nstep))
+
+    def final_states(self) -> States:
+        """Return the states that the last run ended in."""
+        _check_buffers(self._end)
+        return states_of_fields(self._program.workload, self._fields(self._end))
+
+    def advance(
+        self, fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int
+    ) -> StepOutcome:
+        """Take `nstep` steps from other states (see `Compiled.advance`)."""
+        program = self._program
+        data = self._any_nstep(
+            program.fields_on_device(fields),
+            program.control_on_device(control),
+            program.count_on_device(nstep),
+        )
+        _check_buffers(data)
+        return StepOutcome(self._fields(data), _contacts(data))
+
+    def _copy_of_start(self) -> Any:
+        import jax
+
+        return jax.tree.map(jax.numpy.copy, self._program.start)
+
+    def _fields(self, data: Any) -> dict[str, np.ndarray]:
+        """Return the start's fields and the controls of batched Data, (nbatch, size) in float64."""
+        fields = {}
+        for name in (*self._program.start, "ctrl"):
+            values = np.asarray(getattr(data, name), dtype=np.float64)
+            fields[name] = values.reshape(len(values), -1)
+        return fields
+
+
+def _check_buffers(data: Any) -> None:
+    """Reject a result for which one of Warp's buffers was too small."""
+    own = compat.mjx_own(data)
+    if hasattr(own, "overflow"):
+        warp_buffers.check_overflow(np.asarray(own.overflow))
+    elif hasattr(own, "nacon"):
+        raise MachineError(
+            "this release of MJX does not report whether one of Warp's buffers was too small"
+        )
+
+
+def _contacts(data: Any) -> Contacts | None:
+    """Return the contacts of batched Data that are near enough to count."""
+    own = compat.mjx_own(data)
+    if hasattr(own, "nacon"):  # of Warp: the contacts of all simulations in one list
+        names = ("worldid", "geom", "frame", "dist", "includemargin")
+        return warp_buffers.read_contacts(
+            own.nacon, *(getattr(own, f"contact__{n}") for n in names)
+        )
+    contact = getattr(own, "contact", None)
+    if contact is None:
+        return None
+    near = np.asarray(contact.dist) < np.asarray(contact.includemargin)
+    simulation, slot = np.nonzero(near)
+    frame = np.asarray(contact.frame).reshape(*near.shape, 9)
+    return Contacts.of(simulation, np.asarray(contact.geom)[near], frame[simulation, slot, :3])

@@ -1,0 +1,73 @@
+"""MuJoCo Warp's buffers of a fixed size: how large to make them, and how to read them.
+
+Both ways of calling MuJoCo Warp need this: by itself (`warp.py`) and from JAX (`mjx.py`).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mjbench.errors import MachineError
+from mjbench.simulation.trajectory import Contacts
+from mjbench.simulation.work import Peaks
+
+# Size of the buffers for contacts and constraints, as a multiple of the reference run's peak.
+_PEAK_FACTOR = 2
+# The contact buffer also holds pairs that are merely near. Its size is at least MuJoCo Warp's own
+# default for each world of a model of plain geoms (make_data without nconmax).
+_MIN_CONTACTS = 48
+# Overflow flags of MuJoCo Warp that concern iterations, not the size of a buffer.
+_ITERATION_FLAGS = ("ITERATIONS", "LS_ITERATIONS")
+
+
+def buffer_sizes(peaks: Peaks, nbatch: int) -> dict[str, int]:
+    """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each."""
+    return {
+        "naconmax": nbatch * max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
+        "njmax": max(1, _PEAK_FACTOR * peaks.constraints),
+    }
+
+
+def read_contacts(
+    count: ArrayLike,
+    world: ArrayLike,
+    geom: ArrayLike,
+    frame: ArrayLike,
+    distance: ArrayLike,
+    margin: ArrayLike,
+) -> Contacts:
+    """Return the contacts in Warp's buffers that are near enough to count.
+
+    Args:
+      count: number of rows in use, an array of one.
+      world: (n,) the simulation of each.
+      geom: (n, 2) ids of geoms.
+      frame: (n, 3, 3) axes, the normal first.
+      distance: (n,) between the geoms, in m.
+      margin: (n,) distance below which a contact counts, in m.
+    """
+    distances = np.asarray(distance)
+    used = slice(min(int(np.ravel(count)[0]), len(distances)))
+    near = distances[used] < np.asarray(margin)[used]
+    frames = np.asarray(frame)[used].reshape(-1, 9)
+    return Contacts.of(
+        np.asarray(world)[used][near], np.asarray(geom)[used][near], frames[near, :3]
+    )
+
+
+def check_overflow(flags: np.ndarray) -> None:
+    """Reject a result of MuJoCo Warp for which a buffer was too small.
+
+    Args:
+      flags: of each world, bits of MuJoCo Warp's OverflowType.
+
+    Raises:
+      MachineError: a buffer overflowed; the message says which.
+    """
+    from mujoco_warp import OverflowType
+
+    single = [flag for flag in OverflowType if flag.value and not flag.value & (flag.value - 1)]
+    overflowed = [f for f in single if f.name not in _ITERATION_FLAGS and (flags & f.value).any()]
+    if overflowed:
+        worlds = int(np.count_nonzero(flags & sum(f.value for f in overflowed)))
+        names = ", ".join(str(f.name) for f in overflowed)
+        raise MachineError(f"buffers of Warp overflowed in {worlds} worlds: {names}")
