@@ -11,7 +11,13 @@ from mjbench.instrument import machine, runs
 from mjbench.status import Status
 
 RECORD = MeasurementRecord(
-    model="m", path="mjx", options={}, status=Status.OK, precision="float32", check=CHECK
+    model="m",
+    path="mjx",
+    options={},
+    status=Status.OK,
+    precision="float32",
+    check=CHECK,
+    samples_s=[],
 )
 
 
