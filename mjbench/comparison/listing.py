@@ -1,5 +1,6 @@
 """Facts of models, gathered in a child process so that a crash costs one row."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,6 @@ def describe_all(request: dict[str, Any], channel: Channel) -> None:
         channel.where(f"loading {name}")
         try:
             described = work.describe(models.load(models.ModelSource(name, Path(entry["path"]))))
-            channel.send(model=name, status="ok", detail="", **described)
+            channel.send(model=name, status="ok", detail="", **asdict(described))
         except InputError as error:
             channel.send(model=name, status="input", detail=str(error))

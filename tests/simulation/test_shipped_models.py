@@ -1,6 +1,4 @@
-"""What our own models promise, in the engine's own words; nothing of mjbench is used."""
-
-from typing import Any
+"""Properties of the shipped models, checked with MuJoCo alone; mjbench is not imported."""
 
 import mujoco
 import numpy as np
@@ -11,8 +9,8 @@ FOLDER = ROOT / "models"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.xml"))
 
 
-def load(name: str) -> tuple[Any, Any]:
-    """Return a model of ours and its data at keyframe 0, forwarded."""
+def load(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a shipped model and its data at keyframe 0, after mj_forward."""
     model = mujoco.MjModel.from_xml_path(str(FOLDER / f"{name}.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -20,16 +18,17 @@ def load(name: str) -> tuple[Any, Any]:
     return model, data
 
 
-def normal_forces(model: Any, data: Any) -> list[float]:
-    force, found = np.zeros(6), []
+def normal_forces(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+    """Return the normal force of each contact, in N."""
+    force, normal = np.zeros(6), []
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force)
-        found.append(float(force[0]))
-    return found
+        normal.append(float(force[0]))
+    return normal
 
 
-def bodies_in_contact(model: Any, data: Any, floor: str) -> list[str]:
-    """Return the bodies that touch the geom `floor`, one entry a contact."""
+def bodies_in_contact(model: mujoco.MjModel, data: mujoco.MjData, floor: str) -> list[str]:
+    """Return the bodies that touch the geom `floor`, one entry per contact."""
     ground = model.geom(floor).id
     pairs = [list(contact.geom) for contact in data.contact[: data.ncon]]
     others = [pair[1 - pair.index(ground)] for pair in pairs if ground in pair]
@@ -39,7 +38,7 @@ def bodies_in_contact(model: Any, data: Any, floor: str) -> list[str]:
 # cartpole
 
 
-def test_cartpole_has_the_names_ids_and_masses_it_is_known_by() -> None:
+def test_cartpole_has_its_documented_names_ids_and_masses() -> None:
     model, data = load("cartpole")
     assert (model.body("cart").id, model.body("pole").id) == (1, 2)
     assert (model.joint("slider").id, model.joint("hinge").id) == (0, 1)
@@ -57,7 +56,7 @@ def test_cartpole_named_access_reads_what_was_set() -> None:
     np.testing.assert_array_equal(data.sensor("pole_angle").data, [0.1])
 
 
-def test_the_falling_poles_tip_ranges_over_227_mm_as_copies_and_nothing_as_views() -> None:
+def test_the_falling_poles_tip_moves_227_mm_in_copies_and_not_at_all_in_views() -> None:
     model, data = load("cartpole")
     copies, views = [], []
     for _ in range(200):
@@ -161,8 +160,8 @@ def test_the_pile_is_a_hundred_boxes_in_hundreds_of_contacts() -> None:
 def test_the_linkage_has_every_equality_and_a_mocap_body_away_from_its_default() -> None:
     model, data = load("linkage")
     kinds = {int(kind) for kind in model.eq_type}
-    wanted = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT)
-    assert kinds == {int(kind) for kind in wanted}
+    expected = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT)
+    assert kinds == {int(kind) for kind in expected}
     assert np.abs(data.mocap_pos[0] - model.body("handle").pos).max() > 0.05
 
 
@@ -204,7 +203,7 @@ def test_every_model_starts_from_a_keyframe_and_steps_without_a_warning(name: st
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_table_of_models_says_what_the_model_is(name: str) -> None:
+def test_the_table_of_models_has_the_models_facts(name: str) -> None:
     text = (FOLDER / "README.md").read_text()
     (row,) = [line for line in text.splitlines() if line.startswith(f"| `{name}` |")]
     cells = [cell.strip() for cell in row.strip("|").split("|")]
