@@ -121,13 +121,14 @@ def _unconstrained_run_limit(check: AcceleratedCheck) -> float:
 def summary(check: AcceleratedCheck) -> str:
     """Return the results of a check in one line."""
     steps = (
-        (check.unconstrained_steps, "unconstrained steps", check.unconstrained_error),
-        (check.constrained_steps, "constrained steps", check.constrained_error),
-        (check.contact_steps, "steps in contact", check.contact_error),
+        (check.unconstrained_steps, "unconstrained", check.unconstrained_error),
+        (check.constrained_steps, "constrained", check.constrained_error),
+        (check.contact_steps, "in contact", check.contact_error),
     )
-    parts = [f"{count} single {kind} within {error:.1g}" for count, kind, error in steps if count]
+    kinds = [f"{count} {kind} within {error:.1g}" for count, kind, error in steps if count]
+    parts = [f"single steps: {', '.join(kinds)}"]
     if check.same_count is not None:
-        parts.append(f"as many contacts as C in {100 * check.same_count:.0f} % of them")
+        parts.append(f"as many contacts as C in {100 * check.same_count:.0f} % of those")
     if check.normal_degrees is not None:
         parts.append(f"normals within {check.normal_degrees:.2g}°")
     parts.append(

@@ -1,57 +1,40 @@
-"""Two run files held against each other."""
+"""`mjbench diff`: two run files of `compare`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from commands import ROOT, mjbench
+from example_records import measurement, model_record
 
-from mjbench.errors import InputError
-from mjbench.instrument import stats
+from mjbench.instrument import machine, runs
 
 RUNS = ROOT / "results/runs"
 
 
-def test_results_that_differ_in_identity_are_not_compared_unless_asked() -> None:
-    old = stats.TimedBlocks([1.0] * 9, {"jax": "0.10.1", "device": "cpu"})
-    new = stats.TimedBlocks([2.0] * 9, {"jax": "0.10.2", "device": "cpu"})
-    with pytest.raises(InputError, match=r"differ in jax \(0.10.2, 0.10.1\)"):
-        stats.unpaired(new, old)
-    assert stats.unpaired(new, old, across=True).median == pytest.approx(2.0)
-    assert stats.unpaired(old, old).median == pytest.approx(1.0)
-
-
-def run_file(folder: Path, name: str, jax: str, seconds: float) -> Path:
-    machine = {"cpu": "c", "versions": {"jax": jax}, "flags": {}}
-    measurement = {
-        "type": "measurement",
-        "model": "m",
-        "path": "mjx",
-        "options": {},
-        "nbatch": 2,
-        "nstep": 5,
-        "status": "ok",
-        "agrees": True,
-        "precision": "float32",
-        "device": "cpu",
-        "workload_digest": "w",
-        "samples_s": [seconds] * 9,
-    }
-    head = {"type": "run", "schema": 1, "command": "compare", "machine": machine}
-    file = folder / name
-    file.write_text(f"{json.dumps(head)}\n{json.dumps(measurement)}\n")
-    return file
+def run_file(folder: Path, jax: str, seconds: float) -> str:
+    versions = {"jax": jax}
+    file = runs.RunFile(folder, "compare", replace(machine.describe(), versions=versions), {})
+    file.append(model_record())
+    file.append(measurement(path="mjx", precision="float32", device="cpu", samples_s=[seconds] * 9))
+    file.close()
+    return str(file.path)
 
 
 def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
-    old = run_file(tmp_path, "old.jsonl", "1", 1.0)
-    new = run_file(tmp_path, "new.jsonl", "2", 1.5)
-    refused = mjbench("diff", str(old), str(new))
+    old = run_file(tmp_path / "old", "1", 1.0)
+    new = run_file(tmp_path / "new", "2", 1.5)
+    refused = mjbench("diff", old, new)
     assert refused.returncode == 2
     assert "they differ in jax (2, 1)" in refused.stdout
-    alone = mjbench("diff", str(old), str(RUNS / "reference-selfcheck-quiet.jsonl"))
-    assert alone.returncode == 2
-    assert "no timed row" in alone.stderr
-    compared = mjbench("diff", str(old), str(new), "--across", "--json", "-")
+    compared = mjbench("diff", old, new, "--across", "--json", "-")
     assert compared.returncode == 0, compared.stderr
     assert json.loads(compared.stdout)["results"][0]["ratio"]["estimate"] == pytest.approx(1.5)
+
+
+def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
+    old = run_file(tmp_path, "1", 1.0)
+    done = mjbench("diff", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
+    assert done.returncode == 2
+    assert "no timed row" in done.stderr

@@ -55,7 +55,7 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("missing.whl", "installed"), "no such wheel"),
         (("installed", "installed", "--fail-on", "tea"), "'tea' is not one of"),
         (("installed", "installed", "--min-effect", "0"), "not between 0% and 100%"),
-        (("installed", "installed", "--time-limit", "soon"), "no time such as 60s"),
+        (("installed", "installed", "--time-limit", "soon"), "not a time such as 60s"),
         (("installed", "installed", "--paths", "mjx"), "cannot alternate"),
         (("installed", "installed", "--nstep", "5", "--hold", "2"), "not a multiple"),
     ],

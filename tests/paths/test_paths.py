@@ -1,6 +1,10 @@
-"""Every path in lock step with the reference run, over small models."""
+"""Every C path against the reference run, over small models."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -10,7 +14,6 @@ from example_models import CONTACT_XML
 
 from mjbench import paths
 from mjbench.errors import InputError
-from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.paths.threads import shares
 from mjbench.simulation import agreement, compat, work, workload
 
@@ -25,8 +28,8 @@ SWEEP: dict[str, list[Any]] = {
     "data": ["shared", "persistent"],
     "engine_threads": [None, 2],
 }
-# those that compile are held to tolerances, in processes of their own: test_accelerated.py
-C_PATHS = {n: p for n, p in paths.registry().items() if not isinstance(p, AcceleratedPath)}
+# paths that compile are held to tolerances: tests/comparison/test_accelerated_run.py
+C_PATHS = {name: path for name, path in paths.registry().items() if not path.compiles}
 VARIANTS = [
     pytest.param(path, options, id=" ".join([name, *(f"{k}={v}" for k, v in options.items())]))
     for name, path in C_PATHS.items()
@@ -34,113 +37,123 @@ VARIANTS = [
 ]
 
 
+@dataclass(frozen=True)
+class Case:
+    """A workload, its reference run, and what its paths share."""
+
+    workload: workload.Workload
+    reference: work.Observation
+    resources: paths.Resources
+
+    @classmethod
+    def of(cls, case_workload: workload.Workload) -> "Case":
+        return cls(case_workload, work.observe(case_workload), paths.Resources(case_workload))
+
+    def difference(self, states: paths.States) -> agreement.Difference | None:
+        columns = compat.state_columns(self.workload.model, compat.state_spec("INTEGRATION"))
+        return agreement.first_difference(
+            states.values, self.reference.final_state, columns, states.mask
+        )
+
+    def skip_unless_possible(self, path: paths.SteppingPath, options: dict[str, Any]) -> None:
+        reason = path.unavailable() or path.unsuited(self.workload, options)
+        if reason:
+            pytest.skip(reason)
+
+
 @pytest.fixture(scope="module")
-def work_and_truth() -> Iterator[tuple[workload.Workload, work.Observation, paths.Resources]]:
-    made = workload.make(mujoco.MjModel.from_xml_string(CONTACT_XML), 7, 12, hold=3, seed=2)
-    resources = paths.Resources(made)
-    yield made, work.observe(made), resources
-    resources.close()
-
-
-def difference(states: paths.States, truth: work.Observation, model: Any) -> Any:
-    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    return agreement.first_difference(states.values, truth.final_state, columns, states.held)
+def case() -> Iterator[Case]:
+    model = mujoco.MjModel.from_xml_string(CONTACT_XML)
+    case = Case.of(workload.make(model, 7, 12, hold=3, seed=2))
+    yield case
+    case.resources.close()
 
 
 @pytest.mark.parametrize(("path", "options"), VARIANTS)
-def test_it_reaches_the_reference_states_to_the_last_bit(
-    work_and_truth: Any, path: paths.SteppingPath, options: dict[str, Any]
+def test_a_path_reaches_the_reference_states_to_the_last_bit(
+    case: Case, path: paths.SteppingPath, options: dict[str, Any]
 ) -> None:
-    made, truth, resources = work_and_truth
-    reason = path.unavailable() or path.unsuited(made, options)
-    if reason:
-        pytest.skip(reason)
-    prepared = path.prepare(made, options, resources)
-    whole = prepared.verify()
-    assert whole.held is None
-    assert difference(whole, truth, made.model) is None
-    for _ in range(2):  # a timed block leaves nothing behind that changes the next
+    case.skip_unless_possible(path, options)
+    prepared = path.prepare(case.workload, options, case.resources)
+    verified = prepared.verified_states()
+    assert verified.mask is None
+    assert case.difference(verified) is None
+    for _ in range(2):  # a timed block does not change the result of the next
         prepared.clear()
         prepared.run()
-        assert difference(prepared.final_states(), truth, made.model) is None
+        assert case.difference(prepared.final_states()) is None
 
 
 @pytest.mark.parametrize(("path", "options"), VARIANTS)
 def test_a_block_that_does_not_run_cannot_pass(
-    work_and_truth: Any, path: paths.SteppingPath, options: dict[str, Any]
+    case: Case, path: paths.SteppingPath, options: dict[str, Any]
 ) -> None:
-    made, truth, resources = work_and_truth
-    reason = path.unavailable() or path.unsuited(made, options)
-    if reason:
-        pytest.skip(reason)
-    prepared = path.prepare(made, options, resources)
+    case.skip_unless_possible(path, options)
+    prepared = path.prepare(case.workload, options, case.resources)
     prepared.run()
     prepared.clear()
-    assert difference(prepared.final_states(), truth, made.model) is not None
+    assert case.difference(prepared.final_states()) is not None
 
 
 @pytest.mark.parametrize(
     ("path", "options"),
     [v for v in VARIANTS if v.values[0].name != "processes"],  # type: ignore[attr-defined]
 )
-def test_its_snippet_does_what_it_does(
-    work_and_truth: Any, path: paths.SteppingPath, options: dict[str, Any]
+def test_a_snippet_does_what_its_path_does(
+    case: Case, path: paths.SteppingPath, options: dict[str, Any]
 ) -> None:
-    made, truth, _ = work_and_truth
-    reason = path.unavailable() or path.unsuited(made, options)
-    if reason:
-        pytest.skip(reason)
+    case.skip_unless_possible(path, options)
+    model = case.workload.model
     names = {
-        "model": made.model,
-        "initial_state": made.initial_state.copy(),
-        "control": made.control.copy(),
+        "model": model,
+        "initial_state": case.workload.initial_state.copy(),
+        "control": case.workload.control.copy(),
     }
-    exec(compile(path.snippet(made, options), path.name, "exec"), names)
-    expected = truth.final_state
+    exec(compile(path.snippet(case.workload, options), path.name, "exec"), names)
+    expected = case.reference.final_state
     if path.name == "rollout":  # it returns full-physics states
-        whole = compat.state_columns(made.model, compat.state_spec("INTEGRATION"))
-        physics = compat.state_columns(made.model, compat.state_spec("FULLPHYSICS"))
-        expected = expected[:, np.concatenate([np.r_[whole[field]] for field in physics])]
+        columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+        physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
+        expected = expected[:, np.concatenate([np.r_[columns[field]] for field in physics])]
     np.testing.assert_array_equal(names["final_state"], expected)
 
 
-def test_the_processes_snippet_does_what_it_does(work_and_truth: Any, tmp_path: Any) -> None:
-    import subprocess
-    import sys
-
-    made, truth, _ = work_and_truth
-    mujoco.mj_saveModel(made.model, str(tmp_path / "model.mjb"))
-    np.savez(tmp_path / "given.npz", initial_state=made.initial_state, control=made.control)
-    code = paths.find("processes").snippet(made, {"processes": 2})
+def test_the_snippet_of_processes_does_what_the_path_does(case: Case, tmp_path: Path) -> None:
+    mujoco.mj_saveModel(case.workload.model, str(tmp_path / "model.mjb"))
+    np.savez(
+        tmp_path / "input.npz",
+        initial_state=case.workload.initial_state,
+        control=case.workload.control,
+    )
+    code = paths.find("processes").snippet(case.workload, {"processes": 2})
     head = (
         "import mujoco, numpy as np\n"
         "model = mujoco.MjModel.from_binary_path('model.mjb')\n"
-        "given = np.load('given.npz')\n"
-        "initial_state, control = given['initial_state'], given['control']\n"
+        "arrays = np.load('input.npz')\n"
+        "initial_state, control = arrays['initial_state'], arrays['control']\n"
     )
     tail = "    np.save('final.npy', final_state)\n"
     (tmp_path / "program.py").write_text(head + code + tail)
     subprocess.run([sys.executable, "program.py"], cwd=tmp_path, check=True, timeout=120)
-    np.testing.assert_array_equal(np.load(tmp_path / "final.npy"), truth.final_state)
+    np.testing.assert_array_equal(np.load(tmp_path / "final.npy"), case.reference.final_state)
 
 
-def test_models_without_actuators_run_on_every_path() -> None:
+def test_a_model_without_actuators_runs_on_every_path() -> None:
     xml = (
         "<mujoco><worldbody><geom type='plane' size='1 1 1'/><body pos='0 0 .099'><freejoint/>"
         "<geom type='box' size='.1 .1 .1'/></body></worldbody></mujoco>"
     )
-    made = workload.make(mujoco.MjModel.from_xml_string(xml), 3, 6)
-    truth, resources = work.observe(made), paths.Resources(made)
+    case = Case.of(workload.make(mujoco.MjModel.from_xml_string(xml), 3, 6))
     for path in C_PATHS.values():
         if path.unavailable():
             continue
         options = path.variants({"threads": [2], "processes": [2]})[0]
-        states = path.prepare(made, options, resources).verify()
-        assert difference(states, truth, made.model) is None, path.name
-    resources.close()
+        states = path.prepare(case.workload, options, case.resources).verified_states()
+        assert case.difference(states) is None, path.name
+    case.resources.close()
 
 
-def test_variants_drop_options_that_mean_nothing_at_one_thread() -> None:
+def test_one_thread_drops_the_options_that_have_no_effect() -> None:
     variants = paths.find("rollout").variants({"threads": [1, 2], "chunk": [1, 8]})
     assert variants[0] == {"threads": 1}
     assert {"threads": 2, "chunk": 8, "pool": "new"} in variants
@@ -150,6 +163,34 @@ def test_variants_drop_options_that_mean_nothing_at_one_thread() -> None:
 def test_by_default_only_the_most_threads_get_an_mjdata_per_simulation() -> None:
     variants = paths.find("batch_step").variants({"threads": [1, 2, 4]})
     assert [v["threads"] for v in variants if v["data"] == "persistent"] == [4]
+
+
+def test_a_full_option_set_has_one_thread_unless_it_says_otherwise() -> None:
+    assert paths.find("threads").complete({}) == {"threads": 1}
+    assert paths.find("processes").complete({"processes": 2}) == {"processes": 2}
+    assert paths.find("python_loop_hold").complete({}) == {}
+    assert paths.find("rollout").complete({"threads": 2}) == {"threads": 2, "pool": "kept"}
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, 1),
+        ({"threads": 3, "chunk": 8}, 3),
+        ({"processes": 2}, 2),
+        ({"engine_threads": 4}, 4),
+        ({"engine_threads": None}, 1),
+    ],
+)
+def test_the_number_of_threads_follows_from_the_options(
+    options: dict[str, Any], expected: int
+) -> None:
+    assert paths.nthread(options) == expected
+
+
+def test_parallel_options_are_marked() -> None:
+    marked = {o.name for path in C_PATHS.values() for o in path.options if o.is_parallel}
+    assert marked == {"threads", "processes", "engine_threads"}
 
 
 def test_paths_share_their_mjdata_and_outputs(small: workload.Workload) -> None:
@@ -167,7 +208,7 @@ def test_paths_share_their_mjdata_and_outputs(small: workload.Workload) -> None:
         ("math:pi", "not a subclass"),
     ],
 )
-def test_a_wrong_path_name_is_told(name: str, message: str) -> None:
+def test_an_unknown_path_is_an_error_that_suggests_another(name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         paths.find(name)
 

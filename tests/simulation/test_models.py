@@ -23,7 +23,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return root
 
 
-def test_our_own_models_are_found_by_name() -> None:
+def test_shipped_models_are_found_by_name() -> None:
     assert "cartpole" in models.shipped()
     assert models.resolve("cartpole").path.name == "cartpole.xml"
 
@@ -56,7 +56,9 @@ def test_a_packages_model_is_found_without_importing_the_package(package: Path) 
         ("nowhere/robot.xml", "no such file"),
     ],
 )
-def test_a_wrong_name_says_what_is_near(package: Path, name: str, message: str) -> None:
+def test_an_unknown_name_is_an_error_that_suggests_others(
+    package: Path, name: str, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         models.resolve(name)
 
@@ -69,7 +71,7 @@ def test_a_wrong_name_says_what_is_near(package: Path, name: str, message: str) 
         ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "no degree of freedom"),
     ],
 )
-def test_a_bad_file_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+def test_a_broken_file_is_an_error_of_one_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "bad.xml").write_text(text)
     with pytest.raises(InputError, match=message) as raised:
         models.load(models.resolve(str(tmp_path / "bad.xml")))

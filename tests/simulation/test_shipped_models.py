@@ -1,6 +1,4 @@
-"""What each shipped model is there to show; nothing of mjbench is used."""
-
-from typing import Any
+"""Properties of the shipped models, checked with MuJoCo alone; mjbench is not imported."""
 
 import mujoco
 import numpy as np
@@ -11,8 +9,8 @@ FOLDER = ROOT / "models"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.xml"))
 
 
-def load(name: str) -> tuple[Any, Any]:
-    """Return a model of ours and its data at keyframe 0, forwarded."""
+def load(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a shipped model and its data at keyframe 0, after mj_forward."""
     model = mujoco.MjModel.from_xml_path(str(FOLDER / f"{name}.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -20,7 +18,8 @@ def load(name: str) -> tuple[Any, Any]:
     return model, data
 
 
-def normal_forces(model: Any, data: Any) -> list[float]:
+def normal_forces(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
+    """Return the normal force of each contact, in N."""
     force, normal = np.zeros(6), []
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force)
@@ -28,8 +27,8 @@ def normal_forces(model: Any, data: Any) -> list[float]:
     return normal
 
 
-def bodies_in_contact(model: Any, data: Any, floor: str) -> list[str]:
-    """Return the bodies that touch the geom `floor`, one entry a contact."""
+def bodies_in_contact(model: mujoco.MjModel, data: mujoco.MjData, floor: str) -> list[str]:
+    """Return the bodies that touch the geom `floor`, one entry per contact."""
     ground = model.geom(floor).id
     pairs = [list(contact.geom) for contact in data.contact[: data.ncon]]
     others = [pair[1 - pair.index(ground)] for pair in pairs if ground in pair]
@@ -130,8 +129,8 @@ def test_the_pile_is_a_hundred_boxes_in_hundreds_of_contacts() -> None:
 def test_the_linkage_has_every_equality_and_a_mocap_body_away_from_its_default() -> None:
     model, data = load("linkage")
     kinds = {int(kind) for kind in model.eq_type}
-    wanted = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT)
-    assert kinds == {int(kind) for kind in wanted}
+    expected = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT)
+    assert kinds == {int(kind) for kind in expected}
     assert np.abs(data.mocap_pos[0] - model.body("handle").pos).max() > 0.05
 
 
@@ -173,7 +172,7 @@ def test_every_model_starts_from_a_keyframe_and_steps_without_a_warning(name: st
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_table_of_models_says_what_the_model_is(name: str) -> None:
+def test_the_table_of_models_has_the_models_facts(name: str) -> None:
     text = (FOLDER / "README.md").read_text()
     (row,) = [line for line in text.splitlines() if line.startswith(f"| `{name}` |")]
     cells = [cell.strip() for cell in row.strip("|").split("|")]
