@@ -13,7 +13,7 @@ from pretender import NBATCH, available, make_workload
 from mjbench import paths
 from mjbench.comparison import selection
 from mjbench.errors import MachineError
-from mjbench.paths.accelerated import check_overflow
+from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import trajectory, workload
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": PYTHONPATH}
