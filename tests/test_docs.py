@@ -1,0 +1,49 @@
+"""The pages name what exists: modules, files, links."""
+
+import re
+from pathlib import Path
+
+import pytest
+from commands import ROOT
+
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")])
+PACKAGES = sorted(p.parent.name for p in (ROOT / "mjbench").glob("*/__init__.py"))
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_link_between_pages_leads_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if "://" in target:
+            continue
+        file, _, anchor = target.partition("#")
+        linked = (page.parent / file).resolve() if file else page
+        assert linked.exists(), target
+        assert not anchor or anchor in anchors(linked), target
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_architecture_page_lists_every_module_of_a_package_and_no_other(package: str) -> None:
+    text = (ROOT / "docs/architecture.md").read_text()
+    section = re.search(rf"^\*\*`{package}/`\*\*$(.*?)^(\*\*`|## )", text, flags=re.M | re.S)
+    assert section is not None, f"no table of {package}/"
+    listed = set(re.findall(r"`(\w+)\.py`", section[1])) - {"__init__"}
+    modules = {file.stem for file in (ROOT / "mjbench" / package).glob("*.py")} - {"__init__"}
+    assert listed == modules
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_file_of_the_project_that_a_page_names_exists(page: Path) -> None:
+    folders = "mjbench|benchmarks|tests|models|docs|results"
+    for path in re.findall(rf"`((?:{folders})/[\w./-]+\.\w+)`", page.read_text()):
+        is_example = path.startswith("models/NAME") or "<" in path
+        assert is_example or (ROOT / path).exists() or "runs/" in path, path
