@@ -119,40 +119,14 @@ class Mjx(AcceleratedPath):
           workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
-        x64 = self.precision == "float64"
-        config = (
-            'jax.config.update("jax_enable_x64", True)\n'
-            if x64
-            else f'jax.config.update("jax_default_matmul_precision", "{_matmul_precision()}")\n'
-        )
-        types = (  # make_data and step give some integers different types
-            "kinds = jax.eval_shape(lambda d: mjx.step(mx, d), empty)\n"
-            "empty = jax.tree.map(lambda x, k: jax.numpy.asarray(x, k.dtype), empty, kinds)\n"
-            if x64
-            else ""
-        )
-        impl = "" if self.impl == "jax" else f', impl="{self.impl}"'
-        held = (
-            "    data = data.replace(ctrl=ctrl)\n"
-            f"    return jax.lax.fori_loop(0, {workload.hold}, lambda _, d: mjx.step(mx, d), data),"
-            " None\n"
-            if workload.hold > 1
-            else "    return mjx.step(mx, data.replace(ctrl=ctrl)), None\n"
-        )
-        return (
-            "import jax\nimport mujoco\nimport numpy as np\nfrom mujoco import mjx\n\n"
-            f"{config}mx = mjx.put_model(model{impl})\n"
-            f"empty = mjx.make_data(model{impl}{keyword_arguments(options)})\n{types}"
-            "datas = [mujoco.MjData(model) for _ in initial_state]\n"
-            "for data, state in zip(datas, initial_state):\n"
-            "    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)\n"
-            'names = ("time", "qpos", "qvel", "act", "qacc_warmstart")\n'
-            "start = {n: np.array([getattr(d, n) for d in datas]) for n in names}\n\n\n"
-            "def step(data, ctrl):\n"
-            f"{held}\n\n"
-            "@jax.jit\n@jax.vmap\ndef rollout(start, control):\n"
-            "    return jax.lax.scan(step, empty.replace(**start), control)[0]\n\n\n"
-            "final = jax.block_until_ready(rollout(start, control))"
+        is_float64 = self.precision == "float64"
+        matmul = f'jax.config.update("jax_default_matmul_precision", "{_matmul_precision()}")'
+        return _SNIPPET.format(
+            config='jax.config.update("jax_enable_x64", True)' if is_float64 else matmul,
+            impl="" if self.impl == "jax" else f', impl="{self.impl}"',
+            sizes=keyword_arguments(options),
+            cast=_SNIPPET_CAST if is_float64 else "",
+            step=_SNIPPET_HOLD.format(hold=workload.hold) if workload.hold > 1 else _SNIPPET_STEP,
         )
 
 
@@ -200,3 +174,44 @@ class MjxWarp(Mjx):
 def _matmul_precision() -> str:
     """Return the precision of float32 matrix products: `highest` unless the user names another."""
     return os.environ.get(_MATMUL, "highest")
+
+
+_SNIPPET_STEP = "    return mjx.step(mx, data.replace(ctrl=ctrl)), None"
+
+_SNIPPET_HOLD = """\
+    data = data.replace(ctrl=ctrl)
+    return jax.lax.fori_loop(0, {hold}, lambda _, d: mjx.step(mx, d), data), None"""
+
+# make_data and step give some integers different types
+_SNIPPET_CAST = """\
+kinds = jax.eval_shape(lambda d: mjx.step(mx, d), empty)
+empty = jax.tree.map(lambda x, k: jax.numpy.asarray(x, k.dtype), empty, kinds)
+"""
+
+_SNIPPET = """\
+import jax
+import mujoco
+import numpy as np
+from mujoco import mjx
+
+{config}
+mx = mjx.put_model(model{impl})
+empty = mjx.make_data(model{impl}{sizes})
+{cast}datas = [mujoco.MjData(model) for _ in initial_state]
+for data, state in zip(datas, initial_state):
+    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+names = ("time", "qpos", "qvel", "act", "qacc_warmstart")
+start = {{n: np.array([getattr(d, n) for d in datas]) for n in names}}
+
+
+def step(data, ctrl):
+{step}
+
+
+@jax.jit
+@jax.vmap
+def rollout(start, control):
+    return jax.lax.scan(step, empty.replace(**start), control)[0]
+
+
+final = jax.block_until_ready(rollout(start, control))"""

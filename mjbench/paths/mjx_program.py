@@ -158,9 +158,9 @@ class CompiledProgram:
         """Return the seconds of a first call, of one step."""
         import jax
 
-        start, one = self._copy_of_start(), self._program.count_on_device(1)
+        start, nstep = self._copy_of_start(), self._program.count_on_device(1)
         begin = time.perf_counter()
-        jax.block_until_ready(self._any_nstep(start, self._program.control, one))
+        jax.block_until_ready(self._any_nstep(start, self._program.control, nstep))
         return time.perf_counter() - begin
 
     def clear(self) -> None:

@@ -88,7 +88,7 @@ class _WorkerPool:
 
     def __init__(self, workload: Workload, count: int):
         context = multiprocessing.get_context("spawn")
-        # kept: the allocator reuses the memory once this process holds no reference to it
+        # referenced here for as long as the workers use it: the allocator reuses free memory
         self._shared = _SharedWorkload(
             workload.model,
             workload.hold,

@@ -41,9 +41,9 @@ class RolloutInputs:
 
     def only(self, i: int) -> "RolloutInputs":
         """Return the inputs of one simulation."""
-        one = slice(i, i + 1)
-        control = None if self.control is None else self.control[one]
-        return RolloutInputs(self.start[one], self.warmstart[one], self.control_spec, control)
+        row = slice(i, i + 1)
+        control = None if self.control is None else self.control[row]
+        return RolloutInputs(self.start[row], self.warmstart[row], self.control_spec, control)
 
 
 def make_inputs(workload: Workload, physics: np.ndarray) -> RolloutInputs:

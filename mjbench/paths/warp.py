@@ -84,28 +84,10 @@ class Warp(AcceleratedPath):
           workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
-        spec = "mujoco.mjtState.mjSTATE_INTEGRATION"
-        times = (
-            f"\n    for _ in range({workload.hold}):\n        " if workload.hold > 1 else "\n    "
-        )
-        return (
-            "import mujoco\nimport mujoco_warp as mjw\nimport numpy as np\nimport warp as wp\n\n"
-            "m = mjw.put_model(model)\n"
-            f"d = mjw.make_data(model, nworld=len(initial_state){keyword_arguments(options)})\n"
-            "mjw.step(m, d)  # compiles\n"
-            "with wp.ScopedCapture() as capture:\n"
-            "    mjw.step(m, d)\n"
-            "datas = [mujoco.MjData(model) for _ in initial_state]\n"
-            "for data, state in zip(datas, initial_state):\n"
-            f"    mujoco.mj_setState(model, data, state, {spec})\n"
-            'for name in ("time", "qpos", "qvel", "act", "qacc_warmstart"):\n'
-            "    values = np.array([getattr(x, name) for x in datas], dtype=np.float32)\n"
-            "    getattr(d, name).assign(values)\n"
-            "ctrl = wp.array(control.transpose(1, 0, 2), dtype=wp.float32)\n"
-            "for k in range(control.shape[1]):\n"
-            f"    wp.copy(d.ctrl, ctrl[k]){times}wp.capture_launch(capture.graph)\n"
-            "wp.synchronize()"
-        )
+        launch = "    wp.capture_launch(capture.graph)"
+        if workload.hold > 1:
+            launch = f"    for _ in range({workload.hold}):\n    {launch}"
+        return _SNIPPET.format(sizes=keyword_arguments(options), launch=launch)
 
 
 class _StepGraph:
@@ -250,3 +232,27 @@ def _contacts(data: Any) -> Contacts:
     contact = data.contact
     arrays = (data.nacon, contact.worldid, contact.geom, contact.frame, contact.dist)
     return warp_buffers.read_contacts(*(a.numpy() for a in (*arrays, contact.includemargin)))
+
+
+_SNIPPET = """\
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+m = mjw.put_model(model)
+d = mjw.make_data(model, nworld=len(initial_state){sizes})
+mjw.step(m, d)  # compiles
+with wp.ScopedCapture() as capture:
+    mjw.step(m, d)
+datas = [mujoco.MjData(model) for _ in initial_state]
+for data, state in zip(datas, initial_state):
+    mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+for name in ("time", "qpos", "qvel", "act", "qacc_warmstart"):
+    values = np.array([getattr(x, name) for x in datas], dtype=np.float32)
+    getattr(d, name).assign(values)
+ctrl = wp.array(control.transpose(1, 0, 2), dtype=wp.float32)
+for k in range(control.shape[1]):
+    wp.copy(d.ctrl, ctrl[k])
+{launch}
+wp.synchronize()"""

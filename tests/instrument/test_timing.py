@@ -34,7 +34,7 @@ def test_every_round_times_every_contender_once_in_their_order() -> None:
     contenders = [contender(clock, float(i), log, str(i)) for i in range(3)]
     rounds = list(timing.rounds(contenders, budget_s=0.0, least=4, most=4, clock=clock))
     assert rounds == [[0.0, 1.0, 2.0]] * 4
-    runs = [word for word in log if word.startswith("run")]
+    runs = [entry for entry in log if entry.startswith("run")]
     assert all(sorted(runs[i : i + 3]) == ["run 0", "run 1", "run 2"] for i in range(0, 12, 3))
 
 
@@ -43,11 +43,11 @@ def test_the_order_within_a_round_varies_and_follows_the_seed() -> None:
         clock, log = FakeClock(), list[str]()
         contenders = [contender(clock, 1.0, log, str(i)) for i in range(4)]
         list(timing.rounds(contenders, 0.0, 10, 10, seed, clock))
-        return [word for word in log if word.startswith("run")]
+        return [entry for entry in log if entry.startswith("run")]
 
-    one = order(1)
-    assert one == order(1) != order(2)
-    assert len({tuple(one[i : i + 4]) for i in range(0, 40, 4)}) > 1
+    first = order(1)
+    assert first == order(1) != order(2)
+    assert len({tuple(first[i : i + 4]) for i in range(0, 40, 4)}) > 1
 
 
 def test_it_stops_before_a_round_that_would_pass_the_budget() -> None:
