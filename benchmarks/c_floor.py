@@ -190,7 +190,7 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
 
 def _compare(states: paths.States, reference: np.ndarray, model: mujoco.MjModel) -> None:
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    difference = agreement.first_difference(states.values, reference, columns, states.mask)
+    difference = agreement.first_differing_entry(states.values, reference, columns, states.mask)
     if difference:
         raise MachineError(f"the path disagrees with the C program: {difference}")
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status
 

@@ -17,7 +17,7 @@ from mjbench.errors import InputError
 def falls(
     angles: str | None, samples: int, threads: list[int], seed: int, json_file: str | None
 ) -> None:
-    """How likely does the cart-pole fall, by initial angle? One question, asked by every path.
+    """How likely does the cart-pole fall, by initial angle? One question, answered by every path.
 
     The pole moves without control from random starts around each angle; it has fallen when it
     passes 0.5 rad within a second. All paths must count the same falls; then their times are

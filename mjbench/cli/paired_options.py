@@ -13,10 +13,9 @@ from mjbench.cli.shared import check_sizes
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from mjbench.instrument.stats import Judgement
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
-    from mjbench.paired.verdict import VerdictPlan
+    from mjbench.paired.verdict import Judgement, VerdictPlan
 
 # After as many launches, the progress bar of a comparison is half full.
 _HALFWAY_LAUNCHES = 15

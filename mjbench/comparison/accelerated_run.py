@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench import paths
-from mjbench.comparison.accelerated_checking import check_run, timed_end_problem
+from mjbench.comparison.accelerated_check import check_run, timed_end_problem
 from mjbench.comparison.messages import (
     AcceleratedRequest,
     AgreementReport,
@@ -24,7 +24,7 @@ from mjbench.errors import InputError
 from mjbench.instrument import isolate, machine, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import AcceleratedPath, Compiled, load_workload, reference_peaks
-from mjbench.simulation import accelerated_check, models, work
+from mjbench.simulation import accelerated_limits, models, work
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 
@@ -55,7 +55,7 @@ def run(
       source: the model.
       variant: the path, which compiles, and its options.
       workload_file: that `paths.accelerated.save_workload` wrote.
-      on_message: called with the child's messages (see `measure`).
+      on_message: called with the child's messages (see `measure_in_child`).
       is_named: whether the user asked for this path; others are not tried where they are slow.
       limit_s: seconds of silence after which the child is killed; its compiler gets more.
       import_from: a folder that a path of the user's own may be imported from.
@@ -65,7 +65,7 @@ def run(
     """
     source = models.ModelSource(source.name, source.path.resolve())
     return isolate.run(
-        "mjbench.comparison.accelerated_run:measure",
+        "mjbench.comparison.accelerated_run:measure_in_child",
         AcceleratedRequest(source, variant, workload_file, is_named, limit_s),
         on_message,
         limit_s,
@@ -75,7 +75,7 @@ def run(
     )
 
 
-def measure(request: AcceleratedRequest, channel: Channel) -> None:
+def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     """Measure one path on one model; runs in the child.
 
     Messages: an `AgreementReport`; before it a `CompileReport`, after it a `BlockTime` for each
@@ -125,14 +125,14 @@ def _check_and_time(case: _Case, channel: Channel) -> None:
         return case.compiled.advance(*arguments)
 
     checked = check_run(case.workload, advance, case.path.precision)
-    failures = accelerated_check.failures(checked.check)
+    failures = accelerated_limits.failures(checked.check)
     agrees = not failures
     report = AgreementReport(
         0,
         Status.OK if agrees else Status.DISAGREES,
         "; ".join(failures),
         agrees,
-        accelerated_check.summary(checked.check),
+        accelerated_limits.summary(checked.check),
         case.snippet,
         checked.check,
     )

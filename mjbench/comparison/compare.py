@@ -127,7 +127,7 @@ class _ModelMeasurement:
         while True:
             exclude = frozenset([*fatal, *accelerated])
             ended = isolate.run(
-                "mjbench.comparison.measure:measure",
+                "mjbench.comparison.measure:measure_in_child",
                 MeasureRequest(source, self.plan, exclude, workload_file),
                 receive,
                 self.plan.limit_s,

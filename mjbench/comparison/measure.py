@@ -35,7 +35,7 @@ MIN_ROUNDS, FINAL_ROUNDS, MAX_ROUNDS = 7, 4, 200
 PATIENCE = 100
 
 
-def measure(request: MeasureRequest, channel: Channel) -> None:
+def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     """Measure one model by every variant of the plan that is not excluded.
 
     Messages: `ModelReady`, an `AgreementReport` per variant, then `TimingStarted`, `RoundTimed`

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.comparison.plan import ComparisonPlan, Variant
-from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status

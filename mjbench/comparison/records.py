@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status
 

@@ -1,4 +1,7 @@
-"""How many simulations of how many steps a block has, where the user does not say."""
+"""How many simulations of how many steps a block of `mjbench compare` has, unless the user says.
+
+Blocks of paired comparisons have theirs from `mjbench.paired.preparation`.
+"""
 
 from dataclasses import dataclass
 

@@ -54,7 +54,7 @@ class ReferenceCase:
 
     def difference(self, states: paths.States) -> Difference | None:
         """Return where `states` first differ from the reference run's final states, or None."""
-        return agreement.first_difference(
+        return agreement.first_differing_entry(
             states.values, self.observation.final_state, self.columns, states.mask
         )
 
@@ -63,9 +63,9 @@ class ReferenceCase:
         path = paths.find(variant.path)
         prepared = path.prepare(self.workload, variant.options, self.resources)
         difference = self.difference(prepared.verified_states())
-        return prepared, self._first_step(variant, difference) if difference else None
+        return prepared, self._locate_first_step(variant, difference) if difference else None
 
-    def _first_step(self, variant: Variant, at_end: Difference) -> Difference:
+    def _locate_first_step(self, variant: Variant, at_end: Difference) -> Difference:
         """Return the difference after the first step at which a shorter run shows one.
 
         Runs of 1, 2, 4, … controls bracket the control where the difference begins; bisection finds

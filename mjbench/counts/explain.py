@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 from mjbench.counts import counted_program
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CountedWorkPair, CountPair, ExplainRow, FunctionDifference
-from mjbench.instrument.stats import Verdict
 from mjbench.paired.records import (
     DivergedPair,
     Metric,
     Ratio,
     TargetRow,
+    Verdict,
     VerdictRow,
     WorkPair,
 )

@@ -1,4 +1,4 @@
-"""Estimate speed-ups and judge launches from raw samples; pure functions.
+"""Estimate speed-ups and intervals from raw samples; pure functions.
 
 A speed-up is a ratio within a round, so the machine was in the same state for both times. It is
 estimated by the median; its interval comes from order statistics, which assume nothing about the
@@ -7,7 +7,6 @@ shape of the noise (P. Conover, Practical Nonparametric Statistics, section 3.2)
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
@@ -17,13 +16,8 @@ CONFIDENCE = 0.95
 # Variance of the prior on the ratio of mean to deviation. The interval is narrowest where the
 # effect is somewhat larger than the deviation between launches: ten or twenty launches suffice.
 PRIOR = 2.0
-# A verdict of faster or slower is final when its interval's half-width is at most this share of the
-# change.
-SHARE = 0.8
 # Share of the launches left out at each end.
 TRIM = 0.2
-# Fewer launches give no verdict, however clear: a few numbers do not estimate a deviation.
-LEAST_LAUNCHES = 6
 
 
 @dataclass(frozen=True)
@@ -189,85 +183,3 @@ def anytime_interval(samples: Sequence[float], confidence: float) -> Interval:
     u = (ratio - 1) / (1 - ratio / growth)
     half_width = float(error * np.sqrt((left - 1) * u))
     return Interval(mean, mean - half_width, mean + half_width, count)
-
-
-class Verdict(StrEnum):
-    """The outcome of a paired comparison."""
-
-    FASTER = "faster"
-    """The candidate takes less time."""
-    SLOWER = "slower"
-    """The candidate takes more time."""
-    SAME = "same"
-    """Any difference is smaller than the smallest effect that matters."""
-    INCONCLUSIVE = "inconclusive"
-    """The launches do not decide."""
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """What launches show about the ratio of candidate time to baseline time.
-
-    Attributes:
-      verdict: the outcome.
-      ratio: estimate of candidate time over baseline time.
-      low: lower end of its interval.
-      high: upper end of its interval.
-      launches: number of launches.
-      enough: whether more launches are unnecessary for the verdict and precision asked for.
-    """
-
-    verdict: Verdict
-    ratio: float
-    low: float
-    high: float
-    launches: int
-    enough: bool
-
-
-def judge(
-    log_ratios: Sequence[float], min_effect: float, confidence: float, precision: float
-) -> Judgement:
-    """Judge launches, each the natural logarithm of candidate time over baseline time.
-
-    The verdict is `same` if the whole interval is within the smallest effect that matters. It is
-    `slower` or `faster` if the interval excludes "no change" and the estimate is nearer to that
-    effect than to no change.
-
-    Launches are enough if the verdict is `same`, or if the interval's half-width is at most a SHARE
-    of the change (to stop as soon as the interval excludes "no change" would overstate the change).
-    They are also enough if the half-width is at most `precision`, or half of the smallest effect if
-    that is less.
-
-    Args:
-      log_ratios: one per launch.
-      min_effect: smallest effect that matters, such as 0.01.
-      confidence: such as 0.99; of the whole procedure, however often it is called.
-      precision: such as 0.005.
-    """
-    interval = anytime_interval(log_ratios, confidence)
-    log_effect = float(np.log1p(min_effect))
-    verdict = _verdict(interval, log_effect)
-    # half of the effect: an interval as wide as the effect on both sides could never be `same`
-    precise = min(float(np.log1p(precision)), log_effect / 2)
-    narrow = max(precise, abs(interval.mean) * SHARE)
-    has_launches = interval.count >= LEAST_LAUNCHES
-    return Judgement(
-        verdict if has_launches else Verdict.INCONCLUSIVE,
-        float(np.exp(interval.mean)),
-        float(np.exp(interval.low)),
-        float(np.exp(interval.high)),
-        interval.count,
-        has_launches and (verdict == Verdict.SAME or interval.half_width <= narrow),
-    )
-
-
-def _verdict(interval: Interval, log_effect: float) -> Verdict:
-    """Return the verdict on an interval of log ratios (see `judge`)."""
-    if -log_effect < interval.low and interval.high < log_effect:
-        return Verdict.SAME
-    if interval.low > 0 and interval.mean > log_effect / 2:
-        return Verdict.SLOWER
-    if interval.high < 0 and interval.mean < -log_effect / 2:
-        return Verdict.FASTER
-    return Verdict.INCONCLUSIVE

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import machine
+from mjbench.instrument import machine, timing
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.records import LaunchRow
@@ -191,7 +191,7 @@ def _time_quads(
     processes = {"A": baseline, "B": candidate}
     for process in processes.values():
         process.ask(requests.TimeBlocks())
-    orders = [random.choice(("ABBA", "BAAB")) for _ in range(count)]
+    orders = timing.draw_orders(count)
     ns = np.array([[processes[letter].time_block() for letter in order] for order in orders])
     for process in processes.values():
         process.end_blocks()

@@ -1,10 +1,15 @@
-"""Launch two targets until it is certain which is faster."""
+"""Decide which of two targets is faster: launch them until the verdict is certain.
+
+`judge` decides from the launches so far; `decide` launches until `judge` has enough.
+"""
 
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import stats
@@ -14,6 +19,7 @@ from mjbench.paired.records import (
     DivergedPair,
     LaunchRow,
     Ratio,
+    Verdict,
     VerdictRecord,
     VerdictRow,
     WorkPair,
@@ -21,6 +27,81 @@ from mjbench.paired.records import (
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
+
+# A verdict of faster or slower is final when its interval's half-width is at most this share of the
+# change.
+SHARE = 0.8
+# Fewer launches give no verdict, however clear: a few numbers do not estimate a deviation.
+MIN_LAUNCHES = 6
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What launches show about the ratio of candidate time to baseline time.
+
+    Attributes:
+      verdict: the outcome.
+      ratio: estimate of candidate time over baseline time.
+      low: lower end of its interval.
+      high: upper end of its interval.
+      launches: number of launches.
+      enough: whether more launches are unnecessary for the verdict and precision asked for.
+    """
+
+    verdict: Verdict
+    ratio: float
+    low: float
+    high: float
+    launches: int
+    enough: bool
+
+
+def judge(
+    log_ratios: Sequence[float], min_effect: float, confidence: float, precision: float
+) -> Judgement:
+    """Judge launches, each the natural logarithm of candidate time over baseline time.
+
+    The verdict is `same` if the whole interval is within the smallest effect that matters. It is
+    `slower` or `faster` if the interval excludes "no change" and the estimate is nearer to that
+    effect than to no change.
+
+    Launches are enough if the verdict is `same`, or if the interval's half-width is at most a SHARE
+    of the change (to stop as soon as the interval excludes "no change" would overstate the change).
+    They are also enough if the half-width is at most `precision`, or half of the smallest effect if
+    that is less.
+
+    Args:
+      log_ratios: one per launch.
+      min_effect: smallest effect that matters, such as 0.01.
+      confidence: such as 0.99; of the whole procedure, however often it is called.
+      precision: such as 0.005.
+    """
+    interval = stats.anytime_interval(log_ratios, confidence)
+    log_effect = float(np.log1p(min_effect))
+    verdict = _verdict(interval, log_effect)
+    # half of the effect: an interval as wide as the effect on both sides could never be `same`
+    precise = min(float(np.log1p(precision)), log_effect / 2)
+    narrow = max(precise, abs(interval.mean) * SHARE)
+    has_launches = interval.count >= MIN_LAUNCHES
+    return Judgement(
+        verdict if has_launches else Verdict.INCONCLUSIVE,
+        float(np.exp(interval.mean)),
+        float(np.exp(interval.low)),
+        float(np.exp(interval.high)),
+        interval.count,
+        has_launches and (verdict == Verdict.SAME or interval.half_width <= narrow),
+    )
+
+
+def _verdict(interval: stats.Interval, log_effect: float) -> Verdict:
+    """Return the verdict on an interval of log ratios (see `judge`)."""
+    if -log_effect < interval.low and interval.high < log_effect:
+        return Verdict.SAME
+    if interval.low > 0 and interval.mean > log_effect / 2:
+        return Verdict.SLOWER
+    if interval.high < 0 and interval.mean < -log_effect / 2:
+        return Verdict.FASTER
+    return Verdict.INCONCLUSIVE
 
 
 @dataclass(frozen=True)
@@ -66,7 +147,7 @@ class PairedResult:
     work_check: WorkCheck | None = None
     workload_file: Path | None = None
     launches: Sequence[Launch] = ()
-    judgement: stats.Judgement | None = None
+    judgement: Judgement | None = None
     seconds: float = 0.0
 
     def row(self) -> VerdictRow:
@@ -108,7 +189,7 @@ def record_of(row: VerdictRow, samples: Sequence[LaunchRow] = ()) -> VerdictReco
     return VerdictRecord(**vars(row), samples=samples)
 
 
-def ratio_of(judgement: stats.Judgement) -> Ratio:
+def ratio_of(judgement: Judgement) -> Ratio:
     """Return estimate and interval; both ends are None where launches are too few for one."""
     if not math.isfinite(judgement.high):
         return Ratio(judgement.ratio, None, None)
@@ -120,7 +201,7 @@ def decide(
     baseline: Target,
     candidate: Target,
     plan: VerdictPlan,
-    on_launch: Callable[[stats.Judgement], None] = lambda judgement: None,
+    on_launch: Callable[[Judgement], None] = lambda judgement: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> PairedResult:
     """Compare two targets until the verdict is certain, or time is up.
@@ -138,7 +219,7 @@ def decide(
     """
     begin = clock()
     launches: list[Launch] = []
-    judgement: stats.Judgement | None = None
+    judgement: Judgement | None = None
     pair: TargetPair | None = None
     status, detail = Status.OK, ""
     try:
@@ -146,7 +227,7 @@ def decide(
         ready = clock()
         while judgement is None or not judgement.enough:
             launches.append(pair.launch())
-            judgement = stats.judge(
+            judgement = judge(
                 [launch.log_ratio for launch in launches],
                 plan.min_effect,
                 plan.confidence,

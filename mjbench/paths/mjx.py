@@ -54,8 +54,8 @@ class Mjx(AcceleratedPath):
             reason = one_line(error) or type(error).__name__
             raise MachineError(f"JAX finds no device: {reason}") from error
 
-    def counts_on_host(self) -> bool:
-        """Return whether a loop asks the host before each step if its length is an argument."""
+    def needs_fixed_nstep(self) -> bool:
+        """Return whether a loop whose length is an argument waits for the host before each step."""
         return self.device_kind() != "cpu"
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
@@ -73,7 +73,7 @@ class Mjx(AcceleratedPath):
         program = Program(workload, model, self.make_data(workload.model, buffer_sizes))
         if program.dtype != self.precision:
             raise InputError(f"JAX computes in {program.dtype}, not {self.precision}")
-        nstep_is_fixed = self.counts_on_host()
+        nstep_is_fixed = self.needs_fixed_nstep()
         compiled = CompiledProgram(program, nstep_is_fixed)
         first_call_s = compiled.first_call_s() if self.compiles_at_first_call else 0.0
         device = jax.devices()[0]

@@ -13,7 +13,7 @@ from mjbench.report.advice import Advice, Loop, advise
 from mjbench.report.crossovers import Crossover
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
-from mjbench.simulation import accelerated_check
+from mjbench.simulation import accelerated_limits
 from mjbench.status import Status
 
 # Below this share of the usable cores, threaded figures say more about the machine's other
@@ -212,7 +212,7 @@ def _error_causes(results: Sequence[PathResult]) -> list[str]:
     coarse, fine = checks.get("float32"), checks.get("float64")
     if coarse is None or fine is None:
         return []
-    return [f"MJX differs from C because of {accelerated_check.error_cause(coarse, fine)}"]
+    return [f"MJX differs from C because of {accelerated_limits.error_cause(coarse, fine)}"]
 
 
 def _print_advice(out: Console, advice: Advice) -> None:

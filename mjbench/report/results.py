@@ -12,7 +12,7 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import stats
 from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE
-from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 

@@ -8,8 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mjbench.instrument.stats import Verdict
-from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, VerdictRow
+from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, Verdict, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
 

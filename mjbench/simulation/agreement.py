@@ -1,7 +1,7 @@
 """Compare final states bit by bit, and the work of two targets counter by counter.
 
 Paths that run the same C engine must agree to the last bit, over all of mjSTATE_INTEGRATION.
-Engines that compile the step, MJX and Warp, are held to tolerances: see `accelerated_check`.
+Engines that compile the step, MJX and Warp, are held to tolerances: see `accelerated_limits`.
 """
 
 import hashlib
@@ -53,7 +53,7 @@ class Difference:
         return f"{entry} differs {when}: {values}"
 
 
-def first_difference(
+def first_differing_entry(
     values: np.ndarray,
     reference: np.ndarray,
     columns: Mapping[str, slice],

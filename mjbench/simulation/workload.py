@@ -228,7 +228,7 @@ def start_data(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def reset_to_start(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Reset `data` to keyframe 0, or at the model's defaults if it has none."""
+    """Reset `data` to keyframe 0, or to the model's defaults if it has none."""
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, 0)
     else:

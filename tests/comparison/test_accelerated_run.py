@@ -8,7 +8,7 @@ import pytest
 from pretender import MODEL, NBATCH, NSTEP, available, make_workload
 
 from mjbench.comparison import accelerated_run, compare
-from mjbench.comparison.accelerated_checking import MAX_SINGLE_STEPS
+from mjbench.comparison.accelerated_check import MAX_SINGLE_STEPS
 from mjbench.comparison.messages import AgreementReport, BlockTime, CompileReport, PeakMemory
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument import isolate
@@ -119,7 +119,7 @@ def test_a_number_of_steps_that_is_compiled_in_changes_nothing(
         "from mjbench.paths.mjx import Mjx64\n"
         "class Fixed(Mjx64):\n"
         "    name = 'fixed:Fixed'\n"
-        "    def counts_on_host(self): return True\n"
+        "    def needs_fixed_nstep(self): return True\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     child = measured(available("fixed:Fixed"), make_workload(), tmp_path, import_from=str(tmp_path))

@@ -5,10 +5,9 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.errors import InputError
-from mjbench.instrument.stats import Verdict
 from mjbench.paired import selfcheck
 from mjbench.paired.preparation import Sizes
-from mjbench.paired.records import TrialRecord
+from mjbench.paired.records import TrialRecord, Verdict
 from mjbench.paired.selfcheck import Case
 
 

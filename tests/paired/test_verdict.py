@@ -1,16 +1,19 @@
 """Verdicts: when they stop, how they fail, and what results say of them."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pytest
 from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from mjbench.instrument import runs
-from mjbench.instrument.stats import Verdict
 from mjbench.paired import verdict
 from mjbench.paired.preparation import Sizes
+from mjbench.paired.records import Verdict
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import PairedResult
+from mjbench.paired.verdict import Judgement, PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 from mjbench.status import Status
@@ -65,3 +68,70 @@ def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
     assert (row.verdict, row.ratio, row.changed_work, row.work) == (None, None, None, None)
     assert (row.drift, row.diverged, row.nbatch, row.nstep) == (None, None, None, None)
     assert (row.launches, row.pairs) == (0, 0)
+
+
+# The decision, on launches whose truth is known.
+
+
+def decided(draw: Callable[[], float], most: int = 120) -> Judgement:
+    """Launch until there are enough launches, judging after each, as the command does."""
+    values: list[float] = []
+    while True:
+        values.append(draw())
+        judgement = judge(values, min_effect=0.01, confidence=0.99, precision=0.005)
+        if judgement.enough or len(values) == most:
+            return judgement
+
+
+def trials(truth: float, deviation: float, count: int, heavy: bool = False) -> list[Judgement]:
+    """Decide `count` times; with heavy noise one launch in eight is disturbed."""
+    rng = np.random.default_rng([abs(round(1e4 * truth)), round(1e4 * deviation), heavy])
+
+    def draw() -> float:
+        noise = rng.standard_normal() * (8 if heavy and rng.random() < 0.125 else 1)
+        return float(np.log1p(truth) + deviation * noise)
+
+    return [decided(draw) for _ in range(count)]
+
+
+def share(judgements: Sequence[Judgement], *verdicts: Verdict) -> float:
+    return sum(j.verdict in verdicts for j in judgements) / len(judgements)
+
+
+@pytest.mark.parametrize("heavy", [False, True])
+@pytest.mark.parametrize("deviation", [0.004, 0.008, 0.015])
+def test_identical_targets_are_called_different_at_most_once_in_a_hundred(
+    deviation: float, heavy: bool
+) -> None:
+    judgements = trials(0.0, deviation, 1000, heavy)
+    assert share(judgements, Verdict.SLOWER, Verdict.FASTER) <= 0.01
+
+
+@pytest.mark.parametrize("deviation", [0.004, 0.006, 0.008])
+def test_a_slowdown_of_1_percent_is_found_and_never_called_faster(deviation: float) -> None:
+    judgements = trials(0.01, deviation, 400)
+    assert share(judgements, Verdict.SLOWER) >= 0.95
+    assert share(judgements, Verdict.FASTER) == 0
+
+
+def test_intervals_contain_the_truth_although_computed_after_every_launch() -> None:
+    for truth in (0.0, 0.005, 0.02, -0.02):
+        judgements = trials(truth, 0.008, 500)
+        covered = [j.low <= 1 + truth <= j.high for j in judgements]
+        assert np.mean(covered) >= 0.985  # 99 % with 500 trials
+
+
+def test_a_slowdown_well_below_the_smallest_effect_is_mostly_called_the_same() -> None:
+    judgements = trials(0.003, 0.006, 400)
+    assert share(judgements, Verdict.SAME) >= 0.9
+    assert share(judgements, Verdict.FASTER) == 0
+
+
+def test_few_launches_give_no_verdict_however_clear() -> None:
+    assert not judge([0.5, 0.5001], 0.01, 0.99, 0.005).enough
+    assert judge([0.5, 0.5001] * 5, 0.01, 0.99, 0.005).verdict == Verdict.SLOWER
+
+
+def test_launches_that_are_all_alike_are_judged() -> None:
+    judgement = judge([0.0] * 8, 0.01, 0.99, 0.005)
+    assert (judgement.verdict, judgement.low, judgement.high) == (Verdict.SAME, 1.0, 1.0)

@@ -51,7 +51,7 @@ class Case:
 
     def difference(self, states: paths.States) -> agreement.Difference | None:
         columns = compat.state_columns(self.workload.model, compat.state_spec("INTEGRATION"))
-        return agreement.first_difference(
+        return agreement.first_differing_entry(
             states.values, self.reference.final_state, columns, states.mask
         )
 

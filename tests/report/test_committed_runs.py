@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 from commands import ROOT
 
-from mjbench.instrument import runs, stats
+from mjbench.instrument import runs
 from mjbench.paired import selfcheck
 from mjbench.paired.records import TrialRecord
+from mjbench.paired.verdict import judge
 from mjbench.report.advice import advise
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
@@ -20,7 +21,7 @@ SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert COMPARISONS
     assert SELFCHECKS
-    assert {*COMPARISONS, *SELFCHECKS} == set(RUNS.glob("*.jsonl"))
+    assert {*COMPARISONS, *SELFCHECKS} == set(RUNS.glob("reference-*.jsonl"))
 
 
 @pytest.mark.parametrize("file", COMPARISONS, ids=lambda f: f.stem)
@@ -44,7 +45,7 @@ def test_verdicts_of_the_committed_selfchecks_follow_from_their_launches(file: P
     trials = run.of_type(TrialRecord)
     assert trials
     for trial in trials:
-        judgement = stats.judge(trial.launches, *limits)
+        judgement = judge(trial.launches, *limits)
         assert judgement.verdict == trial.verdict
         assert judgement.ratio == pytest.approx(trial.estimate, abs=1e-6)
 

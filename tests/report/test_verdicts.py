@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.instrument.stats import Verdict
-from mjbench.paired.records import DivergedPair, Ratio, TargetRow, VerdictRow, WorkPair
+from mjbench.paired.records import DivergedPair, Ratio, TargetRow, Verdict, VerdictRow, WorkPair
 from mjbench.report import verdicts
 from mjbench.simulation.work import Work
 from mjbench.status import Status

@@ -1,7 +1,7 @@
 """How far a compiled run is from C: single steps, the run to its end, and the timed blocks.
 
-`check_run` drives the compiled program beside the reference run and returns an `AcceleratedCheck`;
-`mjbench.simulation.accelerated_check` says what it must hold to.
+`check_run` drives the compiled program beside the reference run and returns a `CheckedRun`;
+`mjbench.simulation.accelerated_limits` says how far it may be.
 """
 
 from collections.abc import Mapping
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
-from mjbench.simulation import accelerated_check, agreement, trajectory
+from mjbench.simulation import accelerated_limits, agreement, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps
 from mjbench.simulation.workload import Workload
 
@@ -121,7 +121,7 @@ def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRu
     """
     reached = workloads.fields(workload.model, compiled.final_states().values)
     errors = agreement.max_relative_error(reached, checked.final_fields, COMPARED)
-    lost = int((errors > accelerated_check.FINITE_LIMIT).sum())
+    lost = int((errors > accelerated_limits.FINITE_LIMIT).sum())
     if lost:
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     error, allowed = float(errors.max()), 0.0
@@ -130,7 +130,7 @@ def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRu
         if checked.check.unconstrained_nstep < workload.nstep:
             error, shadow = float(np.median(errors)), checked.check.final_shadow_median
         rounding = float(np.finfo(np.float32).eps)
-        allowed = accelerated_check.SHADOW_FACTOR * max(shadow, rounding)
+        allowed = accelerated_limits.SHADOW_FACTOR * max(shadow, rounding)
     if error <= allowed:
         return ""
     return f"timed blocks end {error:.2g} from the run that was checked"
@@ -226,7 +226,7 @@ def _judge_single_steps(
         has_same_count = outcome.contacts.counts(total) == ncontact
         same_count = float(has_same_count[is_contact].mean())
         first = outcome.contacts.first(count)
-        normal_degrees = accelerated_check.normal_angle(singles.contacts, first)
+        normal_degrees = accelerated_limits.normal_angle(singles.contacts, first)
     return _SingleStepErrors(
         unconstrained=kind(~is_contact & ~is_constrained),
         constrained=kind(is_constrained),

@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mjbench.simulation import accelerated_check, trajectory
-from mjbench.simulation.accelerated_check import AcceleratedCheck
+from mjbench.simulation import accelerated_limits, trajectory
+from mjbench.simulation.accelerated_limits import AcceleratedCheck
 
 # A check without a fault.
 PASSED = AcceleratedCheck(
@@ -52,7 +52,7 @@ def test_an_unconstrained_run_is_held_to_the_shadow_or_to_single_steps(
         unconstrained_shadow=shadow,
         unconstrained_difference=difference,
     )
-    failed = accelerated_check.failures(check)
+    failed = accelerated_limits.failures(check)
     assert failed == [] if passes else "3 unconstrained steps differ" in failed[0]
 
 
@@ -68,12 +68,12 @@ def test_an_unconstrained_run_is_held_to_the_shadow_or_to_single_steps(
     ],
 )
 def test_every_fault_is_reported_alone(fault: dict[str, float], message: str) -> None:
-    (failed,) = accelerated_check.failures(dataclasses.replace(PASSED, **fault))
+    (failed,) = accelerated_limits.failures(dataclasses.replace(PASSED, **fault))
     assert message in failed
 
 
 def test_a_summary_lists_the_steps_of_each_kind() -> None:
-    text = accelerated_check.summary(dataclasses.replace(PASSED, same_count=1.0, contact_steps=2))
+    text = accelerated_limits.summary(dataclasses.replace(PASSED, same_count=1.0, contact_steps=2))
     assert text.startswith("single steps: 1 unconstrained within 1e-13, 1 constrained within 0.001")
     assert "2 in contact within 0.01, as many contacts as C in 100 % of those" in text
     assert "after 10 steps a difference of 0.5 (C with float32 states: 0.2)" in text
@@ -82,9 +82,9 @@ def test_a_summary_lists_the_steps_of_each_kind() -> None:
 def test_float64_separates_precision_from_algorithm() -> None:
     coarse = dataclasses.replace(WITHOUT_STEPS, precision="float32", contact_error=1e-2)
     fine, same = (dataclasses.replace(WITHOUT_STEPS, contact_error=e) for e in (1e-9, 9e-3))
-    assert accelerated_check.error_cause(coarse, fine).startswith("precision")
-    assert accelerated_check.error_cause(coarse, same).startswith("algorithm")
-    assert accelerated_check.error_cause(coarse, WITHOUT_STEPS).startswith("unknown")
+    assert accelerated_limits.error_cause(coarse, fine).startswith("precision")
+    assert accelerated_limits.error_cause(coarse, same).startswith("algorithm")
+    assert accelerated_limits.error_cause(coarse, WITHOUT_STEPS).startswith("unknown")
 
 
 def test_contacts_of_two_engines_are_matched_by_geoms_and_nearest_normal() -> None:
@@ -93,6 +93,6 @@ def test_contacts_of_two_engines_are_matched_by_geoms_and_nearest_normal() -> No
     assert ours.normal.tolist() == [[0, 0, 1], [0, 1, 0]]
     tilted = np.array([[0, np.sin(0.1), np.cos(0.1)]])
     theirs = trajectory.Contacts.of([0], [[1, 3]], tilted)
-    assert accelerated_check.normal_angle(ours, theirs) == pytest.approx(np.degrees(0.1))
+    assert accelerated_limits.normal_angle(ours, theirs) == pytest.approx(np.degrees(0.1))
     elsewhere = trajectory.Contacts.of([1], [[1, 3]], tilted)
-    assert accelerated_check.normal_angle(ours, elsewhere) is None
+    assert accelerated_limits.normal_angle(ours, elsewhere) is None

@@ -5,10 +5,10 @@ import dataclasses
 import pytest
 from pretender import Pretender, make_workload
 
-from mjbench.comparison.accelerated_checking import CheckedRun, check_run, timed_end_problem
+from mjbench.comparison.accelerated_check import CheckedRun, check_run, timed_end_problem
 from mjbench.instrument.runs import to_json
 from mjbench.paths.accelerated import Compiled
-from mjbench.simulation import accelerated_check
+from mjbench.simulation import accelerated_limits
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 
@@ -23,7 +23,7 @@ def checked_run(workload: Workload, compiled: Compiled) -> CheckedRun:
 
 def failures(workload: Workload, wrong: str = "") -> list[str]:
     checked = checked_run(workload, compiled_run(workload, wrong))
-    return accelerated_check.failures(checked.check)
+    return accelerated_limits.failures(checked.check)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_the_reference_engine_itself_passes(model: str) -> None:
     workload = make_workload(model)
     checked = checked_run(workload, compiled_run(workload))
     check = checked.check
-    assert accelerated_check.failures(check) == []
+    assert accelerated_limits.failures(check) == []
     assert check.final_difference == 0
     assert check.final_shadow > 0
     assert bool(check.contact_steps) == (model == "humanoid")
