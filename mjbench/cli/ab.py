@@ -27,10 +27,13 @@ def ab(
 ) -> None:
     """Is CANDIDATE faster or slower than BASELINE, each given as KEY=VALUE,KEY=VALUE?
 
-    \b
     Keys: model, path, release, an option of the path (threads, chunk, pool, data, …), a field of
     MjOption (solver, integrator, iterations, tolerance, …). A model, path or release that one of
-    the two leaves out is the other's; where both do, it is cartpole, python_loop, installed.
+    the two leaves out is the other's; where both leave it out, it is cartpole, python_loop or
+    installed.
+
+    \b
+    Examples:
       mjbench ab path=rollout,threads=2 path=batch_rollout,threads=2
       mjbench ab model=a.xml model=b.xml
       mjbench ab model=humanoid,solver=newton solver=cg

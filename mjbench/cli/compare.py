@@ -1,4 +1,4 @@
-"""`mjbench compare`: every way of stepping, on each model."""
+"""`mjbench compare`: ways of stepping, on each model."""
 
 import dataclasses
 import functools
@@ -56,8 +56,8 @@ class _Options:
     "--paths",
     "path_names",
     type=Names(),
-    help="Compare only these (see `mjbench paths`); `c` stands for all C paths, `usual` for those"
-    " and MJX  [default: c]",
+    help="Compare these (see `mjbench paths`) and python_loop, which is always added; `c` stands"
+    " for all C paths, `usual` for those and, where installed, MJX  [default: c]",
 )
 @click.option("--threads", type=Numbers(), help="Thread counts  [default: 1 and usable cores]")
 @click.option("--chunk", type=Numbers(), help="Simulations that a thread takes at a time.")
@@ -69,9 +69,13 @@ class _Options:
     help="Values of any other option of a path, such as pool=new or record=qpos.",
 )
 @click.option(
-    "--nbatch", type=Numbers(), help="Simulations; several are a sweep  [default: up to 64]"
+    "--nbatch",
+    type=Numbers(),
+    help="Simulations; several values are measured one after the other  [default: up to 64]",
 )
-@click.option("--nstep", type=click.IntRange(min=1), help="Steps of each  [default: up to 200]")
+@click.option(
+    "--nstep", type=click.IntRange(min=1), help="Steps of each simulation  [default: up to 200]"
+)
 @click.option(
     "--budget",
     type=click.FloatRange(min=0.0),
@@ -80,13 +84,14 @@ class _Options:
 )
 @with_options(HOLD, SEED, LIMIT, RESULTS, JSON)
 def compare(names: tuple[str, ...], **options: Any) -> None:
-    """Compare all ways of stepping MODELs: their speed, and whether they compute the same.
+    """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
 
-    \b
     Final states are compared first, bit by bit; a path that disagrees gets no speed. Then blocks
     of every path are timed in turns. MJX and Warp compile first; they are held to tolerances and
     timed alone, each in a process of its own. Raw samples go to a run file in results/runs;
     `mjbench show` prints it again.
+
+    Without a MODEL: all shipped models.
     """
     from mjbench.simulation.models import resolve, shipped
 

@@ -22,7 +22,6 @@ from mjbench.errors import InputError
 def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     """Compare the speeds of two run files of `compare`, row by row.
 
-    \b
     The two were measured at different times, which no statistics can correct. For releases,
     models and options, `mjbench versions` and `mjbench ab` alternate both targets instead.
     """

@@ -1,4 +1,4 @@
-"""Measure models one after the other: a model that fails costs its own row, not the command."""
+"""Measure models one after the other: one that fails affects only its own row."""
 
 from collections.abc import Callable
 from typing import TypeVar

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@click.argument("words", nargs=-1, required=True, metavar="OLD NEW MODEL…")
+@click.argument("words", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
 @click.option(
     "--top",
     type=click.IntRange(min=1),
@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="List this many functions.",
 )
-@click.option("--clock/--no-clock", default=True, help="Compare wall-clock times too.")
+@click.option(
+    "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
+)
 @with_options(*JUDGING, *SIZES, JSON)
 def explain(
     words: tuple[str, ...], top: int, clock: bool, json_file: str | None, **options: Any
@@ -39,7 +41,7 @@ def explain(
 
     Needs valgrind. Lists instructions per step by function and by stage, the largest difference
     first, with the work done and the ratio of wall-clock times. Times and counts are of the same
-    simulations.
+    simulations. Without a MODEL: all shipped models.
     """
     from mjbench.counts.explain import explain_row
     from mjbench.counts.instructions import InstructionCounter

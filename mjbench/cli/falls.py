@@ -1,4 +1,4 @@
-"""`mjbench falls`: one question, answered by every path."""
+"""`mjbench falls`: an example, one question that several paths answer."""
 
 import click
 
@@ -10,18 +10,32 @@ from mjbench.errors import InputError
 
 @cli.command()
 @click.option("--angles", metavar="RAD,…", help="Initial angles  [default: 0 to 0.4 by 0.05]")
-@click.option("--samples", type=click.IntRange(min=1), default=1000, show_default=True)
-@click.option("--threads", type=Numbers(), default="1,4,16", show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--samples",
+    type=click.IntRange(min=1),
+    default=1000,
+    show_default=True,
+    help="Random starts for each angle.",
+)
+@click.option(
+    "--threads",
+    type=Numbers(),
+    default="1,4,16",
+    show_default=True,
+    help="Thread counts for each path that has threads.",
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the starts."
+)
 @JSON
 def falls(
     angles: str | None, samples: int, threads: list[int], seed: int, json_file: str | None
 ) -> None:
-    """How likely does the cart-pole fall, by initial angle? One question, answered by every path.
+    """An example: how likely does the cart-pole fall, by initial angle, as several paths count it?
 
     The pole moves without control from random starts around each angle; it has fallen when it
-    passes 0.5 rad within a second. All paths must count the same falls; then their times are
-    compared.
+    passes 0.5 rad within a second. The Python loop, mujoco.rollout and mujoco.batch must all count
+    the same falls; only then are their times compared.
     """
     from mjbench.instrument.machine import usable_cores
     from mjbench.loop import pole_example

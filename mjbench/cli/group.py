@@ -39,7 +39,7 @@ def cli() -> None:
       mjbench versions 3.17.0 4.0.0 robot.xml    is the new release slower?
       mjbench explain 3.17.0 4.0.0 pile      which functions account for it?
       mjbench selfcheck                      how often is a verdict wrong here?
-      mjbench models                         the models that are shipped
+      mjbench models                         the shipped models
 
     MODEL is one of the shipped models, a path to .xml or .mjb, or PACKAGE:NAME for a model inside
     an installed package, such as gymnasium:ant or dm_control:humanoid.

@@ -4,7 +4,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, SEED, seconds, with_options
+from mjbench.cli.shared import JSON, SEED, Seconds, with_options
 
 
 @cli.command()
@@ -26,11 +26,10 @@ from mjbench.cli.shared import JSON, SEED, seconds, with_options
 @click.option(
     "--time-limit",
     "limit_s",
+    type=Seconds(),
     default="600s",
     show_default=True,
-    metavar="SECONDS",
-    callback=seconds,
-    help="Kill the process when it finishes no model for this long.",
+    help="Kill a release's process that finishes no model for this long.",
 )
 @with_options(SEED, JSON)
 def instructions(
@@ -41,10 +40,10 @@ def instructions(
     seed: int,
     json_file: str | None,
 ) -> None:
-    """Count instructions per step, by function and stage; exact on any machine.
+    """Count instructions per step, by function and stage; within 0.1 % the same on any machine.
 
-    Needs valgrind. The first RELEASE draws start states and controls, and every other one does the
-    same work.
+    Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
+    work. Without a MODEL: all shipped models.
     """
     from mjbench.counts.instructions import InstructionCounter, ModelCount
     from mjbench.paired.preparation import Sizes

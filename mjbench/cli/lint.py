@@ -15,12 +15,11 @@ from mjbench.status import ExitCode
 @click.argument("names", nargs=-1, required=True, metavar="FILE.py…")
 @JSON
 def lint(names: tuple[str, ...], json_file: str | None) -> None:
-    """Find in a script what makes a stepping loop slow or its log wrong; it is not executed.
+    """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
-    \b
-    Findings are FILE:LINE:COLUMN CODE MESSAGE, with about what it costs in each step; exit 1 if
-    there are any. A folder stands for all Python files below it. `# noqa: MJB001` at the end of a
-    line suppresses its finding.
+    Findings are FILE:LINE:COLUMN CODE MESSAGE, with roughly what it costs in each step; the exit
+    code is 1 if there are any. A folder stands for all Python files below it. `# noqa: MJB001` at
+    the end of a line suppresses its finding.
     """
     from mjbench.loop.lint import Finding, check, python_files
     from mjbench.report.lint import LintDocument, finding_line

@@ -11,7 +11,10 @@ from mjbench.cli.shared import JSON, LIMIT, with_options
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @with_options(LIMIT, JSON)
 def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> None:
-    """List models: sizes, contacts and constraints at the start, timestep, integrator, solver."""
+    """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
+
+    Without a MODEL: all shipped models.
+    """
     from mjbench.comparison.listing import list_models
     from mjbench.report import listings
     from mjbench.report.documents import ModelRow, ModelsDocument

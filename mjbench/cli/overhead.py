@@ -16,8 +16,8 @@ from mjbench.errors import Failure
 def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: str | None) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
-    MODEL is cartpole unless named. Every habit is timed inside a stepping loop, in turns with the
-    bare loop, in several processes.
+    Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
+    Without a MODEL: cartpole.
     """
     from mjbench.loop.overhead import OverheadRow, measure
     from mjbench.report.documents import OverheadDocument

@@ -22,7 +22,7 @@ HISTORY = click.option(
 @cli.group(invoke_without_command=True)
 @click.pass_context
 def releases(ctx: click.Context) -> None:
-    """List MuJoCo releases, install them side by side, and keep the history that asv walks.
+    """List MuJoCo releases, install them side by side, and keep the git history that asv uses.
 
     Without a subcommand, list the releases.
     """
@@ -34,7 +34,7 @@ def releases(ctx: click.Context) -> None:
 @HISTORY
 @JSON
 def list_releases(history: Path | None = None, json_file: str | None = None) -> None:
-    """List releases: on the package index, in the history, installed here."""
+    """List releases: on the package index, in the git history, installed here."""
     from mjbench.releases import bundle, catalogue
     from mjbench.report.documents import ReleasesDocument
     from mjbench.report.releases import releases_table
@@ -50,7 +50,7 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
 @releases.command("update")
 @HISTORY
 def update_releases(history: Path | None) -> None:
-    """Append to the history the releases on the package index that it lacks."""
+    """Append to the git history the releases on the package index that it lacks."""
     from mjbench.releases import bundle, package_index
 
     path = history or bundle.default_path()
@@ -64,7 +64,7 @@ def update_releases(history: Path | None) -> None:
 @releases.command("verify")
 @HISTORY
 def verify_releases(history: Path | None) -> None:
-    """Build the history again and compare every hash; exit with 1 if one differs."""
+    """Build the git history again and compare every hash; exit with 1 if one differs."""
     from mjbench.releases import bundle, package_index
 
     path = history or bundle.default_path()

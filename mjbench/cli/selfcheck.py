@@ -9,8 +9,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, JUDGING, RESULTS, with_options
-from mjbench.errors import InputError
+from mjbench.cli.shared import JSON, JUDGING, RESULTS, Shares, with_options
 
 if TYPE_CHECKING:
     from mjbench.paired.records import TrialRecord
@@ -27,17 +26,17 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--slowdowns",
+    type=Shares(),
     default="0,0.5,1,2,5",
     show_default=True,
-    metavar="PERCENT,…",
-    help="Slowdowns to inject; 0 is an A/A comparison.",
+    help="Slowdowns to inject; 0 compares identical targets.",
 )
-@click.option("--busy", is_flag=True, help="Keep the last core busy meanwhile.")
+@click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
 @with_options(*JUDGING, RESULTS, JSON)
 def selfcheck(
     names: tuple[str, ...],
     trials: int,
-    slowdowns: str,
+    slowdowns: list[float],
     busy: bool,
     min_effect: float,
     confidence: float,
@@ -50,7 +49,7 @@ def selfcheck(
 
     Compares the installed release with itself, with a slowdown of known size injected or none, and
     reports false alarms, power, the error of the estimate, and seconds per verdict. Without a
-    MODEL, it takes cartpole and humanoid.
+    MODEL: cartpole and humanoid.
     """
     from mjbench.paired import selfcheck as checks
     from mjbench.paired.verdict import VerdictPlan
@@ -60,8 +59,7 @@ def selfcheck(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
-    shares = _shares(slowdowns)
-    cases = [checks.Case.create(source, share) for source in sources for share in shares]
+    cases = [checks.Case.create(source, share) for source in sources for share in slowdowns]
     plan = VerdictPlan(min_effect, confidence, precision, time_limit)
     records: list[TrialRecord] = []
     arguments = {**asdict(plan), "trials": trials, "busy": busy}
@@ -85,17 +83,3 @@ def selfcheck(
         run.out.print(verdicts.selfcheck_table(rows))
         run.write(SelfcheckDocument(machine=run.machine, busy=busy, results=rows))
     run.exit([])
-
-
-def _shares(slowdowns: str) -> list[float]:
-    """Return the shares that percentages such as `0,0.5%` stand for.
-
-    Raises:
-      InputError: one is not a number.
-    """
-    try:
-        return [float(word.removesuffix("%")) / 100 for word in slowdowns.split(",")]
-    except ValueError:
-        raise InputError(
-            f"--slowdowns {slowdowns}: not a list of percentages such as 0,0.5,1"
-        ) from None

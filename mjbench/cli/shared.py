@@ -1,5 +1,6 @@
 """Options that several commands share, and the types of their values."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -55,12 +56,55 @@ class Share(click.ParamType[float]):
         if isinstance(value, float):
             return value
         try:
-            share = float(str(value).removesuffix("%")) / 100
+            share = _share(value)
         except ValueError:
             self.fail(f"{value!r} is not a percentage such as 1%", param, ctx)
         if not 0 < share < 1:
             self.fail(f"{value} is not between 0% and 100%", param, ctx)
         return share
+
+
+class Shares(click.ParamType[list[float]]):
+    """Comma-separated percentages such as `0,0.5%`, each at least 0, as shares."""
+
+    name = "PERCENT,…"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
+        """Return a list of percentages as shares."""
+        if isinstance(value, list):
+            return value
+        try:
+            shares = [_share(word) for word in value.split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a list of percentages such as 0,0.5,1", param, ctx)
+        if not all(0 <= share < math.inf for share in shares):
+            self.fail(f"{value}: each must be at least 0%, and finite", param, ctx)
+        return shares
+
+
+class Seconds(click.ParamType[float]):
+    """A time above 0, such as `60s` or `0.5`, in seconds."""
+
+    name = "SECONDS"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """Return a time in seconds."""
+        try:
+            seconds = float(str(value).removesuffix("s"))
+        except ValueError:
+            self.fail(f"{value!r} is not a time such as 60s", param, ctx)
+        if not 0 < seconds < math.inf:
+            self.fail(f"{value} is not above 0 and finite", param, ctx)
+        return seconds
+
+
+def _share(word: str) -> float:
+    """Return a percentage as a share.
+
+    Raises:
+      ValueError: it is not a number.
+    """
+    return float(word.removesuffix("%")) / 100
 
 
 def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -72,17 +116,6 @@ def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[...,
         return command
 
     return add
-
-
-def seconds(ctx: click.Context, param: click.Parameter, value: str) -> float:
-    """Return a time such as `60s` in seconds."""
-    try:
-        number = float(value.removesuffix("s"))
-    except ValueError:
-        raise click.BadParameter(f"{value!r} is not a time such as 60s") from None
-    if not 0 < number < float("inf"):
-        raise click.BadParameter(f"{value} is not above 0")
-    return number
 
 
 def check_sizes(nstep: int | None, hold: int) -> None:
@@ -100,11 +133,10 @@ JSON = click.option(
 )
 LIMIT = click.option(
     "--time-limit",
-    default=60.0,
+    type=Seconds(),
+    default="60s",
     show_default=True,
-    type=click.FloatRange(min=0.1),
-    metavar="SECONDS",
-    help="Kill a model's process that is silent for longer.",
+    help="Kill a model's process that reports nothing for this long.",
 )
 RESULTS = click.option(
     "--results",
@@ -141,7 +173,8 @@ JUDGING = (
         type=Share(),
         default="99%",
         show_default=True,
-        help="Probability that a verdict is right.",
+        help="Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
+        " is called different.",
     ),
     click.option(
         "--precision",
@@ -152,10 +185,9 @@ JUDGING = (
     ),
     click.option(
         "--time-limit",
+        type=Seconds(),
         default="60s",
         show_default=True,
-        metavar="SECONDS",
-        callback=seconds,
         help="Time for each verdict; after it, an uncertain one is `inconclusive`.",
     ),
 )

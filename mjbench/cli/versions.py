@@ -23,19 +23,29 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@click.argument("names", nargs=-1, metavar="[OLD NEW… MODEL…]")
+@click.argument("names", nargs=-1, metavar="[OLD NEW…] [MODEL]…")
+@click.option("--old", metavar="RELEASE", help="The old release, if it is not the first argument.")
 @click.option(
-    "--old", metavar="RELEASE", help="The old release, where it is not the first argument."
+    "--new",
+    "news",
+    multiple=True,
+    metavar="RELEASE",
+    help="A new release; may be given several times.",
 )
-@click.option("--new", "news", multiple=True, metavar="RELEASE", help="A new release.")
-@click.option("--paths", "path_names", type=Names(), help="Ways of stepping  [python_loop]")
+@click.option(
+    "--paths",
+    "path_names",
+    type=Names(),
+    help="Ways of stepping, each compared between the releases  [default: python_loop]",
+)
 @click.option(
     "--metric",
     type=click.Choice(["time", "instructions"]),
     default="time",
     show_default=True,
-    help="Instructions are exact and need no quiet machine, but valgrind; they are those of the"
-    " engine alone, and --confidence, --precision and --time-limit do not apply.",
+    help="What to compare. Instruction counts repeat within 0.1 %. They do not need a quiet"
+    " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
+    " --precision and --time-limit do not apply.",
 )
 @FAIL_ON
 @with_options(*JUDGING, *SIZES, RESULTS, JSON)
@@ -52,10 +62,12 @@ def versions(
 ) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
 
-    \b
     A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each is
-    installed in a cache folder of its own (`mjbench releases installs`). There may be several NEW
-    ones; without a MODEL, all of ours are compared.
+    installed in a folder of its own in the cache (`mjbench releases installs`). There may be
+    several NEW ones. Without a MODEL: all shipped models.
+
+    \b
+    Examples:
       mjbench versions 3.3.0 4.0.0 humanoid
       mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower,changed-work
       mjbench versions 3.17.0 4.0.0 robot.xml --metric instructions --min-effect 0.5%
