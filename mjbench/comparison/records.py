@@ -46,7 +46,7 @@ class ModelRecord:
       start_contacts: contacts at the first simulation's start.
       work: contacts, constraints and solver iterations per step.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
-      usable_cores: of the machine.
+      usable_cores: cores that this process may use.
       cores_had: cores that threads got, one calibration a round.
     """
 

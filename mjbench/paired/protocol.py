@@ -3,9 +3,9 @@
 A launch starts one program for each target anew. Both run on one core, with this process, and take
 turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the order of turns hit
 both alike; a few times per launch both lay out their memory anew. A launch yields one number, its
-log ratio: the median over its pairs. Launches are the samples that `stats` judges, and there are as
-many of them as the verdict needs. While one launch is measured, the programs of the next start on
-the other cores.
+log ratio: the mean of two medians, of the pairs that the baseline began and of those that the
+candidate began. Launches are the samples that `verdict` judges, as many as the verdict needs. While
+one launch is measured, the programs of the next start on the other cores.
 """
 
 import random

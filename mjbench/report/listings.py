@@ -1,4 +1,4 @@
-"""Tables of what there is: models, paths, releases."""
+"""Tables of what there is: models and paths."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -99,8 +99,8 @@ class PathResult:
     def is_judged(self) -> bool:
         """Whether its steps were held to anything.
 
-        An accelerated engine is held to C in unconstrained steps alone; a model that is always in
-        contact has none.
+        An accelerated engine is held to C in unconstrained steps alone; where a contact or another
+        constraint acts in every step, there are none.
         """
         return self.check is None or self.check.unconstrained_steps > 0
 
