@@ -153,7 +153,7 @@ def _check_and_time(case: _Case, channel: Channel) -> None:
 def _time(compiled: Compiled, channel: Channel, limit_s: float) -> None:
     """Send the seconds of steady blocks, after one that warms up."""
     channel.allow_silence(2 * limit_s)
-    contender = timing.Contender(compiled.clear, compiled.run, lambda: None)
+    contender = timing.Contender(compiled.run, before=compiled.clear)
     timing.block_s(contender)
     end = time.perf_counter() + STEADY_S
     for count in range(1, MAX_BLOCKS + 1):

@@ -96,10 +96,7 @@ class _RolloutRun:
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
         self.spec = compat.state_spec("INTEGRATION")
-        columns = compat.state_columns(self.model, self.spec)
-        physics = compat.state_columns(self.model, compat.state_spec("FULLPHYSICS"))
-        # entries of a whole state row that a rollout returns
-        self.physics = np.concatenate([np.r_[columns[name]] for name in physics])
+        self.physics = compat.physics_entries(self.model)
         self.inputs: RolloutInputs = resources.get_or_create(
             "rollout inputs", lambda: make_inputs(workload, self.physics)
         )

@@ -114,10 +114,10 @@ def _points(
     values = results.get_result_value(benchmark, axes)
     samples = results.get_result_samples(benchmark, axes)
     rounds = int(description.get("rounds", 1))
-    for quoted, value, taken in zip(itertools.product(*axes), values, samples, strict=True):
+    for quoted, value, durations in zip(itertools.product(*axes), values, samples, strict=True):
         params = tuple(param.strip("'") for param in quoted)
         # asv stores NaN where a benchmark does not apply and None where it failed; so does Point.
-        yield params, Point(value, _round_medians(taken or (), rounds))
+        yield params, Point(value, _round_medians(durations or (), rounds))
 
 
 def _round_medians(samples: Sequence[float], rounds: int) -> tuple[float, ...]:

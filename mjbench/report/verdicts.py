@@ -1,7 +1,6 @@
 """The tables of paired comparisons and of `mjbench selfcheck`, and each verdict in a sentence."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -54,8 +53,8 @@ def describe_work(row: VerdictRow) -> str:
         return ""
     return ", ".join(
         agreement.work_changes(
-            asdict(row.work.old),
-            asdict(row.work.new),
+            row.work.old,
+            row.work.new,
             row.drift,
             (row.diverged.old, row.diverged.new),
         )

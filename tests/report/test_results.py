@@ -60,8 +60,8 @@ def test_a_run_is_derived_model_by_model_and_size_by_size() -> None:
             measurement(model=name, nbatch_asked=size, samples_s=[1.0]),
         )
     ]
-    found = results.derive_all(records)
-    assert [(m.model.model, m.model.nbatch_asked, len(m.results)) for m in found] == [
+    derived_models = results.derive_all(records)
+    assert [(m.model.model, m.model.nbatch_asked, len(m.results)) for m in derived_models] == [
         ("a", 1, 1),
         ("a", 2, 1),
         ("b", 1, 1),
