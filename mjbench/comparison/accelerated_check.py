@@ -12,7 +12,7 @@ import numpy as np
 from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
 from mjbench.simulation import accelerated_limits, agreement, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.accelerated_limits import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps
 from mjbench.simulation.workload import Workload
 
@@ -53,15 +53,15 @@ class _RunError:
     shadow_median: float
 
 
-def check_run(workload: Workload, advance: Advance, precision: str) -> CheckedRun:
+def check_run(workload: Workload, advance: Advance, precision: Precision) -> CheckedRun:
     """Return how far a compiled run is from the reference run.
 
     Args:
       workload: that was compiled.
       advance: the compiled program, (start fields, control, nstep) → StepOutcome.
-      precision: `float32` or `float64`, that it computes in.
+      precision: that it computes in.
     """
-    rounded = precision == "float32"
+    rounded = precision == Precision.FLOAT32
     reference = trajectory.record_trajectory(workload, FOLLOWED)
     shadow = trajectory.record_trajectory(workload, FOLLOWED, rounded=True)
     singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded)

@@ -8,10 +8,11 @@ import mujoco
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths import warp_buffers
-from mjbench.paths.accelerated import AcceleratedPath, Compiled, keyword_arguments
+from mjbench.paths.accelerated import CPU, AcceleratedPath, Compiled, keyword_arguments
 from mjbench.paths.base import Options
 from mjbench.paths.mjx_program import CompiledProgram, Program
 from mjbench.simulation import compat
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 
@@ -23,7 +24,7 @@ class Mjx(AcceleratedPath):
 
     name = "mjx"
     summary = "MJX: jit(vmap(loop of mjx.step)), float32"
-    precision = "float32"
+    precision = Precision.FLOAT32
     extra = "mjx"
     engine = "MJX"
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx")
@@ -34,7 +35,7 @@ class Mjx(AcceleratedPath):
     def environment(self) -> dict[str, str | None]:
         """Return variables that set the precision, and prevent reuse of compiled programs."""
         return {
-            "JAX_ENABLE_X64": "1" if self.precision == "float64" else "0",
+            "JAX_ENABLE_X64": "1" if self.precision == Precision.FLOAT64 else "0",
             "JAX_COMPILATION_CACHE_DIR": None,
             "JAX_ENABLE_COMPILATION_CACHE": "0",
             # Otherwise JAX reserves most of a GPU's memory: its peak would mean nothing, and Warp,
@@ -56,7 +57,7 @@ class Mjx(AcceleratedPath):
 
     def needs_fixed_nstep(self) -> bool:
         """Return whether a loop whose length is an argument waits for the host before each step."""
-        return self.device_kind() != "cpu"
+        return self.device_kind() != CPU
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
         """Return the fields of MJX's Data for a model."""
@@ -67,7 +68,7 @@ class Mjx(AcceleratedPath):
         """Trace and compile the program (see `mjx_program`)."""
         import jax
 
-        jax.config.update("jax_enable_x64", self.precision == "float64")
+        jax.config.update("jax_enable_x64", self.precision == Precision.FLOAT64)
         model = self.put_model(workload.model)
         buffer_sizes = self.buffer_sizes(peaks, workload.nbatch)
         program = Program(workload, model, self.make_data(workload.model, buffer_sizes))
@@ -77,7 +78,7 @@ class Mjx(AcceleratedPath):
         compiled = CompiledProgram(program, nstep_is_fixed)
         first_call_s = compiled.first_call_s() if self.compiles_at_first_call else 0.0
         device = jax.devices()[0]
-        is_cpu = device.platform == "cpu"
+        is_cpu = device.platform == CPU
         return Compiled(
             compiled.run,
             compiled.clear,
@@ -119,7 +120,7 @@ class Mjx(AcceleratedPath):
           workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
-        is_float64 = self.precision == "float64"
+        is_float64 = self.precision == Precision.FLOAT64
         matmul = f'jax.config.update("jax_default_matmul_precision", "{_matmul_precision()}")'
         return _SNIPPET.format(
             config='jax.config.update("jax_enable_x64", True)' if is_float64 else matmul,
@@ -135,7 +136,7 @@ class Mjx64(Mjx):
 
     name = "mjx64"
     summary = "MJX: jit(vmap(loop of mjx.step)), float64"
-    precision = "float64"
+    precision = Precision.FLOAT64
 
 
 class MjxWarp(Mjx):

@@ -15,6 +15,7 @@ from mjbench.report.crossovers import Crossover
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.simulation import accelerated_limits
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 # Below this share of the usable cores, threaded figures say more about the machine's other
@@ -210,7 +211,7 @@ def _cores_note(model_results: ModelResults) -> list[str]:
 def _error_causes(results: Sequence[PathResult]) -> list[str]:
     """Return why MJX differs from C, where checks in float32 and float64 can say."""
     checks = {r.precision: r.check for r in results if r.path in ("mjx", "mjx64") and r.check}
-    coarse, fine = checks.get("float32"), checks.get("float64")
+    coarse, fine = checks.get(Precision.FLOAT32), checks.get(Precision.FLOAT64)
     if coarse is None or fine is None:
         return []
     return [f"MJX differs from C because of {accelerated_limits.error_cause(coarse, fine)}"]
