@@ -3,12 +3,11 @@
 from mjbench.counts import counted_program
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CountedWorkPair, CountPair, ExplainRow, FunctionDifference
+from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import (
     DivergedPair,
-    Metric,
     Ratio,
     TargetRow,
-    Verdict,
     VerdictRow,
     WorkPair,
 )

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 
@@ -15,6 +15,10 @@ from mjbench.simulation import compat
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
+
+if TYPE_CHECKING:
+    import jax
+    from mujoco import mjx
 
 _MATMUL = "JAX_DEFAULT_MATMUL_PRECISION"
 
@@ -92,13 +96,13 @@ class Mjx(AcceleratedPath):
             gpu_memory_bytes=lambda: None if is_cpu else self.peak_gpu_memory_bytes(device),
         )
 
-    def put_model(self, model: mujoco.MjModel) -> Any:
+    def put_model(self, model: mujoco.MjModel) -> "mjx.Model":
         """Return MJX's Model."""
         from mujoco import mjx
 
         return mjx.put_model(model, **compat.known(mjx.put_model, impl=self.impl))
 
-    def make_data(self, model: mujoco.MjModel, buffer_sizes: Mapping[str, int]) -> Any:
+    def make_data(self, model: mujoco.MjModel, buffer_sizes: Mapping[str, int]) -> "mjx.Data":
         """Return MJX's Data of one simulation."""
         from mujoco import mjx
 
@@ -108,7 +112,7 @@ class Mjx(AcceleratedPath):
         """Return sizes of buffers, as make_data names them."""
         return {}
 
-    def peak_gpu_memory_bytes(self, device: Any) -> int | None:
+    def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
         """Return the peak memory that JAX used on a GPU."""
         peak = (device.memory_stats() or {}).get("peak_bytes_in_use")
         return None if peak is None else int(peak)
@@ -164,7 +168,7 @@ class MjxWarp(Mjx):
         sizes = warp_buffers.buffer_sizes(peaks, nbatch)
         return compat.known(mjx.make_data, nconmax=sizes["naconmax"], **sizes)
 
-    def peak_gpu_memory_bytes(self, device: Any) -> int | None:
+    def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
         """Return the peak memory that JAX and Warp used on a GPU."""
         from mjbench.paths.warp import peak_gpu_memory_bytes
 

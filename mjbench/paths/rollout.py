@@ -128,14 +128,15 @@ class _RolloutRun:
             "state": self.state if self.returns_states else None,
             "sensordata": self.sensordata if self.returns_states else None,
         }
-        model: Any = self.model
+        model: mujoco.MjModel | list[mujoco.MjModel] = self.model
         if options.get("checks") == "off" or not self.returns_states:
             keywords["skip_checks"] = True
             if compat.rollout_threads():
                 model = [self.model] * self.workload.nbatch
         if options.get("chunk"):
             keywords["chunk_size"] = options["chunk"]
-        data: Any = self.datas if compat.rollout_threads() else self.datas[0]
+        has_threads = compat.rollout_threads()
+        data: mujoco.MjData | list[mujoco.MjData] = self.datas if has_threads else self.datas[0]
         function = _rollout_function(options, resources)
 
         def run() -> None:

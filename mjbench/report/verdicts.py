@@ -7,7 +7,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, Verdict, VerdictRow
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
 

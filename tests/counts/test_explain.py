@@ -12,7 +12,8 @@ from mjbench.counts import explain, instructions
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import FunctionCount
 from mjbench.instrument.runs import to_json
-from mjbench.paired.records import Metric, Ratio, TargetRow, Verdict, VerdictRow
+from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.records import Ratio, TargetRow, VerdictRow
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
