@@ -179,8 +179,8 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
     run_c()
     _compare(prepared.verified_states(), reference, model)
     contenders = [
-        timing.Contender(_nothing, run_c, _nothing),
-        timing.Contender(prepared.clear, prepared.run, _nothing),
+        timing.Contender(run_c),
+        timing.Contender(prepared.run, before=prepared.clear),
     ]
     rounds = timing.rounds(contenders, request.budget_s, MIN_ROUNDS, MAX_ROUNDS)
     c_s, path_s = np.array(list(rounds)).T
@@ -193,10 +193,6 @@ def _compare(states: paths.States, reference: np.ndarray, model: mujoco.MjModel)
     difference = agreement.first_differing_entry(states.values, reference, columns, states.mask)
     if difference:
         raise MachineError(f"the path disagrees with the C program: {difference}")
-
-
-def _nothing() -> None:
-    pass
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

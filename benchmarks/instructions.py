@@ -87,7 +87,7 @@ def _cached(count: ModelCount) -> CachedCount:
 
 def _write_workload(name: str, folder: Path) -> Path:
     """Write the stored workload of a model to a file; return the file."""
-    nstep = stored.HEAVY_NSTEP if name in stored.HEAVY else stored.NSTEP
+    nstep = stored.nstep_of(name)
     file = folder / f"{name}.pickle"
     file.write_bytes(pickle.dumps(workload.portable(stored.stored_workload(name, NBATCH, nstep))))
     return file

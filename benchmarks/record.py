@@ -18,10 +18,6 @@ FIELDS = ["qpos", "qvel", "sensordata"]
 ROUNDS = 60
 
 
-def _nothing() -> None:
-    pass
-
-
 class Record(Tracked):
     """Time of `mjbench.record` divided by that of a loop written by hand; no unit.
 
@@ -34,7 +30,7 @@ class Record(Tracked):
         model = stored.load(MODEL)
         data = workload.start_data(model)
         runs = [functools.partial(run, model, data) for run in (_handwritten, _recorded)]
-        contenders = [timing.Contender(_nothing, run, _nothing) for run in runs]
+        contenders = [timing.Contender(run) for run in runs]
         # one round more than is used: the first touches all memory
         rounds = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
         return float(np.median([recorded / by_hand for by_hand, recorded in rounds]))

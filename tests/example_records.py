@@ -3,7 +3,7 @@
 from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
-from mjbench.simulation.accelerated_limits import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status
 
@@ -20,7 +20,7 @@ FACTS = ModelFacts(
     cone="pyramidal",
 )
 CHECK = AcceleratedCheck(
-    precision="float32",
+    precision=Precision.FLOAT32,
     received=True,
     still=False,
     unconstrained_steps=8,

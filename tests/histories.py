@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from mjbench.releases.benchmark_names import BenchmarkName
-from mjbench.releases.history import History, Point, Series
+from mjbench.releases.history import AsvMachine, History, Point, Series
 
 VERSIONS = ["1.0", "1.1", "1.2", "1.3", "1.4", "1.5"]
 
@@ -23,4 +23,4 @@ def counted(benchmark: str, *values: float) -> Series:
 
 
 def history(*series: Series) -> History:
-    return History({"machine": "here"}, VERSIONS, series)
+    return History(AsvMachine(machine="here"), VERSIONS, series)

@@ -9,6 +9,7 @@ import pytest
 
 from mjbench import paths
 from mjbench.paths.accelerated import (
+    CPU,
     AcceleratedPath,
     Compiled,
     StepOutcome,
@@ -17,6 +18,7 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.base import Options, States
 from mjbench.simulation import models, trajectory, workload
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
 
 # A model without contacts or other constraints.
@@ -48,7 +50,7 @@ class Pretender(AcceleratedPath):
 
     name = "pretender"
     summary = "wrong on purpose"
-    precision = "float64"
+    precision = Precision.FLOAT64
     extra = "none"
     packages = ()
 
@@ -56,7 +58,7 @@ class Pretender(AcceleratedPath):
         self.fault = fault
 
     def device_kind(self) -> str:
-        return "cpu"
+        return CPU
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
         return workload.fields(model, make_workload().initial_state)
@@ -80,7 +82,7 @@ class Pretender(AcceleratedPath):
             _nothing,
             final_states,
             advance=advance,
-            device="cpu",
+            device=CPU,
             trace_s=None,
             compile_s=0.0,
             is_deterministic=True,

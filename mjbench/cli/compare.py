@@ -95,43 +95,43 @@ def compare(names: tuple[str, ...], **options: Any) -> None:
     """
     from mjbench.simulation.models import resolve, shipped
 
-    given = _Options(**options)
-    check_sizes(given.nstep, given.hold)
+    parsed = _Options(**options)
+    check_sizes(parsed.nstep, parsed.hold)
     sources = [resolve(name) for name in names or shipped()]
     sources = list({source.path: source for source in sources}.values())
-    _compare(sources, _plans(given), given)
+    _compare(sources, _plans(parsed), parsed)
 
 
-def _plans(given: _Options) -> list["ComparisonPlan"]:
+def _plans(options: _Options) -> list["ComparisonPlan"]:
     """Return one plan for each size of the sweep."""
     from mjbench.comparison import selection
     from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
 
-    has_own_path = any(":" in name for name in given.path_names or ())
+    has_own_path = any(":" in name for name in options.path_names or ())
     if has_own_path:
         sys.path.insert(0, str(Path.cwd()))
-    path_names = selection.expand(given.path_names or [])
-    choices = selection.choices(given.option_words, path_names)
-    if given.chunk:
-        choices["chunk"] = given.chunk
-    sizes: list[int | None] = [*given.nbatch] if given.nbatch else [None]
+    path_names = selection.expand(options.path_names or [])
+    choices = selection.choices(options.option_words, path_names)
+    if options.chunk:
+        choices["chunk"] = options.chunk
+    sizes: list[int | None] = [*options.nbatch] if options.nbatch else [None]
     if path_names and len(sizes) > 1:
         path_names = [*path_names, *selection.rivals(path_names)]
     plan = ComparisonPlan(
-        variants=selection.variants(path_names, given.threads, choices),
-        nstep=given.nstep,
-        hold=given.hold,
-        seed=given.seed,
-        budget_s=BUDGET_S if given.budget is None else given.budget,
-        limit_s=given.time_limit,
+        variants=selection.variants(path_names, options.threads, choices),
+        nstep=options.nstep,
+        hold=options.hold,
+        seed=options.seed,
+        budget_s=BUDGET_S if options.budget is None else options.budget,
+        limit_s=options.time_limit,
         import_from=str(Path.cwd()) if has_own_path else None,
-        named=tuple(n for n in given.path_names or () if n != selection.USUAL_PATHS),
+        named=tuple(n for n in options.path_names or () if n != selection.USUAL_PATHS),
     )
     return [dataclasses.replace(plan, nbatch=size) for size in sizes]
 
 
 def _compare(
-    sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", given: _Options
+    sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
     from mjbench.comparison.compare import compare_model
     from mjbench.instrument.runs import to_json
@@ -145,7 +145,7 @@ def _compare(
     results: list[PathResult] = []
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
-    with RunContext("compare", given.json_file, given.results, arguments) as run:
+    with RunContext("compare", options.json_file, options.results, arguments) as run:
         with run.progress(len(turns)) as advance:
             for number, (source, plan) in enumerate(turns):
                 records = compare_model(source, plan, functools.partial(advance, number))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@click.argument("words", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
+@click.argument("names", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
 @click.option(
     "--top",
     type=click.IntRange(min=1),
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 )
 @with_options(*JUDGING, *SIZES, JSON)
 def explain(
-    words: tuple[str, ...], top: int, clock: bool, json_file: str | None, **options: Any
+    names: tuple[str, ...], top: int, clock: bool, json_file: str | None, **options: Any
 ) -> None:
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 
@@ -52,12 +52,12 @@ def explain(
     from mjbench.report.documents import ExplainDocument
     from mjbench.simulation import models
 
-    release_words = [word for word in words if installs.is_release(word)]
-    if len(release_words) != 2:
+    release_names = [name for name in names if installs.is_release(name)]
+    if len(release_names) != 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
-    specs = [installs.parse_release(word) for word in release_words]
-    names = [word for word in words if word not in release_words]
-    sources = [models.resolve(name) for name in names or models.shipped()]
+    specs = [installs.parse_release(name) for name in release_names]
+    model_names = [name for name in names if name not in release_names]
+    sources = [models.resolve(name) for name in model_names or models.shipped()]
     plan = verdict_plan(**options)
     rows: list[ExplainRow] = []
     statuses: list[Status] = []

@@ -53,7 +53,7 @@ def instructions(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or models.shipped()]
-    specs = [installs.parse_release(word) for word in releases or (installs.INSTALLED,)]
+    specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
     model_counts: list[ModelCount] = []
     with (
         RunContext("instructions", json_file) as run,

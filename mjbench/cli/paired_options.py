@@ -10,6 +10,7 @@ import click
 
 from mjbench.cli.context import Advance, RunContext
 from mjbench.cli.shared import check_sizes
+from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ _HALFWAY_LAUNCHES = 15
 class Finding(StrEnum):
     """What `--fail-on` can name: a verdict, or work that changed."""
 
-    SLOWER = "slower"
-    FASTER = "faster"
+    SLOWER = Verdict.SLOWER
+    FASTER = Verdict.FASTER
     CHANGED_WORK = "changed-work"
-    INCONCLUSIVE = "inconclusive"
+    INCONCLUSIVE = Verdict.INCONCLUSIVE
 
 
 def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> list[Finding]:

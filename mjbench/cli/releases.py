@@ -9,6 +9,7 @@ from mjbench.cli.context import RunContext, interruptible
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON
 from mjbench.errors import InputError, MachineError
+from mjbench.status import ExitCode
 
 HISTORY = click.option(
     "--history",
@@ -79,7 +80,7 @@ def verify_releases(history: Path | None) -> None:
     if index_problem:
         click.echo(f"Upload times were not checked: {index_problem}", err=True)
     if problems:
-        sys.exit(1)
+        sys.exit(ExitCode.FINDING)
     click.echo(f"{path}: {len(bundle.read(path))} releases, every hash is as expected")
 
 

@@ -14,6 +14,7 @@ from mjbench.cli.group import cli
 from mjbench.cli.paired_options import FAIL_ON, Finding
 from mjbench.cli.shared import JSON, JUDGING, RESULTS, SIZES, Names, with_options
 from mjbench.errors import InputError
+from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--metric",
-    type=click.Choice(["time", "instructions"]),
-    default="time",
+    type=click.Choice([metric.value for metric in Metric]),
+    default=Metric.TIME.value,
     show_default=True,
     help="What to compare. Instruction counts repeat within 0.1 %. They do not need a quiet"
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
@@ -78,6 +79,7 @@ def versions(
     """
     from mjbench.paired import targets
     from mjbench.paired.targets import Target
+    from mjbench.paths import BASE
     from mjbench.releases import installs
     from mjbench.simulation import models
 
@@ -89,11 +91,11 @@ def versions(
     model_names = [name for name in names if name not in release_names]
     sources = [models.resolve(name) for name in model_names or models.shipped()]
     baseline, *candidates = [installs.parse_release(name) for name in (old_name, *new_names)]
-    path_names = path_names or ["python_loop"]
+    path_names = path_names or [BASE]
     plan = paired_options.verdict_plan(**chosen)
-    if metric == "instructions":
-        if path_names != ["python_loop"]:
-            raise InputError("instructions are counted of python_loop alone: leave out --paths")
+    if metric == Metric.INSTRUCTIONS:
+        if path_names != [BASE]:
+            raise InputError(f"instructions are counted of {BASE} alone: leave out --paths")
         sys.exit(
             _compare_instructions(baseline, candidates, sources, plan, fail_on, results, json_file)
         )
@@ -123,7 +125,7 @@ def _compare_instructions(
     from mjbench.counts import explain, instructions
     from mjbench.paired import verdict
 
-    arguments = {**asdict(plan), "metric": "instructions"}
+    arguments = {**asdict(plan), "metric": Metric.INSTRUCTIONS}
     with (
         RunContext("versions", json_file, results, arguments) as run,
         instructions.InstructionCounter(plan.sizes) as counter,

@@ -12,8 +12,8 @@ import numpy as np
 from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
 from mjbench.simulation import accelerated_limits, agreement, trajectory
 from mjbench.simulation import workload as workloads
-from mjbench.simulation.accelerated_limits import AcceleratedCheck
-from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps
+from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
+from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps, Trajectory
 from mjbench.simulation.workload import Workload
 
 # Simulations followed step by step, spread over the batch, and the most single steps taken from
@@ -53,38 +53,30 @@ class _RunError:
     shadow_median: float
 
 
-def check_run(workload: Workload, advance: Advance, precision: str) -> CheckedRun:
+def check_run(workload: Workload, advance: Advance, precision: Precision) -> CheckedRun:
     """Return how far a compiled run is from the reference run.
 
     Args:
       workload: that was compiled.
       advance: the compiled program, (start fields, control, nstep) → StepOutcome.
-      precision: `float32` or `float64`, that it computes in.
+      precision: that it computes in.
     """
-    rounded = precision == "float32"
+    rounded = precision == Precision.FLOAT32
     reference = trajectory.record_trajectory(workload, FOLLOWED)
     shadow = trajectory.record_trajectory(workload, FOLLOWED, rounded=True)
     singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded)
     outcome = _take_single_steps(advance, workload, singles)
     starts = start_fields(workload)
     final_fields = advance(starts, workload.control, workload.nstep).fields
-
-    def run_error(nstep: int) -> _RunError:
-        fields = final_fields
-        if nstep < workload.nstep:
-            fields = advance(starts, workload.control, nstep).fields
-        expected = workloads.fields(workload.model, reference.states[:, nstep])
-        rounding = workloads.fields(workload.model, shadow.states[:, nstep])
-        reached = {name: values[reference.simulation] for name, values in fields.items()}
-        shadow_errors = agreement.max_relative_error(rounding, expected, COMPARED)
-        return _RunError(
-            nstep,
-            float(agreement.max_relative_error(reached, expected, COMPARED).max()),
-            float(shadow_errors.max()),
-            float(np.median(shadow_errors)),
-        )
-
-    unconstrained, final = run_error(reference.unconstrained_nstep), run_error(workload.nstep)
+    unconstrained_fields = final_fields
+    if reference.unconstrained_nstep < workload.nstep:
+        unconstrained_fields = advance(
+            starts, workload.control, reference.unconstrained_nstep
+        ).fields
+    unconstrained = _run_error(
+        workload, reference, shadow, reference.unconstrained_nstep, unconstrained_fields
+    )
+    final = _run_error(workload, reference, shadow, workload.nstep, final_fields)
     compared = [final_fields[name] for name in COMPARED if name in final_fields]
     is_finite = np.isfinite(np.hstack(compared)).all(axis=1)
     steps = _judge_single_steps(workload, singles, outcome)
@@ -110,6 +102,22 @@ def check_run(workload: Workload, advance: Advance, precision: str) -> CheckedRu
         lost=int((~is_finite).sum()),
     )
     return CheckedRun(check, final_fields)
+
+
+def _run_error(
+    workload: Workload, reference: Trajectory, shadow: Trajectory, nstep: int, fields: Fields
+) -> _RunError:
+    """Return how far `fields`, reached after `nstep` steps, are from the reference run."""
+    expected = workloads.fields(workload.model, reference.states[:, nstep])
+    rounding = workloads.fields(workload.model, shadow.states[:, nstep])
+    reached = {name: values[reference.simulation] for name, values in fields.items()}
+    shadow_errors = agreement.max_relative_error(rounding, expected, COMPARED)
+    return _RunError(
+        nstep,
+        float(agreement.max_relative_error(reached, expected, COMPARED).max()),
+        float(shadow_errors.max()),
+        float(np.median(shadow_errors)),
+    )
 
 
 def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:

@@ -5,10 +5,12 @@ reference run, checks them against C, and only then times the steady program.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.accelerated_check import check_run, timed_end_problem
@@ -19,11 +21,18 @@ from mjbench.comparison.messages import (
     CompileReport,
     PeakMemory,
 )
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import LIMIT_S, Variant
 from mjbench.errors import InputError
 from mjbench.instrument import isolate, machine, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.paths.accelerated import AcceleratedPath, Compiled, load_workload, reference_peaks
+from mjbench.paths.accelerated import (
+    CPU,
+    AcceleratedPath,
+    Compiled,
+    StepOutcome,
+    load_workload,
+    reference_peaks,
+)
 from mjbench.simulation import accelerated_limits, models, work
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
@@ -46,7 +55,7 @@ def run(
     workload_file: Path,
     on_message: Callable[[Any], None],
     is_named: bool = True,
-    limit_s: float = 60.0,
+    limit_s: float = LIMIT_S,
     import_from: str | None = None,
 ) -> isolate.Ended:
     """Measure one path on one model in a child; whatever becomes of it, this process goes on.
@@ -119,10 +128,10 @@ def _check_and_time(case: _Case, channel: Channel) -> None:
     """Check the compiled run; where it agrees, time it and compare the timed blocks' end."""
     limit_s = case.request.limit_s
 
-    def advance(*arguments: Any) -> Any:
+    def advance(fields: Mapping[str, np.ndarray], control: np.ndarray, nstep: int) -> StepOutcome:
         # each call has the limit to itself, so that a program that hangs is killed soon
         channel.allow_silence(limit_s)
-        return case.compiled.advance(*arguments)
+        return case.compiled.advance(fields, control, nstep)
 
     checked = check_run(case.workload, advance, case.path.precision)
     failures = accelerated_limits.failures(checked.check)
@@ -153,7 +162,7 @@ def _check_and_time(case: _Case, channel: Channel) -> None:
 def _time(compiled: Compiled, channel: Channel, limit_s: float) -> None:
     """Send the seconds of steady blocks, after one that warms up."""
     channel.allow_silence(2 * limit_s)
-    contender = timing.Contender(compiled.clear, compiled.run, lambda: None)
+    contender = timing.Contender(compiled.run, before=compiled.clear)
     timing.block_s(contender)
     end = time.perf_counter() + STEADY_S
     for count in range(1, MAX_BLOCKS + 1):
@@ -181,7 +190,7 @@ def _reason_not_to_run(
         return reason
     device_kind = path.device_kind()
     reason = path.unsuited(workload, request.variant.options)
-    if reason or request.is_named or device_kind != "cpu":
+    if reason or request.is_named or device_kind != CPU:
         return reason
     if work.describe(workload.model).integrator == "rk4":
         return RK4_REASON

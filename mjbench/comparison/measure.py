@@ -104,7 +104,7 @@ def _time(
 ) -> None:
     """Time the prepared variants in turns, comparing the final states of every block."""
     timer = _RoundTimer(prepared_by_index, case, plan, channel)
-    longest_s = timer.warm_up()
+    round_s = timer.warm_up()
     channel.send(TimingStarted(plan.budget_s))
     end = time.perf_counter() + plan.budget_s
     timer.run(list(prepared_by_index), plan.budget_s / 2, MIN_ROUNDS, MAX_ROUNDS)
@@ -113,7 +113,7 @@ def _time(
     remaining = finalists(timer.rounds, [list(prepared_by_index), closed_loop], base)
     while len(remaining) > len(base) and len(timer.rounds) < 2 * MAX_ROUNDS:
         timer.run(remaining, end - time.perf_counter(), FINAL_ROUNDS, FINAL_ROUNDS)
-        if time.perf_counter() >= end - longest_s:
+        if time.perf_counter() >= end - round_s:
             break
         groups = [remaining, [i for i in closed_loop if i in remaining]]
         remaining = finalists(timer.rounds, groups, base)
@@ -148,9 +148,9 @@ class _RoundTimer:
         self._patience_s = 0.0
         self._contenders = {
             index: timing.Contender(
-                functools.partial(self._before, index, prepared),
                 prepared.run,
-                functools.partial(self._after, index, prepared),
+                before=functools.partial(self._before, index, prepared),
+                after=functools.partial(self._after, index, prepared),
             )
             for index, prepared in self.prepared_by_index.items()
         }
@@ -158,10 +158,10 @@ class _RoundTimer:
     def warm_up(self) -> float:
         """Time each contender once; return the seconds of all blocks together."""
         contenders = [*self._contenders.values(), *self._calibration_contenders()]
-        longest_s = sum(timing.block_s(contender) for contender in contenders)
-        self._patience_s = PATIENCE * longest_s
+        round_s = sum(timing.block_s(contender) for contender in contenders)
+        self._patience_s = PATIENCE * round_s
         self.channel.allow_silence(self._patience_s)
-        return longest_s
+        return round_s
 
     def run(
         self, indices: Sequence[int], budget_s: float, min_rounds: int, max_rounds: int
@@ -182,7 +182,7 @@ class _RoundTimer:
         if self._calibration is None:
             return []
         runs = (self._calibration.single, self._calibration.together)
-        return [timing.Contender(_nothing, run, _nothing) for run in runs]
+        return [timing.Contender(run) for run in runs]
 
     def _before(self, index: int, prepared: paths.Prepared) -> None:
         self.channel.doing(f"timing {self.plan.variants[index]}", index)
@@ -219,7 +219,3 @@ def finalists(
             if i == fastest or lead.low is None or lead.low <= 1.0:
                 remaining.add(i)
     return sorted(remaining)
-
-
-def _nothing() -> None:
-    pass

@@ -16,6 +16,13 @@ from mjbench.status import Status
 
 
 @dataclass(frozen=True)
+class ListRequest:
+    """The models to describe (see `listing`)."""
+
+    sources: tuple[ModelSource, ...]
+
+
+@dataclass(frozen=True)
 class MeasureRequest:
     """One model and the paths to measure on it in turns (see `measure`).
 

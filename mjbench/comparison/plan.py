@@ -9,6 +9,8 @@ from mjbench.paths.parallelism import nthread
 
 # Seconds of timing for each model.
 BUDGET_S = 8.0
+# A child process that is silent for longer, in seconds, is killed.
+LIMIT_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class ComparisonPlan:
     hold: int = 1
     seed: int = 0
     budget_s: float = BUDGET_S
-    limit_s: float = 60.0
+    limit_s: float = LIMIT_S
     import_from: str | None = None
     named: tuple[str, ...] = ()
 

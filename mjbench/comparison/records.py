@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from mjbench.simulation.accelerated_limits import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status
 
@@ -95,7 +95,7 @@ class MeasurementRecord:
       state_digest: names the reference run's final states.
       work: contacts, constraints and solver iterations per step.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
-      precision: of an accelerated path, `float32` or `float64`; None for paths that run C.
+      precision: of an accelerated path; None for paths that run C.
       device: of an accelerated path.
       trace_s: seconds of tracing.
       compile_s: seconds of the compiler.
@@ -124,7 +124,7 @@ class MeasurementRecord:
     state_digest: str | None = None
     work: Work | None = None
     nbatch_asked: int | None = None
-    precision: str | None = None
+    precision: Precision | None = None
     device: str | None = None
     trace_s: float | None = None
     compile_s: float | None = None

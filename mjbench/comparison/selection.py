@@ -1,4 +1,4 @@
-"""Which paths, with which options, the words of a command line name."""
+"""Which paths, with which options, a command line names."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,7 +8,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 
-# Words that stand for several paths.
+# Names that stand for several paths.
 C_PATHS, USUAL_PATHS = "c", "usual"
 
 
@@ -25,7 +25,7 @@ def variants(
     """Return the variants of the named paths, the base path first (added if missing).
 
     Args:
-      names: path names, or words for several (see `expand`); empty for the C paths.
+      names: path names, or names for several (see `expand`); empty for the C paths.
       threads: thread counts for every path that has them; None for the default ones.
       choices: further option values by option name.
 
@@ -46,16 +46,16 @@ def variants(
     return tuple(selected)
 
 
-def expand(words: Sequence[str]) -> list[str]:
-    """Return the paths that words name; `c` is all C paths, `usual` those and MJX if installed."""
-    names: list[str] = []
-    for word in words:
-        if word in (C_PATHS, USUAL_PATHS):
-            names += [name for name, path in paths.registry().items() if not path.compiles]
-            names += [n for n in paths.registry() if word == USUAL_PATHS and _is_usual(n)]
+def expand(names: Sequence[str]) -> list[str]:
+    """Return paths by name, with `c` replaced by all C paths, `usual` by those and MJX if there."""
+    expanded: list[str] = []
+    for name in names:
+        if name in (C_PATHS, USUAL_PATHS):
+            expanded += [n for n, path in paths.registry().items() if not path.compiles]
+            expanded += [n for n in paths.registry() if name == USUAL_PATHS and _is_usual(n)]
         else:
-            names.append(word)
-    return list(dict.fromkeys(names))
+            expanded.append(name)
+    return list(dict.fromkeys(expanded))
 
 
 def rivals(names: Sequence[str]) -> list[str]:
@@ -71,11 +71,11 @@ def _is_usual(name: str) -> bool:
     return path.usual and path.unavailable() is None
 
 
-def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
-    """Return option values by option name from words such as `pool=new,kept`.
+def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
+    """Return option values by option name from arguments such as `pool=new,kept`.
 
     Args:
-      words: of the command line.
+      arguments: of `--option` on the command line.
       names: of paths that may be the user's own.
 
     Raises:
@@ -87,9 +87,10 @@ def choices(words: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
         for option in paths.find(name).options
     }
     values_by_name = {}
-    for word in words:
-        name, equals, values = word.partition("=")
+    for argument in arguments:
+        name, equals, values = argument.partition("=")
         if not equals or name not in options:
-            raise InputError(f"--option {word}: give NAME=VALUE, NAME one of {', '.join(options)}")
+            known = ", ".join(options)
+            raise InputError(f"--option {argument}: give NAME=VALUE, NAME one of {known}")
         values_by_name[name] = [options[name].value(value) for value in values.split(",")]
     return values_by_name

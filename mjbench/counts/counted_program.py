@@ -21,7 +21,7 @@ from mjbench.simulation import models, work, workload
 MARKER = "mj_version"
 MARKERS = 3
 # The way of stepping that is counted.
-PATH = "python_loop"
+PATH = paths.BASE
 
 
 def main(request_file: str, answers_file: str) -> None:

@@ -1,17 +1,13 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-
 from mjbench.counts import counted_program
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CountedWorkPair, CountPair, ExplainRow, FunctionDifference
+from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import (
     DivergedPair,
-    Metric,
     Ratio,
     TargetRow,
-    Verdict,
     VerdictRow,
     WorkPair,
 )
@@ -24,39 +20,17 @@ REPEATABILITY = 0.001
 DISAGREEMENT = 0.03
 
 
-@dataclass(frozen=True)
-class FunctionChange:
-    """What a function executes itself in both releases, in instructions per step.
-
-    Attributes:
-      name: of the function.
-      baseline: None where it does not occur.
-      candidate: None where it does not occur.
-    """
-
-    name: str
-    baseline: float | None
-    candidate: float | None
-
-    @property
-    def difference(self) -> float:
-        """Candidate minus baseline, per step."""
-        return (self.candidate or 0.0) - (self.baseline or 0.0)
-
-    @property
-    def kind(self) -> str:
-        """`new` or `gone` for a function of one release only; empty otherwise."""
-        return "new" if self.baseline is None else "gone" if self.candidate is None else ""
-
-
-def function_changes(baseline: ModelCount, candidate: ModelCount) -> list[FunctionChange]:
+def function_differences(baseline: ModelCount, candidate: ModelCount) -> list[FunctionDifference]:
     """Return all functions that differ, the largest difference first."""
     before = {function.name: function.self for function in baseline.functions if function.self}
     after = {function.name: function.self for function in candidate.functions if function.self}
-    changes = [
-        FunctionChange(name, before.get(name), after.get(name)) for name in {**before, **after}
+    functions = [
+        FunctionDifference.of(name, before.get(name), after.get(name))
+        for name in {**before, **after}
     ]
-    return sorted((c for c in changes if c.difference), key=lambda c: (-abs(c.difference), c.name))
+    return sorted(
+        (f for f in functions if f.difference), key=lambda f: (-abs(f.difference), f.name)
+    )
 
 
 def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[float, float]]:
@@ -127,10 +101,7 @@ def explain_row(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | 
         stages={
             stage: CountPair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()
         },
-        functions=[
-            FunctionDifference(change.name, change.baseline, change.candidate, change.difference)
-            for change in function_changes(baseline, candidate)
-        ],
+        functions=function_differences(baseline, candidate),
         time=time,
     )
 
@@ -203,15 +174,11 @@ def _verdict(ratio: Ratio, min_effect: float) -> Verdict:
 def _work_changes(baseline: ModelCount, candidate: ModelCount) -> list[str]:
     """Return how the work of the two differs, for people; empty where it is the same."""
     return agreement.work_changes(
-        _counters(baseline),
-        _counters(candidate),
+        baseline.work,
+        candidate.work,
         drift(baseline, candidate),
         (baseline.diverged, candidate.diverged),
     )
-
-
-def _counters(count: ModelCount) -> Mapping[str, float]:
-    return asdict(count.work) if count.work else {}
 
 
 def _percent(ratio: float) -> str:

@@ -198,8 +198,8 @@ def _run_program(
             child.end_group(process)
     if code == 0:
         return None
-    last_line = child.last_words(child.text(output_file))
-    return Failure(Status.CRASHED, child.cause_of_death(code) + last_line)
+    last_line = child.last_line(child.text(output_file))
+    return Failure(Status.CRASHED, child.describe_exit(code) + last_line)
 
 
 def _callgrind(folder: Path) -> list[str]:

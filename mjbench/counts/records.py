@@ -6,6 +6,7 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 from mjbench.paired.records import VerdictRow
 from mjbench.simulation.work import Work
@@ -78,6 +79,16 @@ class CountedWorkPair:
     new: Work | None
 
 
+class Occurrence(StrEnum):
+    """In which of two releases a function occurs."""
+
+    BOTH = ""
+    NEW = "new"
+    """Only in the candidate."""
+    GONE = "gone"
+    """Only in the baseline."""
+
+
 @dataclass(frozen=True)
 class FunctionDifference:
     """Instructions per step that a function executes itself, in both releases.
@@ -93,6 +104,18 @@ class FunctionDifference:
     old: float | None
     new: float | None
     difference: float
+
+    @classmethod
+    def of(cls, name: str, old: float | None, new: float | None) -> "FunctionDifference":
+        """Return the difference of a function that occurs in at least one of the releases."""
+        return cls(name, old, new, (new or 0.0) - (old or 0.0))
+
+    @property
+    def occurrence(self) -> Occurrence:
+        """In which of the releases it occurs."""
+        if self.old is None:
+            return Occurrence.NEW
+        return Occurrence.GONE if self.new is None else Occurrence.BOTH
 
 
 @dataclass(frozen=True, kw_only=True)

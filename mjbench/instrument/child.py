@@ -90,7 +90,7 @@ def end_group(child: "subprocess.Popen[bytes]") -> int:
     return child.wait()
 
 
-def cause_of_death(code: int) -> str:
+def describe_exit(code: int) -> str:
     """Describe how a process ended.
 
     Args:
@@ -120,7 +120,7 @@ def memory_bytes(pid: int) -> int:
         return 0
 
 
-def last_words(output: str) -> str:
+def last_line(output: str) -> str:
     """Return the last line that a process wrote, as the end of a sentence; empty if it has none."""
     lines = output.strip().splitlines()
     return f"; its last output: {one_line(lines[-1], 160)}" if lines else ""

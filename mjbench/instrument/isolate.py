@@ -167,7 +167,7 @@ def _converse(
         if isinstance(message, Ended):
             return message
         on_message(message)
-    return Ended(Status.CRASHED, child.cause_of_death(process.wait()))
+    return Ended(Status.CRASHED, child.describe_exit(process.wait()))
 
 
 def _messages(
@@ -230,7 +230,7 @@ def _located(end: Ended, folder: Path) -> Ended:
         activity = None
     detail = end.detail + (f" while {activity.text}" if activity else "")
     if end.status == Status.CRASHED:
-        detail += child.last_words(child.text(folder / _STDERR))
+        detail += child.last_line(child.text(folder / _STDERR))
     return Ended(end.status, detail, activity)
 
 

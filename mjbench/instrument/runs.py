@@ -65,7 +65,7 @@ class Run:
     """
 
     header: RunHeader
-    records: tuple[Any, ...]
+    records: tuple[Record, ...]
 
     def of_type(self, kind: type[_T]) -> list[_T]:
         """Return the records of one type."""

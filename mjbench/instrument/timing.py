@@ -13,19 +13,23 @@ from dataclasses import dataclass
 Clock = Callable[[], float]
 
 
+def _nothing() -> None:
+    pass
+
+
 @dataclass(frozen=True)
 class Contender:
     """Something to time.
 
     Attributes:
-      before: called before each block; not timed.
       run: the block.
+      before: called before each block; not timed.
       after: called after each block; not timed.
     """
 
-    before: Callable[[], None]
     run: Callable[[], None]
-    after: Callable[[], None]
+    before: Callable[[], None] = _nothing
+    after: Callable[[], None] = _nothing
 
 
 def block_s(contender: Contender, clock: Clock = time.perf_counter) -> float:

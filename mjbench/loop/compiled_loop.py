@@ -119,10 +119,10 @@ def compile_loop(habit: Habit, model: MjModel, nstep: int, file: str = "") -> Co
     )
     namespace: dict[str, Any] = {}
     exec(compile(text, f"<{habit.name}>", "exec"), namespace)
-    run, value, made_locals = namespace["make"](**vars(LoopNames.of(model, nstep, file)))
+    run, value, loop_locals = namespace["make"](**vars(LoopNames.of(model, nstep, file)))
     # A view such as `robot.joints` does not keep its spec alive; in a script, the script's own
     # names do. Here the function does.
-    run.keeps_alive = made_locals
+    run.keeps_alive = loop_locals
     return CompiledLoop(run, value)
 
 

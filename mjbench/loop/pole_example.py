@@ -86,15 +86,15 @@ class Proportion:
     high: float
 
 
-def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
-    """Return a proportion with its score interval (Wilson, JASA 22, 1927).
+def wilson(successes: int, trials: int) -> Proportion:
+    """Return a proportion with its score interval (Wilson, JASA 22, 1927) at CONFIDENCE.
 
     Raises:
       ValueError: no trials, or successes outside 0 to trials.
     """
     if not 0 <= successes <= trials or trials < 1:
         raise ValueError(f"not a proportion: {successes} of {trials}")
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    z = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
     share, growth = successes / trials, 1 + z * z / trials
     centre = (share + z * z / (2 * trials)) / growth
     half = z / growth * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
@@ -106,7 +106,6 @@ def measure(
     samples: int = 1000,
     threads: Sequence[int] = (1, 4, 16),
     seed: int = 0,
-    clock: Callable[[], float] = time.perf_counter,
 ) -> FallExperiment:
     """Count the falls by every path that this MuJoCo has, and time it.
 
@@ -115,7 +114,6 @@ def measure(
       samples: starts for each angle.
       threads: numbers of threads for the paths that have any.
       seed: of the random starts.
-      clock: returns seconds.
 
     Raises:
       InputError: no angle, or no sample.
@@ -132,26 +130,35 @@ def measure(
     )
     paths: list[PathFalls] = []
     for counter in _counters(simulations, threads):
-        counter.has_fallen()  # starts threads, touches all memory
-        begin = clock()
-        fallen = counter.has_fallen()
-        seconds = clock() - begin
-        counts = tuple(int(n) for n in fallen.reshape(len(angles_rad), samples).sum(axis=1))
-        loop = paths[0] if paths else None
-        if loop and counts != loop.counts:
-            raise MachineError(
-                f"{counter.path} counts {counts} falls, the Python loop {loop.counts}"
-            )
-        speedup = loop.seconds / seconds if loop else 1.0
-        paths.append(PathFalls(counter.path, counter.threads, seconds, speedup, counts))
+        paths.append(_path_falls(counter, samples, paths[0] if paths else None))
+    angles = zip(angles_rad, paths[0].counts, strict=True)
     return FallExperiment(
         samples,
-        tuple(
-            _angle_falls(angle, count, samples)
-            for angle, count in zip(angles_rad, paths[0].counts, strict=True)
-        ),
+        tuple(_angle_falls(angle, count, samples) for angle, count in angles),
         tuple(paths),
     )
+
+
+def _path_falls(counter: "_Counter", samples: int, loop: PathFalls | None) -> PathFalls:
+    """Count the falls by one path, and time it.
+
+    Args:
+      counter: the path.
+      samples: starts for each angle.
+      loop: what the Python loop counted; None for the Python loop itself.
+
+    Raises:
+      MachineError: it counts differently.
+    """
+    counter.has_fallen()  # starts threads, touches all memory
+    begin = time.perf_counter()
+    fallen = counter.has_fallen()
+    seconds = time.perf_counter() - begin
+    counts = tuple(int(n) for n in fallen.reshape(-1, samples).sum(axis=1))
+    if loop and counts != loop.counts:
+        raise MachineError(f"{counter.path} counts {counts} falls, the Python loop {loop.counts}")
+    speedup = loop.seconds / seconds if loop else 1.0
+    return PathFalls(counter.path, counter.threads, seconds, speedup, counts)
 
 
 def _angle_falls(angle_rad: float, falls: int, samples: int) -> AngleFalls:
@@ -243,12 +250,8 @@ def _rollout(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray
     from mujoco import rollout
 
     model, nstep = simulations.model, simulations.nstep
-    integration = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    start = np.ascontiguousarray(simulations.initial[:, compat.physics_entries(model)])
     physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
-    columns = np.concatenate(
-        [np.arange(integration[f].start, integration[f].stop) for f in physics]
-    )
-    start = np.ascontiguousarray(simulations.initial[:, columns])
     hinge_column = physics["qpos"].start + simulations.hinge
     datas = [mujoco.MjData(model) for _ in range(threads)]
     if compat.rollout_threads():

@@ -190,7 +190,7 @@ def _step_ns(model: mujoco.MjModel, nstep: int, *habit_names: str) -> list[float
     for name in habit_names:
         run = compile_loop(habits.find(name), model, nstep).run
         run()  # touches all memory
-        contenders.append(timing.Contender(_nothing, run, _nothing))
+        contenders.append(timing.Contender(run))
     rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
     return [1e9 * statistics.median(seconds) / nstep for seconds in zip(*rounds, strict=True)]
 
@@ -231,7 +231,3 @@ def _timer_s(model: mujoco.MjModel, nstep: int) -> np.ndarray:
         if needs_clock:
             mujoco.set_mjcb_time(None)
     return np.asarray(np.median(blocks[1:], axis=0))  # the first touches all memory
-
-
-def _nothing() -> None:
-    pass

@@ -108,7 +108,7 @@ def record(
     step_controls = _step_controls(model, nstep, controls)
     log = _Log.of(model, data, nstep, _with_counts(fields))
     _run(model, data, nstep, step_controls, policy, log)
-    return log.recorded(data)
+    return log.recorded()
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class _Log:
                 log.numbers[name] = np.empty(nstep, type(value))
         return log
 
-    def recorded(self, data: mujoco.MjData) -> dict[str, np.ndarray | Ragged]:
+    def recorded(self) -> dict[str, np.ndarray | Ragged]:
         """Return what `record` returns."""
         recorded: dict[str, np.ndarray | Ragged] = {}
         for name in self.fields:

@@ -5,7 +5,7 @@ the plain way; simulations that diverge in either are left out, and the work is 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -74,9 +74,7 @@ class WorkCheck:
     @property
     def changes(self) -> list[str]:
         """How the work changed, in a few words each; empty where it is the same."""
-        return agreement.work_changes(
-            asdict(self.baseline), asdict(self.candidate), self.drift, self.diverged
-        )
+        return agreement.work_changes(self.baseline, self.candidate, self.drift, self.diverged)
 
     @property
     def changed(self) -> bool:
@@ -146,10 +144,9 @@ def _prepare(
     nthread = max(target.nthread for target in targets)
     step_s = max([process.call(requests.MeasureStepCost()) for process in processes])
     nbatch, nstep = _block_size(sizes, nthread, step_s)
-    drawn = nbatch if sizes.nbatch or nthread > 1 else DRAWN_PER_BLOCK * nbatch
-    workloads = _draw(
-        pool, targets, processes, requests.MakeWorkload(drawn, nstep, sizes.hold, sizes.seed)
-    )
+    drawn_nbatch = nbatch if sizes.nbatch or nthread > 1 else DRAWN_PER_BLOCK * nbatch
+    request = requests.MakeWorkload(drawn_nbatch, nstep, sizes.hold, sizes.seed)
+    workloads = _draw(pool, targets, processes, request)
     shared = workloads[0] is workloads[1]
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
@@ -167,8 +164,8 @@ def _prepare(
         nstep=nstep,
     )
     files = (
-        pool.save(_select(workloads[0], baseline.final_state, rows[0])),
-        pool.save(_select(workloads[1], candidate.final_state, rows[1])),
+        pool.save(workloads[0].only(rows[0], baseline.final_state)),
+        pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
     return Preparation(targets, models, files, nsim, work_check)
 
@@ -196,15 +193,15 @@ def _draw(
     request: requests.MakeWorkload,
 ) -> tuple[PortableWorkload, PortableWorkload]:
     """Return the workload of each target: the same one, unless their models differ in size."""
-    drawn = processes[0].call(request)
+    workload = processes[0].call(request)
     try:
-        with pool.saved(drawn) as file:
+        with pool.saved(workload) as file:
             processes[1].call(requests.TakeWorkload(file))
     except InputError:
         if targets[0].model == targets[1].model:
             raise
-        return drawn, processes[1].call(request)
-    return drawn, drawn
+        return workload, processes[1].call(request)
+    return workload, workload
 
 
 def _rows_to_time(
@@ -247,15 +244,3 @@ def _drift(
     if any(after[field].shape != values.shape for field, values in before.items()):
         return None
     return agreement.drift(after, before)
-
-
-def _select(
-    workload: PortableWorkload, final_state: np.ndarray, rows: np.ndarray
-) -> PortableWorkload:
-    """Return some simulations of a workload, with the final states that they must reach."""
-    return PortableWorkload(
-        fields={name: values[rows] for name, values in workload.fields.items()},
-        control=workload.control[rows],
-        hold=workload.hold,
-        final_state=final_state[rows],
-    )

@@ -6,31 +6,11 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from enum import StrEnum
 from typing import Any, ClassVar
 
+from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.simulation.work import Work
 from mjbench.status import Status
-
-
-class Verdict(StrEnum):
-    """The outcome of a paired comparison."""
-
-    FASTER = "faster"
-    """The candidate takes less time."""
-    SLOWER = "slower"
-    """The candidate takes more time."""
-    SAME = "same"
-    """Any difference is smaller than the smallest effect that matters."""
-    INCONCLUSIVE = "inconclusive"
-    """The launches do not decide."""
-
-
-class Metric(StrEnum):
-    """What a comparison compares."""
-
-    TIME = "time"
-    INSTRUCTIONS = "instructions"
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,9 @@ import numpy as np
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import child
 from mjbench.paired import verdict
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
-from mjbench.paired.records import SelfcheckRow, TrialRecord, Verdict
+from mjbench.paired.records import SelfcheckRow, TrialRecord
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs

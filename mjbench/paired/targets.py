@@ -14,7 +14,7 @@ from mjbench.paths import parallelism
 from mjbench.releases import installs
 from mjbench.simulation import models
 
-_DEFAULTS = {"model": "cartpole", "path": "python_loop", "release": installs.INSTALLED}
+_DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": installs.INSTALLED}
 # Fields of MjOption that a target may set by name, to a number or to an enum's value such as `cg`.
 OPTION_FIELDS = (
     "timestep",
@@ -53,7 +53,7 @@ class Target:
 
     release: installs.ReleaseSpec
     model: models.ModelSource
-    path: str = "python_loop"
+    path: str = paths.BASE
     options: Mapping[str, Any] = field(default_factory=dict)
     model_options: Mapping[str, str] = field(default_factory=dict)
     slowdown: float = 0.0

@@ -13,13 +13,13 @@ import numpy as np
 
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import stats
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes, WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
     DivergedPair,
     LaunchRow,
     Ratio,
-    Verdict,
     VerdictRecord,
     VerdictRow,
     WorkPair,
@@ -219,24 +219,11 @@ def decide(
     """
     begin = clock()
     launches: list[Launch] = []
-    judgement: Judgement | None = None
     pair: TargetPair | None = None
     status, detail = Status.OK, ""
     try:
         pair = TargetPair(pool, baseline, candidate, plan.sizes)
-        ready = clock()
-        while judgement is None or not judgement.enough:
-            launches.append(pair.launch())
-            judgement = judge(
-                [launch.log_ratio for launch in launches],
-                plan.min_effect,
-                plan.confidence,
-                plan.precision,
-            )
-            on_launch(judgement)
-            spent = clock() - ready
-            if spent + spent / len(launches) > plan.time_limit_s:
-                break
+        _launch_until_enough(pair, plan, launches, on_launch, clock)
     except (InputError, MachineError) as error:
         failure = failure_of(error)
         status, detail = failure.status, failure.detail
@@ -253,6 +240,29 @@ def decide(
         work_check=pair.work_check if pair else None,
         workload_file=pair.baseline_workload if pair else None,
         launches=launches,
-        judgement=judgement,
+        judgement=_judge_launches(launches, plan) if launches else None,
         seconds=clock() - begin,
     )
+
+
+def _launch_until_enough(
+    pair: TargetPair,
+    plan: VerdictPlan,
+    launches: list[Launch],
+    on_launch: Callable[[Judgement], None],
+    clock: Callable[[], float],
+) -> None:
+    """Add launches to a list until they are enough, or time is up; see `decide`."""
+    ready = clock()
+    while True:
+        launches.append(pair.launch())
+        judgement = _judge_launches(launches, plan)
+        on_launch(judgement)
+        spent = clock() - ready
+        if judgement.enough or spent + spent / len(launches) > plan.time_limit_s:
+            return
+
+
+def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement:
+    log_ratios = [launch.log_ratio for launch in launches]
+    return judge(log_ratios, plan.min_effect, plan.confidence, plan.precision)

@@ -173,15 +173,19 @@ class Worker:
 
     def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths
-        from mjbench.simulation import workload
+        from mjbench.simulation.workload import Workload
 
         if request.cores and hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, request.cores)
         self.padding += _scattered()
         model = copy.copy(self.model)
-        whole, previous, rows = self.workload, self.resources, list(request.simulations)
-        selected = workload.Workload(
-            model, whole.initial_state[rows], whole.control[rows], whole.hold, whole.seed
+        workload, previous, rows = self.workload, self.resources, list(request.simulations)
+        selected = Workload(
+            model,
+            workload.initial_state[rows],
+            workload.control[rows],
+            workload.hold,
+            workload.seed,
         )
         path = paths.find(request.path)
         reason = path.unavailable() or path.unsuited(selected, request.options)

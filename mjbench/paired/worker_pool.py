@@ -118,8 +118,8 @@ class WorkerProcess:
         try:
             return receive()
         except (EOFError, OSError):
-            cause = child.cause_of_death(self._process.wait())
-            output = child.last_words(child.text(self._output_file))
+            cause = child.describe_exit(self._process.wait())
+            output = child.last_line(child.text(self._output_file))
             raise TargetError(f"{self.name}: {cause} while {activity}{output}") from None
 
 

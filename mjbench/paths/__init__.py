@@ -8,7 +8,6 @@ import importlib
 
 from mjbench.errors import InputError, one_line, suggestion
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
-from mjbench.paths.parallelism import nthread
 
 # The path that every speed-up is relative to.
 BASE = "python_loop"
@@ -22,7 +21,6 @@ __all__ = [
     "States",
     "SteppingPath",
     "find",
-    "nthread",
     "registry",
 ]
 

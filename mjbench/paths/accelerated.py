@@ -20,9 +20,13 @@ import numpy as np
 from mjbench.errors import InputError, one_line
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, work
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.trajectory import Contacts
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import PortableWorkload, Workload, fields, portable, restore
+
+# JAX's and Warp's name of the processor, as a kind of device and as a device.
+CPU = "cpu"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,7 @@ class AcceleratedPath(SteppingPath):
     """A path that compiles the step first.
 
     Class attributes:
-      precision: `float32` or `float64`.
+      precision: that it computes in.
       extra: the extra of mjbench that installs the packages.
       packages: modules that the path needs.
       engine: its name for people.
@@ -80,7 +84,7 @@ class AcceleratedPath(SteppingPath):
 
     closed_loop = True
     compiles = True
-    precision: ClassVar[str]
+    precision: ClassVar[Precision]
     extra: ClassVar[str]
     packages: ClassVar[tuple[str, ...]]
     engine: ClassVar[str] = "the engine"

@@ -219,7 +219,8 @@ def array_callbacks(array: np.ndarray) -> tuple[Callable[[], None], Callable[[],
     return lambda: array.fill(np.nan), lambda: States(array)
 
 
-# (data, initial_state (n, nstate), control (n, ncontrol, nu), final_state (n, nstate), written)
+# (data, initial_state (n, nstate), control (n, ncontrol, nu), final_state (n, nstate));
+# the last is the output
 Simulate = Callable[[mujoco.MjData, np.ndarray, np.ndarray, np.ndarray], None]
 
 

@@ -3,7 +3,7 @@
 import functools
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -12,6 +12,9 @@ from mjbench.instrument import machine
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
 
 _THREADS = Option("threads", "threads, the caller's included", (), int)
 _DATA = Option(
@@ -70,7 +73,7 @@ class _BatchPath(SteppingPath):
 
     @abstractmethod
     def make_step_all(
-        self, batch: Any, workload: Workload, options: Options, resources: Resources
+        self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         """Return a function that takes all steps of the simulations in `batch`."""
 
@@ -100,7 +103,7 @@ class BatchStep(_BatchPath):
         return super().simplified(options)
 
     def make_step_all(
-        self, batch: Any, workload: Workload, options: Options, resources: Resources
+        self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         """See `_BatchPath.make_step_all`."""
         by_control = resources.get_or_create(
@@ -151,7 +154,7 @@ class BatchRollout(_BatchPath):
         return super().simplified(options)
 
     def make_step_all(
-        self, batch: Any, workload: Workload, options: Options, resources: Resources
+        self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         """See `_BatchPath.make_step_all`."""
         control = workload.step_control if workload.model.nu else None
@@ -181,7 +184,7 @@ class BatchRollout(_BatchPath):
         )
 
 
-def _batch(workload: Workload, options: Options, resources: Resources) -> Any:
+def _batch(workload: Workload, options: Options, resources: Resources) -> "Batch":
     """Return a Batch; paths with the same threads and storage share it."""
     from mujoco import batch
 

@@ -2,18 +2,23 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 
 from mjbench.errors import InputError, MachineError, one_line
 from mjbench.paths import warp_buffers
-from mjbench.paths.accelerated import AcceleratedPath, Compiled, keyword_arguments
+from mjbench.paths.accelerated import CPU, AcceleratedPath, Compiled, keyword_arguments
 from mjbench.paths.base import Options
 from mjbench.paths.mjx_program import CompiledProgram, Program
 from mjbench.simulation import compat
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
+
+if TYPE_CHECKING:
+    import jax
+    from mujoco import mjx
 
 _MATMUL = "JAX_DEFAULT_MATMUL_PRECISION"
 
@@ -23,7 +28,7 @@ class Mjx(AcceleratedPath):
 
     name = "mjx"
     summary = "MJX: jit(vmap(loop of mjx.step)), float32"
-    precision = "float32"
+    precision = Precision.FLOAT32
     extra = "mjx"
     engine = "MJX"
     packages: ClassVar[tuple[str, ...]] = ("jax", "mujoco.mjx")
@@ -34,7 +39,7 @@ class Mjx(AcceleratedPath):
     def environment(self) -> dict[str, str | None]:
         """Return variables that set the precision, and prevent reuse of compiled programs."""
         return {
-            "JAX_ENABLE_X64": "1" if self.precision == "float64" else "0",
+            "JAX_ENABLE_X64": "1" if self.precision == Precision.FLOAT64 else "0",
             "JAX_COMPILATION_CACHE_DIR": None,
             "JAX_ENABLE_COMPILATION_CACHE": "0",
             # Otherwise JAX reserves most of a GPU's memory: its peak would mean nothing, and Warp,
@@ -56,7 +61,7 @@ class Mjx(AcceleratedPath):
 
     def needs_fixed_nstep(self) -> bool:
         """Return whether a loop whose length is an argument waits for the host before each step."""
-        return self.device_kind() != "cpu"
+        return self.device_kind() != CPU
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:
         """Return the fields of MJX's Data for a model."""
@@ -67,7 +72,7 @@ class Mjx(AcceleratedPath):
         """Trace and compile the program (see `mjx_program`)."""
         import jax
 
-        jax.config.update("jax_enable_x64", self.precision == "float64")
+        jax.config.update("jax_enable_x64", self.precision == Precision.FLOAT64)
         model = self.put_model(workload.model)
         buffer_sizes = self.buffer_sizes(peaks, workload.nbatch)
         program = Program(workload, model, self.make_data(workload.model, buffer_sizes))
@@ -77,7 +82,7 @@ class Mjx(AcceleratedPath):
         compiled = CompiledProgram(program, nstep_is_fixed)
         first_call_s = compiled.first_call_s() if self.compiles_at_first_call else 0.0
         device = jax.devices()[0]
-        is_cpu = device.platform == "cpu"
+        is_cpu = device.platform == CPU
         return Compiled(
             compiled.run,
             compiled.clear,
@@ -91,13 +96,13 @@ class Mjx(AcceleratedPath):
             gpu_memory_bytes=lambda: None if is_cpu else self.peak_gpu_memory_bytes(device),
         )
 
-    def put_model(self, model: mujoco.MjModel) -> Any:
+    def put_model(self, model: mujoco.MjModel) -> "mjx.Model":
         """Return MJX's Model."""
         from mujoco import mjx
 
         return mjx.put_model(model, **compat.known(mjx.put_model, impl=self.impl))
 
-    def make_data(self, model: mujoco.MjModel, buffer_sizes: Mapping[str, int]) -> Any:
+    def make_data(self, model: mujoco.MjModel, buffer_sizes: Mapping[str, int]) -> "mjx.Data":
         """Return MJX's Data of one simulation."""
         from mujoco import mjx
 
@@ -107,7 +112,7 @@ class Mjx(AcceleratedPath):
         """Return sizes of buffers, as make_data names them."""
         return {}
 
-    def peak_gpu_memory_bytes(self, device: Any) -> int | None:
+    def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
         """Return the peak memory that JAX used on a GPU."""
         peak = (device.memory_stats() or {}).get("peak_bytes_in_use")
         return None if peak is None else int(peak)
@@ -119,7 +124,7 @@ class Mjx(AcceleratedPath):
           workload: to run.
           options: sizes of buffers (see `Compiled.buffer_sizes`).
         """
-        is_float64 = self.precision == "float64"
+        is_float64 = self.precision == Precision.FLOAT64
         matmul = f'jax.config.update("jax_default_matmul_precision", "{_matmul_precision()}")'
         return _SNIPPET.format(
             config='jax.config.update("jax_enable_x64", True)' if is_float64 else matmul,
@@ -135,7 +140,7 @@ class Mjx64(Mjx):
 
     name = "mjx64"
     summary = "MJX: jit(vmap(loop of mjx.step)), float64"
-    precision = "float64"
+    precision = Precision.FLOAT64
 
 
 class MjxWarp(Mjx):
@@ -163,7 +168,7 @@ class MjxWarp(Mjx):
         sizes = warp_buffers.buffer_sizes(peaks, nbatch)
         return compat.known(mjx.make_data, nconmax=sizes["naconmax"], **sizes)
 
-    def peak_gpu_memory_bytes(self, device: Any) -> int | None:
+    def peak_gpu_memory_bytes(self, device: "jax.Device") -> int | None:
         """Return the peak memory that JAX and Warp used on a GPU."""
         from mjbench.paths.warp import peak_gpu_memory_bytes
 

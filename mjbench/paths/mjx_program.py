@@ -8,7 +8,7 @@ is timed, with the number compiled in.
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,10 @@ from mjbench.simulation import compat
 from mjbench.simulation.trajectory import Contacts
 from mjbench.simulation.workload import Workload
 
+if TYPE_CHECKING:
+    import jax
+    from mujoco import mjx
+
 
 class Program:
     """The program of one workload, not yet compiled, and its arguments on the device.
@@ -36,7 +40,7 @@ class Program:
       nstep: number of steps on the device.
     """
 
-    def __init__(self, workload: Workload, model: Any, empty: Any):
+    def __init__(self, workload: Workload, model: "mjx.Model", empty: "mjx.Data"):
         """Put the workload's start and controls on the device.
 
         Args:
@@ -55,7 +59,7 @@ class Program:
         """The type of floating-point numbers in MJX's Data."""
         return self._arrays["qpos"].dtype  # type: ignore[no-any-return]
 
-    def fields_on_device(self, fields: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    def fields_on_device(self, fields: Mapping[str, np.ndarray]) -> "dict[str, jax.Array]":
         """Return the fields that MJX has, in its shapes and types."""
         import jax
 
@@ -66,19 +70,19 @@ class Program:
             for name, values in supported_fields(fields, self._arrays, "MJX").items()
         }
 
-    def control_on_device(self, control: np.ndarray) -> Any:
+    def control_on_device(self, control: np.ndarray) -> "jax.Array":
         """Return controls in MJX's type."""
         import jax
 
         return jax.device_put(control.astype(self._arrays["ctrl"].dtype))
 
-    def count_on_device(self, nstep: int) -> Any:
+    def count_on_device(self, nstep: int) -> "jax.Array":
         """Return a number of steps as the program takes it."""
         import jax
 
         return jax.device_put(np.int32(nstep))
 
-    def trace(self, nstep: int | None) -> tuple[Any, float]:
+    def trace(self, nstep: int | None) -> "tuple[jax.stages.Lowered, float]":
         """Return the traced program, ready to compile, and the seconds that tracing took.
 
         Args:
@@ -94,7 +98,7 @@ class Program:
             traced = self._jitted(cast, nstep).lower(*arguments)
         return traced, time.perf_counter() - begin
 
-    def _step(self, data: Any, ctrl: Any) -> Any:
+    def _step(self, data: "mjx.Data", ctrl: "jax.Array") -> "mjx.Data":
         from mujoco import mjx
 
         return mjx.step(self._model, data.replace(ctrl=ctrl))
@@ -105,7 +109,9 @@ class Program:
 
         hold = self.workload.hold
 
-        def rollout(start: Any, control: Any, nstep: Any) -> Any:
+        def rollout(
+            start: "dict[str, jax.Array]", control: "jax.Array", nstep: "jax.Array"
+        ) -> "mjx.Data":
             data = cast(self._empty.replace(**start))
             end = nstep if fixed_nstep is None else fixed_nstep
             return jax.lax.fori_loop(0, end, lambda k, d: self._step(d, control[k // hold]), data)
@@ -121,7 +127,7 @@ class Program:
 
         after = jax.eval_shape(lambda data: self._step(data, data.ctrl), self._empty)
 
-        def cast(data: Any) -> Any:
+        def cast(data: "mjx.Data") -> "mjx.Data":
             return jax.tree.map(lambda value, to: jax.numpy.asarray(value, to.dtype), data, after)
 
         return cast
@@ -191,12 +197,13 @@ class CompiledProgram:
         _check_buffers(data)
         return StepOutcome(self._fields(data), _contacts(data))
 
-    def _copy_of_start(self) -> Any:
+    def _copy_of_start(self) -> "dict[str, jax.Array]":
         import jax
 
-        return jax.tree.map(jax.numpy.copy, self._program.start)
+        start: dict[str, jax.Array] = jax.tree.map(jax.numpy.copy, self._program.start)
+        return start
 
-    def _fields(self, data: Any) -> dict[str, np.ndarray]:
+    def _fields(self, data: "mjx.Data") -> dict[str, np.ndarray]:
         """Return the start's fields and the controls of batched Data, (nbatch, size) in float64."""
         fields = {}
         for name in (*self._program.start, "ctrl"):
@@ -205,7 +212,7 @@ class CompiledProgram:
         return fields
 
 
-def _check_buffers(data: Any) -> None:
+def _check_buffers(data: "mjx.Data") -> None:
     """Reject a result for which one of Warp's buffers was too small."""
     own = compat.mjx_own(data)
     if hasattr(own, "overflow"):
@@ -216,7 +223,7 @@ def _check_buffers(data: Any) -> None:
         )
 
 
-def _contacts(data: Any) -> Contacts | None:
+def _contacts(data: "mjx.Data") -> Contacts | None:
     """Return the contacts of batched Data that are near enough to count."""
     own = compat.mjx_own(data)
     if hasattr(own, "nacon"):  # of Warp: the contacts of all simulations in one list

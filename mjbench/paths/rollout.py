@@ -96,10 +96,7 @@ class _RolloutRun:
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
         self.spec = compat.state_spec("INTEGRATION")
-        columns = compat.state_columns(self.model, self.spec)
-        physics = compat.state_columns(self.model, compat.state_spec("FULLPHYSICS"))
-        # entries of a whole state row that a rollout returns
-        self.physics = np.concatenate([np.r_[columns[name]] for name in physics])
+        self.physics = compat.physics_entries(self.model)
         self.inputs: RolloutInputs = resources.get_or_create(
             "rollout inputs", lambda: make_inputs(workload, self.physics)
         )
@@ -131,14 +128,15 @@ class _RolloutRun:
             "state": self.state if self.returns_states else None,
             "sensordata": self.sensordata if self.returns_states else None,
         }
-        model: Any = self.model
+        model: mujoco.MjModel | list[mujoco.MjModel] = self.model
         if options.get("checks") == "off" or not self.returns_states:
             keywords["skip_checks"] = True
             if compat.rollout_threads():
                 model = [self.model] * self.workload.nbatch
         if options.get("chunk"):
             keywords["chunk_size"] = options["chunk"]
-        data: Any = self.datas if compat.rollout_threads() else self.datas[0]
+        has_threads = compat.rollout_threads()
+        data: mujoco.MjData | list[mujoco.MjData] = self.datas if has_threads else self.datas[0]
         function = _rollout_function(options, resources)
 
         def run() -> None:

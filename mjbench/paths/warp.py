@@ -10,6 +10,7 @@ import numpy as np
 
 from mjbench.paths import warp_buffers
 from mjbench.paths.accelerated import (
+    CPU,
     AcceleratedPath,
     Compiled,
     StepOutcome,
@@ -20,6 +21,7 @@ from mjbench.paths.accelerated import (
 )
 from mjbench.paths.base import Options, States
 from mjbench.simulation import compat
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.trajectory import Contacts
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
@@ -30,7 +32,7 @@ class Warp(AcceleratedPath):
 
     name = "warp"
     summary = "MuJoCo Warp: mujoco_warp.step over all worlds as a captured graph, float32"
-    precision = "float32"
+    precision = Precision.FLOAT32
     extra = "warp"
     engine = "MuJoCo Warp"
     packages = ("warp", "mujoco_warp")
@@ -40,7 +42,7 @@ class Warp(AcceleratedPath):
         import warp as wp
 
         _print_warnings_only()
-        return "cpu" if wp.get_device().is_cpu else "cuda"
+        return CPU if wp.get_device().is_cpu else "cuda"
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """Reject also models with sleep: trees asleep after one run stay asleep in the next."""
@@ -69,7 +71,7 @@ class Warp(AcceleratedPath):
             graph.clear,
             graph.final_states,
             advance=graph.advance,
-            device="cpu" if device.is_cpu else device.name,
+            device=CPU if device.is_cpu else device.name,
             trace_s=graph.trace_s,
             compile_s=graph.compile_s,
             is_deterministic=device.is_cpu,

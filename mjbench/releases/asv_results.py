@@ -3,6 +3,7 @@
 asv stores one file for each release; here its values are put in the order of the releases.
 """
 
+import dataclasses
 import itertools
 import json
 import statistics
@@ -12,7 +13,7 @@ from typing import Any
 
 from mjbench.errors import InputError, one_line
 from mjbench.releases import bundle
-from mjbench.releases.history import History, Point, Series
+from mjbench.releases.history import AsvMachine, History, Point, Series
 
 
 def load(folder: Path, release_bundle: Path, machine: str | None = None) -> History:
@@ -34,7 +35,7 @@ def load(folder: Path, release_bundle: Path, machine: str | None = None) -> Hist
             f"the results in {folder / name} belong to none of the releases in {release_bundle}"
         )
     return History(
-        machine=_read_json(folder / name / "machine.json"),
+        machine=_machine(folder / name / "machine.json"),
         versions=list(results_of),
         series=list(_all_series(benchmarks, results_of)),
     )
@@ -67,6 +68,13 @@ def _results_by_version(folder: Path, machine: str, release_bundle: Path) -> dic
         for release in bundle.read(release_bundle)
         if release.version in measured
     }
+
+
+def _machine(path: Path) -> AsvMachine:
+    stored = _read_json(path)
+    known = {field.name for field in dataclasses.fields(AsvMachine)}
+    texts = {name: str(value) for name, value in stored.items() if name in known}
+    return AsvMachine(**{"machine": path.parent.name, **texts})
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -114,10 +122,10 @@ def _points(
     values = results.get_result_value(benchmark, axes)
     samples = results.get_result_samples(benchmark, axes)
     rounds = int(description.get("rounds", 1))
-    for quoted, value, taken in zip(itertools.product(*axes), values, samples, strict=True):
+    for quoted, value, durations in zip(itertools.product(*axes), values, samples, strict=True):
         params = tuple(param.strip("'") for param in quoted)
         # asv stores NaN where a benchmark does not apply and None where it failed; so does Point.
-        yield params, Point(value, _round_medians(taken or (), rounds))
+        yield params, Point(value, _round_medians(durations or (), rounds))
 
 
 def _round_medians(samples: Sequence[float], rounds: int) -> tuple[float, ...]:

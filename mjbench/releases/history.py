@@ -76,17 +76,36 @@ class Series:
         return ", ".join(self.params.values())
 
 
+@dataclass(frozen=True, kw_only=True)
+class AsvMachine:
+    """What asv knows of a machine, as text; empty where it does not.
+
+    Attributes:
+      machine: its name in asv.
+      cpu: its processor.
+      arch: the processor's architecture.
+      os: its operating system.
+      num_cpu: number of cores.
+    """
+
+    machine: str
+    cpu: str = ""
+    arch: str = ""
+    os: str = ""
+    num_cpu: str = ""
+
+
 @dataclass(frozen=True)
 class History:
     """What asv measured on one machine.
 
     Attributes:
-      machine: what asv knows of it.
+      machine: that it ran on.
       versions: the releases measured, in upload order.
       series: every benchmark and choice of parameters.
     """
 
-    machine: Mapping[str, str]
+    machine: AsvMachine
     versions: Sequence[str]
     series: Sequence[Series]
 

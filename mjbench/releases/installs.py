@@ -213,10 +213,10 @@ def remove(name: str) -> None:
         raise InputError(f"no install {name!r}; there are {', '.join(names) or 'none'}")
     folder = cache_folder() / name
     with _locked(name, _Lock.EXCLUSIVE_OR_FAIL):
-        doomed = folder.with_name(f".{name}.removed")
+        renamed = folder.with_name(f".{name}.removed")
         try:
-            folder.rename(doomed)
-            shutil.rmtree(doomed)
+            folder.rename(renamed)
+            shutil.rmtree(renamed)
         except OSError as error:
             raise MachineError(f"cannot remove {folder}: {error.strerror}") from error
 

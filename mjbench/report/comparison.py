@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
@@ -14,6 +15,7 @@ from mjbench.report.crossovers import Crossover
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.simulation import accelerated_limits
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 # Below this share of the usable cores, threaded figures say more about the machine's other
@@ -41,8 +43,8 @@ def print_model(out: Console, model_results: ModelResults) -> None:
 def print_crossovers(out: Console, crossovers: Sequence[Crossover]) -> None:
     """Print from which batch size on accelerated paths overtake C."""
     for row in crossovers:
-        variant = tables.describe_variant(row.path, row.options)
-        rival = tables.describe_variant(row.rival.path, row.rival.options)
+        variant = str(Variant(row.path, row.options))
+        rival = str(Variant(row.rival.path, row.rival.options))
         if row.nbatch:
             text = f"overtakes the best C path ({rival}) at {row.nbatch:,} simulations"
         else:
@@ -186,7 +188,7 @@ def _notes(model_results: ModelResults) -> list[str]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
     model, results = model_results.model, model_results.results
     lines = [
-        f"{tables.describe_variant(r.path, r.options)}: {r.status}: {r.detail}"
+        f"{Variant(r.path, r.options)}: {r.status}: {r.detail}"
         for r in results
         if r.detail and (r.status, r.detail) != (model.status, model.detail)
     ]
@@ -209,14 +211,14 @@ def _cores_note(model_results: ModelResults) -> list[str]:
 def _error_causes(results: Sequence[PathResult]) -> list[str]:
     """Return why MJX differs from C, where checks in float32 and float64 can say."""
     checks = {r.precision: r.check for r in results if r.path in ("mjx", "mjx64") and r.check}
-    coarse, fine = checks.get("float32"), checks.get("float64")
+    coarse, fine = checks.get(Precision.FLOAT32), checks.get(Precision.FLOAT64)
     if coarse is None or fine is None:
         return []
     return [f"MJX differs from C because of {accelerated_limits.error_cause(coarse, fine)}"]
 
 
 def _print_advice(out: Console, advice: Advice) -> None:
-    variant = tables.describe_variant(advice.path, advice.options)
+    variant = str(Variant(advice.path, advice.options))
     gain = f", {tables.factor(advice.speedup)}× the plain loop" if advice.speedup else ""
     loop = "Open loop"
     if advice.loop == Loop.CLOSED:

@@ -89,19 +89,19 @@ def _print_function_changes(
 ) -> None:
     headings = ["function", "old/step", "new/step", "difference", ""]
     table = tables.plain_table(headings, right=(1, 2, 3))
-    changes = explain.function_changes(baseline, candidate)
-    for change in changes[:top]:
+    functions = explain.function_differences(baseline, candidate)
+    for function in functions[:top]:
         table.add_row(
-            escape(change.name),
-            _number(change.baseline),
-            _number(change.candidate),
-            f"{change.difference:+,.0f}",
-            change.kind,
+            escape(function.name),
+            _number(function.old),
+            _number(function.new),
+            f"{function.difference:+,.0f}",
+            function.occurrence,
         )
     out.print(table)
-    further = changes[top:]
+    further = functions[top:]
     if further:
-        rest = sum(change.difference for change in further)
+        rest = sum(function.difference for function in further)
         share = 100 * rest / (candidate.instructions_per_step or 1.0)
         out.print(f"{len(further)} further functions: {rest:+,.0f} ({share:+.2f} %)")
 

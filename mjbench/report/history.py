@@ -72,15 +72,15 @@ def _introduction(history: History, threshold: float) -> Iterator[str]:
     machine = history.machine
     timed = [series for series in history.series if series.is_timed]
     rounds = {len(p.rounds) for series in timed for p in series.points.values() if p.is_measured}
-    description = [machine[key] for key in ("cpu", "arch", "os") if machine.get(key)]
-    if machine.get("num_cpu"):
-        description.append(f"{machine['num_cpu']} cores")
+    description = [text for text in (machine.cpu, machine.arch, machine.os) if text]
+    if machine.num_cpu:
+        description.append(f"{machine.num_cpu} cores")
     decrease = 100 * (1 / (1 + threshold) - 1)  # the same factor downward
     yield "# What changed between releases\n"
     yield "Written by `mjbench history` from the results in `results/asv`; do not edit.\n"
     yield (
         f"{len(history.versions)} releases of MuJoCo, {history.versions[0]} to"
-        f" {history.versions[-1]}, measured by asv on `{machine['machine']}`"
+        f" {history.versions[-1]}, measured by asv on `{machine.machine}`"
         f" ({', '.join(description)}) with `asv run --interleave-rounds --record-samples`:"
         f" {max(rounds, default=0)} rounds, which visit the releases in opposite orders. Absolute"
         " times hold for this machine only. [method/history.md](method/history.md) describes how"

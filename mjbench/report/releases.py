@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from mjbench.releases.catalogue import ReleaseRow
-from mjbench.report.tables import plain_table
+from mjbench.report.tables import plain_table, yes_no
 
 
 def releases_table(rows: Sequence[ReleaseRow]) -> Table:
@@ -15,12 +15,8 @@ def releases_table(rows: Sequence[ReleaseRow]) -> Table:
         table.add_row(
             row.version,
             (row.uploaded or "unknown")[:10],
-            "not asked" if row.in_index is None else _yes_or_no(row.in_index),
-            _yes_or_no(row.in_history),
+            "not asked" if row.in_index is None else yes_no(row.in_index),
+            yes_no(row.in_history),
             "installed" if row.installed else "",
         )
     return table
-
-
-def _yes_or_no(value: bool) -> str:
-    return "yes" if value else "no"

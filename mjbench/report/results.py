@@ -5,14 +5,15 @@ A speed is derived only for a measurement whose final states agree.
 
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
 from mjbench.instrument import stats
+from mjbench.instrument.runs import Record
 from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE
-from mjbench.simulation.accelerated_limits import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -81,7 +82,7 @@ class PathResult:
     rounds: int = 0
     snippet: str = ""
     nbatch_asked: int | None = None
-    precision: str | None = None
+    precision: Precision | None = None
     device: str | None = None
     trace_s: float | None = None
     compile_s: float | None = None
@@ -119,6 +120,9 @@ class PathResult:
         return self.steps_per_s / other.steps_per_s
 
 
+_RESULT_FIELDS = {field.name for field in fields(PathResult)}
+
+
 @dataclass(frozen=True)
 class ModelResults:
     """The records of one model at one size, and what follows from them.
@@ -144,7 +148,7 @@ def derive(model: ModelRecord, measurements: Sequence[MeasurementRecord]) -> Mod
     return ModelResults(model, tuple(_result(m, base, timestep) for m in measurements))
 
 
-def derive_all(records: Sequence[Any]) -> list[ModelResults]:
+def derive_all(records: Sequence[Record]) -> list[ModelResults]:
     """Return the results of a whole run, model by model, in the order they were measured.
 
     Args:
@@ -164,31 +168,8 @@ def _group(record: ModelRecord | MeasurementRecord) -> tuple[str, int | None]:
 def _result(
     record: MeasurementRecord, base: MeasurementRecord | None, timestep: float | None
 ) -> PathResult:
-    untimed = PathResult(
-        model=record.model,
-        path=record.path,
-        options=record.options,
-        status=record.status,
-        detail=record.detail,
-        agrees=record.agrees,
-        agreement=record.agreement,
-        closed_loop=record.closed_loop,
-        nbatch=record.nbatch,
-        nstep=record.nstep,
-        hold=record.hold,
-        diverged=record.diverged,
-        work=record.work,
-        rounds=len(record.samples_s),
-        snippet=record.snippet,
-        nbatch_asked=record.nbatch_asked,
-        precision=record.precision,
-        device=record.device,
-        trace_s=record.trace_s,
-        compile_s=record.compile_s,
-        memory_bytes=record.memory_bytes,
-        gpu_memory_bytes=record.gpu_memory_bytes,
-        check=record.check,
-    )
+    shared = {name: value for name, value in vars(record).items() if name in _RESULT_FIELDS}
+    untimed = PathResult(**shared, rounds=len(record.samples_s))
     if not record.is_timed:
         return untimed
     steps = steps_per_block(record)

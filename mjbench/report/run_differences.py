@@ -11,7 +11,9 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import Run
 from mjbench.instrument.stats import TimedBlocks
 from mjbench.paired.records import Ratio
+from mjbench.paths.accelerated import CPU
 from mjbench.report.results import steps_per_block
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 # What must not differ where something was compiled: what compiled it, and with which flags.
@@ -64,10 +66,10 @@ def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
     Precision and device (a CPU by its name); of what was compiled also the versions of its
     compilers, and the flags that change what they do.
     """
-    device = record.device or "cpu"
+    device = record.device or CPU
     values: dict[str, object] = {
-        "precision": record.precision or "float64",
-        "device": machine.cpu if device == "cpu" else device,
+        "precision": record.precision or Precision.FLOAT64,
+        "device": machine.cpu if device == CPU else device,
     }
     if record.is_accelerated:
         values |= {name: machine.versions.get(name) for name in _COMPILERS}

@@ -6,6 +6,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from mjbench.status import ExitCode
+
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 116
 
 
@@ -16,7 +18,7 @@ class _Console(Console):
         try:
             super().on_broken_pipe()
         except SystemExit:
-            raise SystemExit(3) from None
+            raise SystemExit(ExitCode.ENVIRONMENT) from None
 
 
 def console(stderr: bool = False) -> Console:
@@ -43,11 +45,6 @@ def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> T
 def describe_options(options: Mapping[str, Any]) -> str:
     """Return options as people write them, such as `threads=2 pool=kept`."""
     return " ".join(f"{name}={value}" for name, value in options.items())
-
-
-def describe_variant(path: str, options: Mapping[str, Any]) -> str:
-    """Return a path with its options, such as `rollout threads=2 pool=kept`."""
-    return f"{path} {describe_options(options)}".strip()
 
 
 def factor(ratio: float) -> str:

@@ -1,14 +1,14 @@
 """The tables of paired comparisons and of `mjbench selfcheck`, and each verdict in a sentence."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, Verdict, VerdictRow
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
 
@@ -54,8 +54,8 @@ def describe_work(row: VerdictRow) -> str:
         return ""
     return ", ".join(
         agreement.work_changes(
-            asdict(row.work.old),
-            asdict(row.work.new),
+            row.work.old,
+            row.work.new,
             row.drift,
             (row.diverged.old, row.diverged.new),
         )

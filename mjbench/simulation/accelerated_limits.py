@@ -5,6 +5,7 @@ tolerances; where one does, its errors are reported.
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +13,17 @@ import numpy as np
 if TYPE_CHECKING:
     from mjbench.simulation.trajectory import Contacts
 
+
+class Precision(StrEnum):
+    """The type of floating-point numbers that an engine computes in."""
+
+    FLOAT32 = "float32"
+    FLOAT64 = "float64"
+
+
 # Largest error of a single unconstrained step, relative to the largest entry of a field where that
 # exceeds 1, by precision.
-UNCONSTRAINED_STEP_LIMIT = {"float64": 1e-12, "float32": 1e-4}
+UNCONSTRAINED_STEP_LIMIT = {Precision.FLOAT64: 1e-12, Precision.FLOAT32: 1e-4}
 # A run in float32 may differ from C by this many times the difference of the shadow (C with float32
 # states), or the error of a single unconstrained step if that is larger. The shadow rounds only
 # states; an engine in float32 rounds everything that it computes.
@@ -35,7 +44,7 @@ class AcceleratedCheck:
     shadow is the run of C in which states and controls are rounded to float32 before every step.
 
     Attributes:
-      precision: `float32` or `float64`.
+      precision: that the engine computes in.
       received: whether the engine has exactly the start states and controls that it was given.
       still: whether no single step changed any state, although C's steps did.
       same_count: share of the steps in contact that have as many contacts as in C; None if there
@@ -58,7 +67,7 @@ class AcceleratedCheck:
       lost: number of simulations that do not end in finite numbers.
     """
 
-    precision: str
+    precision: Precision
     received: bool
     still: bool
     same_count: float | None = None
@@ -112,7 +121,7 @@ def _single_step_failures(check: AcceleratedCheck) -> list[str]:
 
 def _unconstrained_run_limit(check: AcceleratedCheck) -> float:
     """Return the largest difference that an unconstrained run may have."""
-    if check.precision == "float64":
+    if check.precision == Precision.FLOAT64:
         return UNCONSTRAINED_RUN_LIMIT
     rounding = max(check.unconstrained_error or 0.0, float(np.finfo(np.float32).eps))
     return SHADOW_FACTOR * max(check.unconstrained_shadow, rounding)

@@ -115,20 +115,22 @@ def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) 
 
 
 def work_changes(
-    baseline: "Work | Mapping[str, float]",
-    candidate: "Work | Mapping[str, float]",
+    baseline: "Work | None",
+    candidate: "Work | None",
     drift: float | None,
     diverged: tuple[int, int],
 ) -> list[str]:
     """Return how the work of two targets differs, a phrase each; empty if it is the same.
 
     Args:
-      baseline: counters per step.
-      candidate: counters per step.
+      baseline: work per step; None if unknown.
+      candidate: the same.
       drift: largest difference one step after the same states; None if unknown.
       diverged: how many simulations diverge in the baseline, and in the candidate.
     """
-    changes = counter_changes(baseline, candidate)
+    changes = []
+    if baseline is not None and candidate is not None:
+        changes += counter_changes(baseline.as_dict(), candidate.as_dict())
     if drift is not None and drift > ROUNDING:
         changes.append(f"one step differs by {drift:.1g}")
     if diverged[0] != diverged[1]:
@@ -136,24 +138,17 @@ def work_changes(
     return changes
 
 
-def counter_changes(
-    baseline: "Work | Mapping[str, float]", candidate: "Work | Mapping[str, float]"
-) -> list[str]:
+def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
     """Return the counters of work that differ, such as `contacts 1 → 5`.
 
     Counters that only the baseline has are ignored.
     """
-    before, after = _counters(baseline), _counters(candidate)
     return [
-        f"{name.replace('_', ' ')} {value:.4g} → {after[name]:.4g}"
-        for name, value in before.items()
-        if name in after
-        and abs(after[name] - value) > SAME_WORK * max(abs(value), abs(after[name]))
+        f"{name.replace('_', ' ')} {before:.4g} → {candidate[name]:.4g}"
+        for name, before in baseline.items()
+        if name in candidate
+        and abs(candidate[name] - before) > SAME_WORK * max(abs(before), abs(candidate[name]))
     ]
-
-
-def _counters(work: "Work | Mapping[str, float]") -> Mapping[str, float]:
-    return work if isinstance(work, Mapping) else work.as_dict()
 
 
 def max_relative_error(

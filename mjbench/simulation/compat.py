@@ -74,6 +74,16 @@ def state_columns(model: mujoco.MjModel, spec: int) -> dict[str, slice]:
     return columns
 
 
+def physics_entries(model: mujoco.MjModel) -> np.ndarray:
+    """Return (nphysics,) the entries of an mjSTATE_INTEGRATION row that form mjSTATE_FULLPHYSICS.
+
+    That is the state which `mujoco.rollout` starts from, and returns.
+    """
+    columns = state_columns(model, state_spec("INTEGRATION"))
+    physics = state_columns(model, state_spec("FULLPHYSICS"))
+    return np.concatenate([np.r_[columns[name]] for name in physics])
+
+
 def rollout_threads() -> bool:
     """Return whether `mujoco.rollout` of this release runs on threads (3.2.7 on)."""
     from mujoco import rollout

@@ -72,19 +72,19 @@ def test_a_wrong_path_is_caught_named_and_shown_without_a_speed(
     path = f"wrong_paths:{name}"
     done, document = compare(tmp_path, contact_file, "--paths", path)
     assert done.returncode == 1
-    found = row(document, path)
-    assert (found["status"], found["agrees"]) == ("disagrees", False)
-    assert found["step_ns"] is found["speedup"] is found["steps_per_s"] is None
+    result = row(document, path)
+    assert (result["status"], result["agrees"]) == ("disagrees", False)
+    assert result["step_ns"] is result["speedup"] is result["steps_per_s"] is None
     culprit = {"LastUnstepped": 5, "LateError": 3}.get(name, 0)
-    assert f"simulation {culprit}" in found["agreement"]
+    assert f"simulation {culprit}" in result["agreement"]
     if field:
-        assert found["agreement"].removeprefix("in a timed block: ").startswith(field)
+        assert result["agreement"].removeprefix("in a timed block: ").startswith(field)
     if step:
-        assert f"after step {step}:" in found["agreement"]
+        assert f"after step {step}:" in result["agreement"]
     assert row(document, "python_loop")["agrees"] is True
     assert path not in [a["path"] for a in document["advice"]]
     assert " NO" in done.stdout
-    assert found["agreement"] in done.stdout
+    assert result["agreement"] in done.stdout
 
 
 def test_the_wrong_paths_are_right_without_their_fault(tmp_path: Path, contact_file: str) -> None:
@@ -112,8 +112,8 @@ def test_a_path_that_dies_costs_only_its_own_row(
     tmp_path: Path, contact_file: str, name: str, status: str, words: str
 ) -> None:
     path = f"wrong_paths:{name}"
-    asked = ["--paths", f"{path},python_loop_hold", "--time-limit", "5"]
-    done, document = compare(tmp_path, contact_file, *asked)
+    arguments = ["--paths", f"{path},python_loop_hold", "--time-limit", "5"]
+    done, document = compare(tmp_path, contact_file, *arguments)
     assert done.returncode == 3
     assert row(document, path)["status"] == status
     assert words in row(document, path)["detail"]
@@ -171,10 +171,10 @@ def test_some_diverging_simulations_are_left_out_and_counted(tmp_path: Path) -> 
     words = ["--nbatch", "64", "--nstep", "30", "--budget", "0", "--results", "runs"]
     done = mjbench("compare", "edge.xml", *words, "--json", "out.json", cwd=tmp_path)
     document = json.loads((tmp_path / "out.json").read_text())
-    found = row(document, "python_loop")
-    if not 0 < found["diverged"] < 64:
-        pytest.fail(f"the model no longer diverges in part: {found['diverged']} of 64")
+    result = row(document, "python_loop")
+    if not 0 < result["diverged"] < 64:
+        pytest.fail(f"the model no longer diverges in part: {result['diverged']} of 64")
     assert done.returncode == 0
-    assert found["nbatch"] == 64 - found["diverged"]
+    assert result["nbatch"] == 64 - result["diverged"]
     assert "diverged and are left out" in done.stdout
     assert all(r["agrees"] for r in document["results"] if r["status"] == "ok")

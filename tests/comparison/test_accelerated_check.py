@@ -9,6 +9,7 @@ from mjbench.comparison.accelerated_check import CheckedRun, check_run, timed_en
 from mjbench.instrument.runs import to_json
 from mjbench.paths.accelerated import Compiled
 from mjbench.simulation import accelerated_limits
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 
@@ -18,7 +19,7 @@ def compiled_run(workload: Workload, wrong: str = "") -> Compiled:
 
 
 def checked_run(workload: Workload, compiled: Compiled) -> CheckedRun:
-    return check_run(workload, compiled.advance, "float64")
+    return check_run(workload, compiled.advance, Precision.FLOAT64)
 
 
 def failures(workload: Workload, wrong: str = "") -> list[str]:

@@ -8,6 +8,7 @@ from example_records import CHECK
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
 from mjbench.instrument import machine, runs
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 RECORD = MeasurementRecord(
@@ -15,7 +16,7 @@ RECORD = MeasurementRecord(
     path="mjx",
     options={},
     status=Status.OK,
-    precision="float32",
+    precision=Precision.FLOAT32,
     check=CHECK,
     samples_s=[],
 )

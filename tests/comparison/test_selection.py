@@ -27,8 +27,8 @@ def test_the_base_path_comes_first_and_is_added() -> None:
 def test_python_threads_are_tried_with_the_most_alone_unless_asked() -> None:
     (default,) = [v for v in selection.variants(["threads"]) if v.path == "threads"]
     assert default.options["threads"] == max(selection.default_threads())
-    asked = [v.options for v in selection.variants(["threads"], [2, 3]) if v.path == "threads"]
-    assert asked == [{"threads": 2}, {"threads": 3}]
+    options = [v.options for v in selection.variants(["threads"], [2, 3]) if v.path == "threads"]
+    assert options == [{"threads": 2}, {"threads": 3}]
 
 
 def test_option_values_are_parsed_by_their_option() -> None:

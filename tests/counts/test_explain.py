@@ -12,7 +12,8 @@ from mjbench.counts import explain, instructions
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import FunctionCount
 from mjbench.instrument.runs import to_json
-from mjbench.paired.records import Metric, Ratio, TargetRow, Verdict, VerdictRow
+from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.records import Ratio, TargetRow, VerdictRow
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -51,13 +52,13 @@ def timed(ratio: Ratio | None, status: Status = Status.OK, detail: str = "") -> 
 def test_changes_are_sorted_by_contribution_with_new_and_gone_functions() -> None:
     baseline = counted("1.0", a=100.0, b=50.0, gone=30.0)
     candidate = counted("2.0", a=90.0, b=50.0, fresh=200.0)
-    changes = explain.function_changes(baseline, candidate)
-    assert [(c.name, c.difference, c.kind) for c in changes] == [
+    functions = explain.function_differences(baseline, candidate)
+    assert [(f.name, f.difference, f.occurrence) for f in functions] == [
         ("fresh", 200.0, "new"),
         ("gone", -30.0, "gone"),
         ("a", -10.0, ""),
     ]
-    assert sum(c.difference for c in changes) == (candidate.instructions_per_step or 0) - 180.0
+    assert sum(f.difference for f in functions) == (candidate.instructions_per_step or 0) - 180.0
 
 
 def test_the_json_row_has_both_releases_under_old_and_new() -> None:

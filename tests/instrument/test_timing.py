@@ -19,7 +19,9 @@ def contender(clock: FakeClock, cost: float, log: list[str], name: str) -> timin
         log.append(f"{what} {name}")
 
     return timing.Contender(
-        lambda: spend(100.0, "before"), lambda: spend(cost, "run"), lambda: spend(100.0, "after")
+        run=lambda: spend(cost, "run"),
+        before=lambda: spend(100.0, "before"),
+        after=lambda: spend(100.0, "after"),
     )
 
 

@@ -6,8 +6,9 @@ from paired_examples import CARTPOLE
 
 from mjbench.errors import InputError
 from mjbench.paired import selfcheck
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
-from mjbench.paired.records import TrialRecord, Verdict
+from mjbench.paired.records import TrialRecord
 from mjbench.paired.selfcheck import Case
 
 

@@ -10,8 +10,8 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from mjbench.instrument import runs
 from mjbench.paired import verdict
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
-from mjbench.paired.records import Verdict
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import Judgement, PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool

@@ -14,6 +14,7 @@ from example_models import CONTACT_XML
 
 from mjbench import paths
 from mjbench.errors import InputError
+from mjbench.paths.parallelism import nthread
 from mjbench.paths.threads import shares
 from mjbench.simulation import agreement, compat, work, workload
 
@@ -185,7 +186,7 @@ def test_a_full_option_set_has_one_thread_unless_it_says_otherwise() -> None:
 def test_the_number_of_threads_follows_from_the_options(
     options: dict[str, Any], expected: int
 ) -> None:
-    assert paths.nthread(options) == expected
+    assert nthread(options) == expected
 
 
 def test_parallel_options_are_marked() -> None:

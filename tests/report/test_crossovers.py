@@ -7,10 +7,11 @@ from example_records import CHECK
 
 from mjbench.report.crossovers import crossovers
 from mjbench.report.results import PathResult
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 
-def swept(path: str, nbatch: int, ns: float, precision: str | None = None) -> PathResult:
+def swept(path: str, nbatch: int, ns: float, precision: Precision | None = None) -> PathResult:
     return PathResult(
         model="m",
         path=path,
@@ -30,8 +31,8 @@ def rows() -> list[PathResult]:
     return [
         *(swept("python_loop", n, 100.0) for n in sizes),
         *(swept("rollout", n, 50.0) for n in sizes),
-        *(swept("mjx", n, ns, "float32") for n, ns in speeds.items()),
-        *(swept("mjx64", n, 60.0, "float64") for n in sizes),
+        *(swept("mjx", n, ns, Precision.FLOAT32) for n, ns in speeds.items()),
+        *(swept("mjx64", n, 60.0, Precision.FLOAT64) for n in sizes),
     ]
 
 

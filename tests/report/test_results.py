@@ -7,6 +7,7 @@ from example_records import measurement, model_record
 
 from mjbench.report import results
 from mjbench.report.results import ModelResults
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 
@@ -34,7 +35,7 @@ def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> No
 
 
 def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
-    compiled = {"precision": "float32", "trace_s": 1.0, "compile_s": 3.0}
+    compiled = {"precision": Precision.FLOAT32, "trace_s": 1.0, "compile_s": 3.0}
     base, fast, slow = derived(
         python_loop={"samples_s": [0.2] * 7},
         mjx={"samples_s": [0.1] * 7, **compiled},
@@ -60,8 +61,8 @@ def test_a_run_is_derived_model_by_model_and_size_by_size() -> None:
             measurement(model=name, nbatch_asked=size, samples_s=[1.0]),
         )
     ]
-    found = results.derive_all(records)
-    assert [(m.model.model, m.model.nbatch_asked, len(m.results)) for m in found] == [
+    derived_models = results.derive_all(records)
+    assert [(m.model.model, m.model.nbatch_asked, len(m.results)) for m in derived_models] == [
         ("a", 1, 1),
         ("a", 2, 1),
         ("b", 1, 1),

@@ -8,7 +8,9 @@ from example_records import measurement
 
 from mjbench.instrument import machine
 from mjbench.instrument.runs import SCHEMA, Run, RunHeader
+from mjbench.paths.accelerated import CPU
 from mjbench.report.run_differences import RunDifference, run_differences
+from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
 MACHINE = replace(machine.describe(), cpu="c", versions={"jax": "1"}, flags={})
@@ -16,7 +18,7 @@ MACHINE = replace(machine.describe(), cpu="c", versions={"jax": "1"}, flags={})
 
 def run(jax: str = "1", **fields: Any) -> Run:
     header = RunHeader(SCHEMA, "compare", replace(MACHINE, versions={"jax": jax}), {})
-    accelerated = {"path": "mjx", "precision": "float32", "device": "cpu"}
+    accelerated = {"path": "mjx", "precision": Precision.FLOAT32, "device": CPU}
     return Run(header, (measurement(**{"samples_s": [1.0] * 9, **accelerated, **fields}),))
 
 

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.paired.records import DivergedPair, Ratio, TargetRow, Verdict, VerdictRow, WorkPair
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import DivergedPair, Ratio, TargetRow, VerdictRow, WorkPair
 from mjbench.report import verdicts
 from mjbench.simulation.work import Work
 from mjbench.status import Status

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from mjbench.simulation import accelerated_limits, trajectory
-from mjbench.simulation.accelerated_limits import AcceleratedCheck
+from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 
 # A check without a fault.
 PASSED = AcceleratedCheck(
-    precision="float64",
+    precision=Precision.FLOAT64,
     received=True,
     still=False,
     unconstrained_steps=1,
@@ -34,16 +34,16 @@ WITHOUT_STEPS = dataclasses.replace(
 @pytest.mark.parametrize(
     ("precision", "shadow", "error", "difference", "passes"),
     [
-        ("float32", 1e-6, 1e-8, 9e-6, True),
-        ("float32", 1e-6, 1e-8, 1.1e-5, False),
-        ("float32", 1e-9, 2e-6, 1.9e-5, True),  # a shadow of one step that happens to be small
-        ("float32", 1e-9, 2e-6, 2.1e-5, False),
-        ("float64", 1e-6, 1e-13, 0.9e-10, True),
-        ("float64", 1e-6, 1e-13, 1.1e-10, False),
+        (Precision.FLOAT32, 1e-6, 1e-8, 9e-6, True),
+        (Precision.FLOAT32, 1e-6, 1e-8, 1.1e-5, False),
+        (Precision.FLOAT32, 1e-9, 2e-6, 1.9e-5, True),  # a small shadow, by chance
+        (Precision.FLOAT32, 1e-9, 2e-6, 2.1e-5, False),
+        (Precision.FLOAT64, 1e-6, 1e-13, 0.9e-10, True),
+        (Precision.FLOAT64, 1e-6, 1e-13, 1.1e-10, False),
     ],
 )
 def test_an_unconstrained_run_is_held_to_the_shadow_or_to_single_steps(
-    precision: str, shadow: float, error: float, difference: float, passes: bool
+    precision: Precision, shadow: float, error: float, difference: float, passes: bool
 ) -> None:
     check = dataclasses.replace(
         PASSED,
@@ -80,7 +80,7 @@ def test_a_summary_lists_the_steps_of_each_kind() -> None:
 
 
 def test_float64_separates_precision_from_algorithm() -> None:
-    coarse = dataclasses.replace(WITHOUT_STEPS, precision="float32", contact_error=1e-2)
+    coarse = dataclasses.replace(WITHOUT_STEPS, precision=Precision.FLOAT32, contact_error=1e-2)
     fine, same = (dataclasses.replace(WITHOUT_STEPS, contact_error=e) for e in (1e-9, 9e-3))
     assert accelerated_limits.error_cause(coarse, fine).startswith("precision")
     assert accelerated_limits.error_cause(coarse, same).startswith("algorithm")
