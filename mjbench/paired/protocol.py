@@ -116,8 +116,10 @@ class TargetPair:
             threaded = self._nthread > 1
             calibrated = self._calibrate() if threaded else None
             core = None if threaded else cores.freest_core()
+            # asked before this process is pinned: then it may use one core only
+            starts_ahead = core is not None and machine.usable_cores() > 1
             with cores.pinned(core):
-                if core is not None and machine.usable_cores() > 1:
+                if starts_ahead:
                     self._start_ahead(cores.USABLE - {core})
                 layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
             cores.confine([process.pid for process in self._next], cores.USABLE)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE
 
+from mjbench.instrument import machine
 from mjbench.paired import protocol
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
@@ -27,6 +28,7 @@ class Spied:
     launches: list[Launch] = field(default_factory=list)
     affinities: list[list[set[int]]] = field(default_factory=list)
     pids: list[tuple[int, int]] = field(default_factory=list)
+    started_ahead: list[int] = field(default_factory=list)
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +40,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
+        spied.started_ahead.append(len(pair._next))
         if has_affinity:
             pids = (0, baseline.pid, candidate.pid)
             spied.affinities.append([os.sched_getaffinity(pid) for pid in pids])
@@ -49,6 +52,12 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
         spied.launches += [pair.launch() for _ in range(LAUNCHES)]
         pair.close()
     yield spied
+
+
+@needs_affinity
+def test_the_next_processes_start_on_other_cores_while_a_launch_is_measured(spied: Spied) -> None:
+    expected = 2 if machine.usable_cores() > 1 else 0
+    assert spied.started_ahead == [expected] * (LAUNCHES * protocol.LAYOUTS)
 
 
 def test_a_launch_takes_turns_in_balanced_quads(spied: Spied) -> None:
