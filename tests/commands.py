@@ -24,6 +24,8 @@ def mjbench(
     preexec_fn: Callable[[], None] | None = None,
 ) -> "subprocess.CompletedProcess[str]":
     """Return how a command ended; `env` is added to this process's environment."""
+    document = _document(words, cwd)
+    earlier = document.read_text() if document and document.is_file() else ""
     done = subprocess.run(
         [sys.executable, "-m", "mjbench", *words],
         cwd=cwd,
@@ -35,19 +37,23 @@ def mjbench(
         preexec_fn=preexec_fn,
     )
     assert "Traceback" not in done.stdout + done.stderr
-    _check_document(words, cwd, done.stdout)
+    written = done.stdout
+    if document is not None:
+        written = document.read_text() if document.is_file() else ""
+    if "--json" in words and written and written != earlier:
+        _check_document(words[0], written)
     return done
 
 
-def _check_document(words: tuple[str, ...], cwd: Path, stdout: str) -> None:
-    """Hold the JSON document of a command, where it wrote one, against its shipped schema."""
-    schema_file = ROOT / "mjbench/schemas" / f"{words[0]}.json"
-    if "--json" not in words or not schema_file.is_file():
-        return
-    target = words[words.index("--json") + 1]
-    text = stdout if target == "-" else ""
-    if target != "-" and (cwd / target).is_file():
-        text = (cwd / target).read_text()
-    if text:
+def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
+    """Return the file that a command is to write its JSON document to, if it is a file."""
+    target = words[words.index("--json") + 1] if "--json" in words else "-"
+    return None if target == "-" else cwd / target
+
+
+def _check_document(command: str, text: str) -> None:
+    """Hold a command's JSON document against its shipped schema; `show` has those of others."""
+    schema_file = ROOT / "mjbench/schemas" / f"{command}.json"
+    if schema_file.is_file():
         schema = json.loads(schema_file.read_text())
         jsonschema.Draft202012Validator(schema).validate(json.loads(text))

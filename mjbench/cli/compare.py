@@ -145,7 +145,8 @@ def _compare(
     results: list[PathResult] = []
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
-    with RunContext("compare", options.json_file, options.results, arguments) as run:
+    files = [source.path for source in sources]
+    with RunContext("compare", options.json_file, options.results, arguments, inputs=files) as run:
         with run.progress(len(turns)) as advance:
             for number, (source, plan) in enumerate(turns):
                 records = compare_model(source, plan, functools.partial(advance, number))

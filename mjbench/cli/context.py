@@ -6,14 +6,14 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class RunContext:
         json_file: str | None = None,
         results: Path | None = None,
         arguments: Any = None,
+        inputs: Sequence[Path] = (),
     ):
         """Prepare a command.
 
@@ -50,13 +51,17 @@ class RunContext:
           json_file: file for the JSON document, `-` for standard output, None for none.
           results: folder for a run file; None for none.
           arguments: stored in the run file's header; a dataclass or JSON-ready values.
+          inputs: files that the command reads, and so must not write.
+
+        Raises:
+          InputError: the JSON document would replace an input.
         """
         from mjbench.report import tables
 
         self.out: Console = tables.console(stderr=json_file == "-")
         self.interrupted = False
         self._command, self._results, self._arguments = command, results, arguments
-        self._json = _JsonTarget(json_file)
+        self._json = _JsonTarget(json_file, inputs)
         self._run_file: RunFile | None = None
         self._machine: Machine | None = None
 
@@ -148,9 +153,11 @@ class RunContext:
 class _JsonTarget:
     """Where a JSON document goes; a file appears only when the document is complete."""
 
-    def __init__(self, name: str | None):
+    def __init__(self, name: str | None, inputs: Sequence[Path]):
         self._name = name
         self._partial: Path | None = None
+        if name not in (None, "-") and Path(str(name)).resolve() in {p.resolve() for p in inputs}:
+            raise InputError(f"--json {name} is a file that this command reads: choose another")
 
     def open(self) -> None:
         """Create the file under a temporary name, to see that it can be written."""

@@ -30,7 +30,7 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     from mjbench.report.documents import RECORD_TYPES, DiffDocument
     from mjbench.report.run_differences import run_differences
 
-    with RunContext("diff", json_file) as run:
+    with RunContext("diff", json_file, inputs=[old, new]) as run:
         rows = run_differences(runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), across)
         if not rows:
             raise InputError(f"{old} and {new} have no timed row of `compare` in common")

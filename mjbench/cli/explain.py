@@ -62,7 +62,7 @@ def explain(
     rows: list[ExplainRow] = []
     statuses: list[Status] = []
     with (
-        RunContext("explain", json_file) as run,
+        RunContext("explain", json_file, inputs=[source.path for source in sources]) as run,
         WorkerPool() as pool,  # workloads last as long as the pool
         InstructionCounter(plan.sizes) as counter,
     ):

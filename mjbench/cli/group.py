@@ -1,12 +1,14 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
 import sys
+import tempfile
+import traceback
 from typing import Any
 
 import click
 
 import mjbench
-from mjbench.errors import MjbenchError
+from mjbench.errors import MjbenchError, one_line
 from mjbench.status import ExitCode
 
 
@@ -23,6 +25,24 @@ class Cli(click.Group):
         except (KeyboardInterrupt, click.Abort):
             click.echo("mjbench: interrupted", err=True)
             sys.exit(ExitCode.INTERRUPTED)
+        except (click.ClickException, click.exceptions.Exit):
+            raise  # usage errors and --help, which click reports
+        except Exception as error:
+            click.echo(f"mjbench: unexpected {describe_unexpected(error)}", err=True)
+            sys.exit(ExitCode.ENVIRONMENT)
+
+
+def describe_unexpected(error: Exception) -> str:
+    """Return an unforeseen error in one line, and write its traceback to a file that it names."""
+    line = f"{type(error).__name__}: {one_line(error)}" if str(error) else type(error).__name__
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="mjbench-error-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            file.write("".join(traceback.format_exception(error)))
+    except (OSError, ValueError):  # no folder for it, or text that is not Unicode
+        return line
+    return f"{line}; please report it with the details in {file.name}"
 
 
 @click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})

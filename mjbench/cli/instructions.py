@@ -56,7 +56,7 @@ def instructions(
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
     model_counts: list[ModelCount] = []
     with (
-        RunContext("instructions", json_file) as run,
+        RunContext("instructions", json_file, inputs=[source.path for source in sources]) as run,
         InstructionCounter(Sizes(seed=seed)) as counter,
     ):
         with run.progress(len(specs)) as advance:

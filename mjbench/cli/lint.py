@@ -1,6 +1,7 @@
 """`mjbench lint`: what makes a stepping loop slow or its log wrong."""
 
 import sys
+from pathlib import Path
 
 import click
 
@@ -26,8 +27,9 @@ def lint(names: tuple[str, ...], json_file: str | None) -> None:
 
     findings: list[Finding] = []
     unreadable: list[str] = []
-    with RunContext("lint", json_file) as run:
-        for file in python_files(names):
+    files = list(python_files(names))
+    with RunContext("lint", json_file, inputs=[Path(file) for file in files]) as run:
+        for file in files:
             try:
                 findings += check(file)
             except InputError as error:

@@ -21,7 +21,7 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
     from mjbench.simulation.models import resolve, shipped
 
     sources = [resolve(name) for name in names or shipped()]
-    with RunContext("models", json_file) as run:
+    with RunContext("models", json_file, inputs=[source.path for source in sources]) as run:
         listed = list_models(sources, time_limit)
         listings.print_models(run.out, listed)
         run.write(ModelsDocument(models=[ModelRow.of(model) for model in listed]))

@@ -26,7 +26,7 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
     rows = []
-    with RunContext("overhead", json_file) as run:
+    with RunContext("overhead", json_file, inputs=[source.path for source in sources]) as run:
         for source in sources:
             table = measure_or_report(source, lambda source: measure(source, time_limit))
             if isinstance(table, Failure):

@@ -93,7 +93,8 @@ def compare_targets(
     from mjbench.paired.worker_pool import WorkerPool
 
     rows: list[VerdictRow] = []
-    with RunContext(command, json_file, results, plan) as run:
+    files = [target.model.path for pair in pairs for target in pair]
+    with RunContext(command, json_file, results, plan, inputs=files) as run:
         with run.progress(len(pairs)) as advance, WorkerPool() as pool:
             for number, (baseline, candidate) in enumerate(pairs):
                 name = f"{candidate.model.name} {candidate.release.version}"

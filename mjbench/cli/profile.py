@@ -24,7 +24,7 @@ def profile(names: tuple[str, ...], time_limit: float, json_file: str | None) ->
 
     sources = [models.resolve(name) for name in names]
     rows = []
-    with RunContext("profile", json_file) as run:
+    with RunContext("profile", json_file, inputs=[source.path for source in sources]) as run:
         for source in sources:
             step_profile = measure_or_report(source, lambda source: measure(source, time_limit))
             if isinstance(step_profile, Failure):

@@ -63,7 +63,8 @@ def selfcheck(
     plan = VerdictPlan(min_effect, confidence, precision, time_limit)
     records: list[TrialRecord] = []
     arguments = {**asdict(plan), "trials": trials, "busy": busy}
-    with RunContext("selfcheck", json_file, results, arguments) as run:
+    files = [source.path for source in sources]
+    with RunContext("selfcheck", json_file, results, arguments, inputs=files) as run:
         with (
             run.progress(trials * len(cases)) as advance,
             checks.busy_neighbour_core() if busy else contextlib.nullcontext(),

@@ -22,8 +22,9 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
     from mjbench.paired.records import TrialRecord, VerdictRecord
     from mjbench.report.documents import RECORD_TYPES
 
-    stored = runs.load(file or runs.latest(results), RECORD_TYPES)
-    with RunContext("show", json_file) as run:
+    file = file or runs.latest(results)
+    stored = runs.load(file, RECORD_TYPES)
+    with RunContext("show", json_file, inputs=[file]) as run:
         if stored.of_type(TrialRecord):
             _show_selfcheck(run, stored)
         elif stored.of_type(VerdictRecord):

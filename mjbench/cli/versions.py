@@ -126,8 +126,9 @@ def _compare_instructions(
     from mjbench.paired import verdict
 
     arguments = {**asdict(plan), "metric": Metric.INSTRUCTIONS}
+    files = [source.path for source in sources]
     with (
-        RunContext("versions", json_file, results, arguments) as run,
+        RunContext("versions", json_file, results, arguments, inputs=files) as run,
         instructions.InstructionCounter(plan.sizes) as counter,
     ):
         releases = [baseline, *candidates]

@@ -5,10 +5,15 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from commands import PYTHONPATH, mjbench
+from example_models import CONTACT_XML
+
+from mjbench.cli import cli
 
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
 
@@ -128,3 +133,44 @@ def test_a_closed_output_is_no_traceback(tmp_path: Path, contact_file: str) -> N
     process.stderr.close()
     assert process.wait() == 3
     assert list((tmp_path / "runs").glob("*.jsonl"))
+
+
+@pytest.mark.parametrize("words", [["compare", "m.xml"], ["lint", "a.py"], ["models", "m.xml"]])
+def test_an_output_that_is_an_input_is_refused_and_the_file_stays(
+    tmp_path: Path, words: list[str]
+) -> None:
+    (tmp_path / "m.xml").write_text(CONTACT_XML)
+    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "same").symlink_to(words[1])
+    before = (tmp_path / words[1]).read_text()
+    for target in (words[1], f"../{tmp_path.name}/{words[1]}", "same"):
+        done = mjbench(*words, "--json", target, cwd=tmp_path)
+        assert done.returncode == 2
+        assert "choose another" in done.stderr
+        assert (tmp_path / words[1]).read_text() == before
+
+
+def test_a_document_replaces_an_earlier_one_only_when_it_is_complete(tmp_path: Path) -> None:
+    (tmp_path / "out.json").write_text("earlier")
+    done = mjbench("models", "missing.xml", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert (tmp_path / "out.json").read_text() == "earlier"
+    assert [file.name for file in tmp_path.iterdir()] == ["out.json"]
+
+
+def test_an_unforeseen_error_is_one_line_with_the_details_in_a_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    def fail(*arguments: object) -> None:
+        raise ZeroDivisionError("two\nlines")
+
+    monkeypatch.setattr("mjbench.paths.registry", fail)
+    result = CliRunner().invoke(cli, ["paths"])
+    assert result.exit_code == 3
+    assert result.stderr.startswith("mjbench: unexpected ZeroDivisionError: two lines; ")
+    assert result.stderr.count("\n") == 1
+    (file,) = tmp_path.iterdir()
+    assert str(file) in result.stderr
+    assert "Traceback" in file.read_text()
