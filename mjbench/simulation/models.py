@@ -76,7 +76,8 @@ def resolve(name: str) -> ModelSource:
     if path.suffix.lower() in _SUFFIXES or "/" in name:
         raise InputError(f"no such file: {name}")
     raise InputError(
-        f"no model {name!r}{suggestion(name, shipped())}; the shipped models are {', '.join(shipped())};"
+        f"no model {name!r}{suggestion(name, shipped())};"
+        f" the shipped models are {', '.join(shipped())};"
         " or give a path to .xml or .mjb, or PACKAGE:NAME such as gymnasium:ant"
     )
 
