@@ -55,7 +55,7 @@ class Blob:
 
     @classmethod
     def of(cls, index: int, size: int) -> "Blob":
-        """Return the message that stands at `index`, told from the others by its byte."""
+        """Return the message at `index`; its byte distinguishes it from the others."""
         return cls(index, bytes([index % 256]) * size)
 
 

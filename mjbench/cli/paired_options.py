@@ -48,17 +48,9 @@ FAIL_ON = click.option(
 
 
 def verdict_plan(
-    *,
-    min_effect: float,
-    confidence: float,
-    precision: float,
-    time_limit: float,
-    nbatch: int | None,
-    nstep: int | None,
-    hold: int,
-    seed: int,
+    *, nbatch: int | None, nstep: int | None, hold: int, seed: int, **judging: float
 ) -> "VerdictPlan":
-    """Return the plan that the options JUDGING and SIZES ask for.
+    """Return the plan that the options SIZES and JUDGING ask for.
 
     Raises:
       InputError: nstep is not a multiple of hold.
@@ -68,7 +60,7 @@ def verdict_plan(
 
     check_sizes(nstep, hold)
     sizes = Sizes(nbatch, nstep, hold, seed)
-    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes)
+    return VerdictPlan(**judging, sizes=sizes)
 
 
 def compare_targets(

@@ -84,13 +84,9 @@ def versions(
     from mjbench.simulation import models
 
     release_names = [name for name in names if installs.is_release(name)]
-    old_name = old or next(iter(release_names), None)
-    new_names = [*news, *(release_names if old else release_names[1:])]
-    if not old_name or not new_names:
-        raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
+    baseline, *candidates = _releases(old, news, release_names)
     model_names = [name for name in names if name not in release_names]
     sources = [models.resolve(name) for name in model_names or models.shipped()]
-    baseline, *candidates = [installs.parse_release(name) for name in (old_name, *new_names)]
     path_names = path_names or [BASE]
     plan = paired_options.verdict_plan(**chosen)
     if metric == Metric.INSTRUCTIONS:
@@ -110,6 +106,22 @@ def versions(
         for name in path_names
     ]
     sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, results, json_file))
+
+
+def _releases(
+    old: str | None, news: Sequence[str], release_names: Sequence[str]
+) -> list["ReleaseSpec"]:
+    """Return the old release, then the new ones, from the options and from the arguments.
+
+    Raises:
+      InputError: an old or a new one is missing.
+    """
+    from mjbench.releases.installs import parse_release
+
+    names = [old, *release_names] if old else list(release_names)
+    if not names or len(names) + len(news) < 2:
+        raise InputError("name an OLD and a NEW release, such as `mjbench versions 3.3.0 4.0.0`")
+    return [parse_release(name) for name in (names[0], *news, *names[1:])]
 
 
 def _compare_instructions(

@@ -1,8 +1,8 @@
 """The program that Callgrind counts: it steps models between calls of a marker function.
 
-It runs inside the environment of any release (see instructions.py). The work of each model is done
-once to warm up, then twice between markers. Callgrind is told to write out its counts, and to start
-again from zero, whenever the marker is called.
+It runs inside the environment of any release (see instructions.py). It does the work of each
+model once to warm up, then twice between markers. Callgrind's options make it write out its counts,
+and start again from zero, whenever the marker is called.
 """
 
 import pickle
@@ -41,7 +41,7 @@ def _outcome(request: ModelRequest) -> CountedWork | Failure:
     try:
         return _step_between_markers(request)
     except MjbenchError as error:
-        for _ in range(MARKERS):  # the dumps of the next model are found by their number
+        for _ in range(MARKERS):  # dumps are numbered: the next model's must have theirs
             mujoco.mj_version()
         return failure_of(error)
 

@@ -1,4 +1,4 @@
-"""Causes of change points, which no measurement shows: a table kept by hand.
+"""Causes of change points, which no measurement shows: a table written by hand.
 
 benchmarks/causes.toml names items of MuJoCo's changelog.
 """

@@ -128,7 +128,7 @@ class ChangePoint:
     """A change between two neighbouring releases.
 
     Attributes:
-      series: in which it was found.
+      series: the series that changed.
       previous: the last release before it.
       release: the first release with it.
       ratio: the new value over the previous one.

@@ -1,9 +1,9 @@
 """Releases of MuJoCo installed side by side, each alone in its own folder.
 
 An install is a folder with one release, NumPy and their dependencies, and nothing else: the
-`mujoco` package imports submodules from every other `mujoco` on the path. It is made under another
-name and renamed when it is complete, so a reader finds a whole install or none. A lock file for
-each install keeps two processes from making it at once, and from removing it while it is in use.
+`mujoco` package imports submodules from every other `mujoco` on the path. An install is built under
+another name and renamed when complete, so a reader sees a whole install or none. A lock file for
+each install stops two processes from building it at once, and from removing it while it is in use.
 """
 
 import contextlib

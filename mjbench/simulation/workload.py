@@ -208,7 +208,7 @@ def portable(workload: Workload) -> PortableWorkload:
 
 
 def restore(model: mujoco.MjModel, portable: PortableWorkload) -> Workload:
-    """Return the workload that `portable` made portable.
+    """Return the workload that `portable` wrote.
 
     Raises:
       InputError: it belongs to a model of another size.
