@@ -1,8 +1,10 @@
 """Errors that reach a user as one line: what was given, what was expected, what to do."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from mjbench.status import ExitCode, Status
 
@@ -23,6 +25,15 @@ class InputError(MjbenchError):
 
 class MachineError(MjbenchError):
     """The machine or an installation failed (exit code 3): a full disk, a crash, a time limit."""
+
+
+@contextlib.contextmanager
+def writing(file: Path) -> Iterator[None]:
+    """Turn the operating system's refusal to write `file` into a MachineError."""
+    try:
+        yield
+    except OSError as error:
+        raise MachineError(f"cannot write {file}: {error.strerror}") from error
 
 
 @dataclass(frozen=True)

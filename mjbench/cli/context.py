@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, writing
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class _JsonTarget:
         if self._name in (None, "-"):
             return
         target = Path(str(self._name))
-        with _writing(target):
+        with writing(target):
             if target.is_dir():
                 raise IsADirectoryError(None, "it is a folder")
             descriptor, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
@@ -182,7 +182,7 @@ class _JsonTarget:
             click.echo(text)
             return
         target = Path(self._name)
-        with _writing(target):
+        with writing(target):
             self._partial.write_text(text, encoding="utf-8")
             self._partial.chmod(0o666 & ~_umask())
             self._partial.replace(target)
@@ -198,14 +198,6 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-@contextlib.contextmanager
-def _writing(file: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise MachineError(f"cannot write {file}: {error.strerror}") from error
 
 
 def interruptible() -> None:

@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.paired_options import verdict_plan
+from mjbench.cli.paired_options import releases_and_models, verdict_plan
 from mjbench.cli.shared import JSON, JUDGING, SIZES, with_options
 from mjbench.errors import InputError
 from mjbench.status import Status
@@ -50,14 +50,11 @@ def explain(
     from mjbench.releases import installs
     from mjbench.report import counts
     from mjbench.report.documents import ExplainDocument
-    from mjbench.simulation import models
 
-    release_names = [name for name in names if installs.is_release(name)]
+    release_names, sources = releases_and_models(names)
     if len(release_names) != 2:
         raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
     specs = [installs.parse_release(name) for name in release_names]
-    model_names = [name for name in names if name not in release_names]
-    sources = [models.resolve(name) for name in model_names or models.shipped()]
     plan = verdict_plan(**options)
     rows: list[ExplainRow] = []
     statuses: list[Status] = []

@@ -6,7 +6,7 @@ import click
 
 from mjbench.cli.group import cli
 from mjbench.cli.releases import HISTORY
-from mjbench.errors import MachineError
+from mjbench.errors import writing
 
 
 @cli.command()
@@ -69,7 +69,5 @@ def history(
     if output is None:
         click.echo(text, nl=False)
         return
-    try:
+    with writing(output):
         output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise MachineError(f"cannot write {output}: {error.strerror}") from error

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
     from mjbench.paired.verdict import Judgement, VerdictPlan
+    from mjbench.simulation.models import ModelSource
 
 # After as many launches, the progress bar of a comparison is half full.
 _HALFWAY_LAUNCHES = 15
@@ -45,6 +46,20 @@ FAIL_ON = click.option(
     callback=_findings,
     help=f"Exit 1 when one of these is found: {', '.join(Finding)}.",
 )
+
+
+def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
+    """Return the names of releases, and the models that the other names name, or all shipped ones.
+
+    Raises:
+      InputError: a name is neither a release nor a model.
+    """
+    from mjbench.releases import installs
+    from mjbench.simulation import models
+
+    release_names = [name for name in names if installs.is_release(name)]
+    model_names = [name for name in names if name not in release_names]
+    return release_names, [models.resolve(name) for name in model_names or models.shipped()]
 
 
 def verdict_plan(

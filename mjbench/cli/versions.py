@@ -80,13 +80,9 @@ def versions(
     from mjbench.paired import targets
     from mjbench.paired.targets import Target
     from mjbench.paths import BASE
-    from mjbench.releases import installs
-    from mjbench.simulation import models
 
-    release_names = [name for name in names if installs.is_release(name)]
+    release_names, sources = paired_options.releases_and_models(names)
     baseline, *candidates = _releases(old, news, release_names)
-    model_names = [name for name in names if name not in release_names]
-    sources = [models.resolve(name) for name in model_names or models.shipped()]
     path_names = path_names or [BASE]
     plan = paired_options.verdict_plan(**chosen)
     if metric == Metric.INSTRUCTIONS:

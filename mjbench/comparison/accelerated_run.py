@@ -4,6 +4,7 @@ The child loads the workload that `measure` saved, compiles, takes single steps 
 reference run, checks them against C, and only then times the steady program.
 """
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -153,8 +154,12 @@ def _check_and_time(case: _Case, channel: Channel) -> None:
     problem = timed_end_problem(case.workload, case.compiled, checked)
     if problem:
         channel.send(
-            AgreementReport(
-                0, Status.DISAGREES, problem, False, problem, case.snippet, checked.check
+            dataclasses.replace(
+                report,
+                status=Status.DISAGREES,
+                detail=problem,
+                agrees=False,
+                agreement=problem,
             )
         )
 

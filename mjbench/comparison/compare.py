@@ -22,7 +22,6 @@ from mjbench.comparison.messages import (
     ModelReady,
     PeakMemory,
     RoundTimed,
-    TimingStarted,
 )
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord
@@ -85,9 +84,8 @@ class _ModelMeasurement:
     plan: ComparisonPlan
     ready: ModelReady | None = None
     cores: list[float] = field(default_factory=list)
-    timing_budget_s: float = 1.0
     timed_s: float = 0.0
-    variants: dict[int, _VariantState] = field(default_factory=dict)
+    variants: dict[int, _VariantState] = field(init=False)
 
     def __post_init__(self) -> None:
         self.variants = {i: _VariantState() for i in range(len(self.plan.variants))}
@@ -162,8 +160,6 @@ class _ModelMeasurement:
                 self.ready = message
             case AgreementReport():
                 self.variants[message.index].report = message
-            case TimingStarted():
-                self.timing_budget_s = message.budget_s
             case RoundTimed():
                 self.cores.append(message.cores)
                 for index, seconds in message.seconds.items():
@@ -221,7 +217,7 @@ class _ModelMeasurement:
     def _share_done(self) -> float:
         """Return the share of this model's work that is done, roughly, from 0 to 1."""
         verified = sum(state.report is not None for state in self.variants.values())
-        timed = min(1.0, self.timed_s / max(self.timing_budget_s, 1e-9))
+        timed = min(1.0, self.timed_s / max(self.plan.budget_s, 1e-9))
         share = VERIFICATION_SHARE * verified / len(self.variants)
         return share + (1 - VERIFICATION_SHARE) * timed
 

@@ -7,7 +7,7 @@ from mjbench.comparison.messages import ListRequest
 from mjbench.errors import InputError
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
-from mjbench.simulation import models
+from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import ModelFacts
 from mjbench.status import Status
@@ -46,8 +46,6 @@ def list_models(sources: Sequence[ModelSource], limit_s: float) -> list[ListedMo
 
 def describe_all(request: ListRequest, channel: Channel) -> None:
     """Send the facts of each model; runs in the child."""
-    from mjbench.simulation import work
-
     for source in request.sources:
         channel.doing(f"loading {source.name}")
         try:

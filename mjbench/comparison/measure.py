@@ -16,7 +16,6 @@ from mjbench.comparison.messages import (
     MeasureRequest,
     ModelReady,
     RoundTimed,
-    TimingStarted,
 )
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
@@ -38,7 +37,7 @@ PATIENCE = 100
 def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     """Measure one model by every variant of the plan that is not excluded.
 
-    Messages: `ModelReady`, an `AgreementReport` per variant, then `TimingStarted`, `RoundTimed`
+    Messages: `ModelReady`, an `AgreementReport` per variant, then `RoundTimed`
     for each round, and `BlockDisagreed` for each variant whose timed block was wrong. The last
     rounds hold only the base and those that may be the fastest (see `finalists`).
     """
@@ -105,7 +104,6 @@ def _time(
     """Time the prepared variants in turns, comparing the final states of every block."""
     timer = _RoundTimer(prepared_by_index, case, plan, channel)
     round_s = timer.warm_up()
-    channel.send(TimingStarted(plan.budget_s))
     end = time.perf_counter() + plan.budget_s
     timer.run(list(prepared_by_index), plan.budget_s / 2, MIN_ROUNDS, MAX_ROUNDS)
     closed_loop = [i for i in prepared_by_index if paths.find(plan.variants[i].path).closed_loop]

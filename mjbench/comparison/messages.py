@@ -117,13 +117,6 @@ class AgreementReport:
 
 
 @dataclass(frozen=True)
-class TimingStarted:
-    """All variants are verified; timing takes about `budget_s` seconds."""
-
-    budget_s: float
-
-
-@dataclass(frozen=True)
 class RoundTimed:
     """One round of blocks.
 

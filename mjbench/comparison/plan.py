@@ -27,7 +27,12 @@ class Variant:
 
     def __str__(self) -> str:
         """Return it as people write it, such as `rollout threads=2 pool=kept`."""
-        return " ".join([self.path, *(f"{name}={value}" for name, value in self.options.items())])
+        return f"{self.path} {describe_options(self.options)}".rstrip()
+
+
+def describe_options(options: Mapping[str, Any]) -> str:
+    """Return options as people write them, such as `threads=2 pool=kept`."""
+    return " ".join(f"{name}={value}" for name, value in options.items())
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import mujoco
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.simulation import compat, work
+from mjbench.simulation.workload import whole_holds
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S, they shrink until it takes about BLOCK_S: first the steps, then the simulations, to
@@ -62,20 +63,20 @@ def choose_sizes(model: mujoco.MjModel, request: SizeRequest) -> BlockSizes:
     """Return the sizes asked for; those not asked for are chosen by what a step costs."""
     hold = request.hold
     nbatch = request.nbatch or NBATCH
-    nstep = request.nstep or max(hold, NSTEP - NSTEP % hold)
+    nstep = request.nstep or whole_holds(NSTEP, hold)
     usual = (nbatch, nstep)
     step_s = work.step_s(model)
     if nbatch * nstep * step_s <= LONG_BLOCK_S:
         return BlockSizes(nbatch, nstep, reduced=False)
     steps = max(1, int(BLOCK_S / step_s))
     if request.nstep is None:
-        nstep = min(nstep, _multiple_of(hold, max(MIN_NSTEP, steps // nbatch)))
+        nstep = min(nstep, whole_holds(max(MIN_NSTEP, steps // nbatch), hold))
     if request.nbatch is None and nbatch * nstep > steps:
         min_nbatch = min(nbatch, max(MIN_NBATCH, MIN_NBATCH_PER_THREAD * request.nthread))
         nbatch = min(nbatch, max(min_nbatch, steps // nstep))
     max_steps = max(1, int(LONG_BLOCK_S / step_s))
     if request.nstep is None and nbatch * nstep > max_steps and not request.has_accelerated:
-        nstep = min(nstep, _multiple_of(hold, max(1, max_steps // nbatch)))
+        nstep = min(nstep, whole_holds(max_steps // nbatch, hold))
     return BlockSizes(nbatch, nstep, reduced=(nbatch, nstep) != usual)
 
 
@@ -97,7 +98,3 @@ def check_memory(model: mujoco.MjModel, sizes: BlockSizes) -> None:
             f" {bytes_needed / 2**30:.1f} GiB, {available_bytes / 2**30:.1f} GiB are available:"
             " reduce --nbatch or --nstep"
         )
-
-
-def _multiple_of(hold: int, count: int) -> int:
-    return hold * max(1, count // hold)

@@ -47,7 +47,7 @@ class ReferenceCase:
     def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
         """Return a small case that starts in contact, for models that do not."""
         model = models.load(models.resolve(CONTACT_MODEL))
-        nstep = hold * max(1, CONTACT_NSTEP // hold)
+        nstep = workload.whole_holds(CONTACT_NSTEP, hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
         healthy, observation = work.observe_healthy(contact_workload)
         return cls.create(healthy, observation, CONTACT_MODEL)

@@ -13,7 +13,7 @@ from mujoco import MjData, MjModel  # LoopNames.mujoco hides the module from ann
 
 from mjbench.loop.habits import Habit
 from mjbench.simulation import compat
-from mjbench.simulation.workload import reset_to_start
+from mjbench.simulation.workload import reset_to_start, start_data
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,7 @@ class LoopNames:
     @classmethod
     def of(cls, model: MjModel, nstep: int, file: str) -> "LoopNames":
         """Return the names for a model, with a new MjData at the start state."""
-        data = MjData(model)
-        reset_to_start(model, data)
+        data = start_data(model)
         joints = [model.joint(i).name for i in range(model.njnt)]
         joint_id = next((i for i, name in enumerate(joints) if name), 0)
         return cls(

@@ -59,7 +59,7 @@ def _has_actuators(model: mujoco.MjModel, file: str) -> bool:
 
 
 def _has_bind(model: mujoco.MjModel, file: str) -> bool:
-    return hasattr(mujoco.MjData, "bind") and file.endswith(".xml")
+    return compat.has_bind() and file.endswith(".xml")
 
 
 def _has_clock(model: mujoco.MjModel, file: str) -> bool:

@@ -258,7 +258,14 @@ def _rollout(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray
         call = rollout.Rollout(nthread=threads if threads > 1 else 0).rollout
     else:
         call, datas = rollout.rollout, datas[0]
-    return lambda: _passed_limit(call(model, datas, start, nstep=nstep)[0][:, :, hinge_column])
+    state = np.empty((len(start), nstep, start.shape[1]))
+    sensordata = np.empty((len(start), nstep, model.nsensordata))
+
+    def has_fallen() -> np.ndarray:
+        call(model, datas, start, nstep=nstep, state=state, sensordata=sensordata)
+        return _passed_limit(state[:, :, hinge_column])
+
+    return has_fallen
 
 
 def _batch(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray]:

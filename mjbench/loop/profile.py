@@ -198,10 +198,7 @@ def _step_ns(model: mujoco.MjModel, nstep: int, *habit_names: str) -> list[float
 def _stages(model: mujoco.MjModel, nstep: int) -> dict[str, float]:
     """Return the share of a step by stage, from the engine's timers: medians over blocks."""
     timer_s = _timer_s(model, nstep)
-    timers = {
-        name: getattr(mujoco.mjtTimer, f"mjTIMER_{name}", None)  # older releases have fewer
-        for name in (*STAGES.values(), "STEP")
-    }
+    timers = {name: compat.timer(name) for name in (*STAGES.values(), "STEP")}
     seconds = {
         name: 0.0 if timer is None else float(timer_s[timer]) for name, timer in timers.items()
     }

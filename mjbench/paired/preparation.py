@@ -16,7 +16,7 @@ from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.simulation import agreement
 from mjbench.simulation.work import Work
-from mjbench.simulation.workload import PortableWorkload
+from mjbench.simulation.workload import PortableWorkload, whole_holds
 
 # Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
 # blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
@@ -87,14 +87,12 @@ class Preparation:
     """What every launch of two targets starts from. Pairs are of the baseline and the candidate.
 
     Attributes:
-      targets: the two.
       models: files of the compiled models, options set.
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
       work_check: whether the two do the same work.
     """
 
-    targets: tuple[Target, Target]
     models: tuple[Path, Path]
     workloads: tuple[Path, Path]
     nsim: int
@@ -167,7 +165,7 @@ def _prepare(
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
-    return Preparation(targets, models, files, nsim, work_check)
+    return Preparation(models, files, nsim, work_check)
 
 
 def _block_size(sizes: Sizes, nthread: int, step_s: float) -> tuple[int, int]:
@@ -181,8 +179,8 @@ def _block_size(sizes: Sizes, nthread: int, step_s: float) -> tuple[int, int]:
     block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
     steps, hold = max(1, int(block_s / step_s)), sizes.hold
     if sizes.nbatch:
-        return sizes.nbatch, sizes.nstep or hold * max(1, steps // sizes.nbatch // hold)
-    nstep = sizes.nstep or hold * max(1, min(steps, MAX_NSTEP) // hold)
+        return sizes.nbatch, sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
+    nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP), hold)
     return max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep
 
 

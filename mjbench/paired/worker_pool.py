@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mjbench.errors import Failure, InputError, MachineError, one_line
+from mjbench.errors import Failure, InputError, MachineError, one_line, writing
 from mjbench.instrument import child
 from mjbench.paired import release_python, requests
 from mjbench.paired.requests import Request
@@ -166,10 +166,8 @@ class WorkerPool:
           MachineError: it cannot be written.
         """
         file = self.new_file(".pickle")
-        try:
+        with writing(file):
             file.write_bytes(pickle.dumps(value))
-        except OSError as error:
-            raise MachineError(f"cannot write {file}: {error.strerror}") from error
         return file
 
     @contextlib.contextmanager

@@ -12,6 +12,7 @@ from mjbench.paths.base import (
     make_simulate,
     needs_reset,
 )
+from mjbench.simulation import compat
 from mjbench.simulation.compat import state_spec
 from mjbench.simulation.workload import Workload
 
@@ -71,9 +72,7 @@ class PythonLoopHold(SteppingPath):
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
-        if options.get("engine_threads") and not hasattr(mujoco, "mju_threadpool"):
-            return "mju_threadpool exists from MuJoCo 3.10.0 on"
-        return None
+        return compat.threadpool_unavailable() if options.get("engine_threads") else None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""

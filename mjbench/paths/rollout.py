@@ -52,9 +52,7 @@ class Rollout(SteppingPath):
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
-        if options["threads"] > 1 and not compat.rollout_threads():
-            return "mujoco.rollout has threads from MuJoCo 3.2.7 on"
-        return None
+        return compat.rollout_threads_unavailable() if options["threads"] > 1 else None
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
         """See `SteppingPath.simplified`: one thread has neither pool nor chunks."""

@@ -9,12 +9,12 @@ same wherever the history is built. Releases are only ever appended.
 import contextlib
 import os
 import subprocess
-import tempfile
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import InputError, MachineError, one_line, writing
+from mjbench.instrument import child
 from mjbench.releases.release import Release
 
 BRANCH = "releases"
@@ -58,19 +58,19 @@ def write(bundle: Path, releases: Sequence[Release]) -> None:
     Raises:
       MachineError: git is missing or fails, or the file cannot be written.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        repository = Path(folder) / "history.git"
+    with child.scratch() as folder:
+        repository = folder / "history.git"
         _build(repository, releases)
-        complete = Path(folder) / "releases.bundle"
+        complete = folder / "releases.bundle"
         _git(repository, "bundle", "create", "--quiet", str(complete), "HEAD", BRANCH, "--tags")
         # Beside the target, because a file can only be renamed within one file system.
         partial = bundle.with_name(f".{bundle.name}.{os.getpid()}")
         try:
-            partial.write_bytes(complete.read_bytes())
-            partial.replace(bundle)
-        except OSError as error:
+            with writing(bundle):
+                partial.write_bytes(complete.read_bytes())
+                partial.replace(bundle)
+        finally:
             partial.unlink(missing_ok=True)
-            raise MachineError(f"cannot write {bundle}: {error.strerror}") from error
 
 
 def update(bundle: Path, indexed: Sequence[Release]) -> list[Release]:
@@ -110,8 +110,8 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
       indexed: the releases of the package index; None when it cannot be asked.
     """
     releases = read(bundle)
-    with tempfile.TemporaryDirectory() as folder:
-        repository = Path(folder) / "history.git"
+    with child.scratch() as folder:
+        repository = folder / "history.git"
         _build(repository, releases)
         expected = _references(repository)
     actual = hashes(bundle)
@@ -173,8 +173,8 @@ def _cloned(bundle: Path) -> Iterator[Path]:
     """Yield a bare clone of a bundle; it is removed when the block ends."""
     if not bundle.is_file():
         raise InputError(f"no history at {bundle}; `mjbench releases update` creates it")
-    with tempfile.TemporaryDirectory() as folder:
-        repository = Path(folder) / "history.git"
+    with child.scratch() as folder:
+        repository = folder / "history.git"
         _git(None, "clone", "--quiet", "--bare", str(bundle), str(repository))
         yield repository
 

@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import ModelRecord
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
@@ -67,7 +67,7 @@ def differences_table(rows: Sequence[RunDifference]) -> Table:
         table.add_row(
             escape(row.model),
             escape(row.path),
-            escape(tables.describe_options(row.options)),
+            escape(describe_options(row.options)),
             f"{row.nbatch:,}",
             f"{row.ratio.estimate:.3f}" if row.ratio else "",
             interval,
@@ -114,7 +114,7 @@ def _path_table(results: Sequence[PathResult]) -> Table:
     for result in results:
         cells = [
             result.path,
-            tables.describe_options(result.options),
+            describe_options(result.options),
             *_speed_cells(result),
             Loop.CLOSED if result.closed_loop else Loop.OPEN,
             _agrees(result),

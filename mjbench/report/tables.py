@@ -1,7 +1,6 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -40,11 +39,6 @@ def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> T
             overflow="fold",
         )
     return table
-
-
-def describe_options(options: Mapping[str, Any]) -> str:
-    """Return options as people write them, such as `threads=2 pool=kept`."""
-    return " ".join(f"{name}={value}" for name, value in options.items())
 
 
 def factor(ratio: float) -> str:

@@ -104,6 +104,29 @@ def rollout_unavailable() -> str | None:
     return None
 
 
+def rollout_threads_unavailable() -> str | None:
+    """Return why `mujoco.rollout` has no threads here, or None if it has."""
+    return None if rollout_threads() else "mujoco.rollout has threads from MuJoCo 3.2.7 on"
+
+
+def threadpool_unavailable() -> str | None:
+    """Return why a simulation cannot have a thread pool of its own here, or None if it can."""
+    if not hasattr(mujoco, "mju_threadpool"):
+        return "mju_threadpool exists from MuJoCo 3.10.0 on"
+    return None
+
+
+def has_bind() -> bool:
+    """Return whether MjData has `bind`."""
+    return hasattr(mujoco.MjData, "bind")
+
+
+def timer(name: str) -> int | None:
+    """Return the index of an engine timer such as `STEP`; None where this release lacks it."""
+    value = getattr(mujoco.mjtTimer, f"mjTIMER_{name}", None)
+    return None if value is None else int(value)
+
+
 def batch_unavailable() -> str | None:
     """Return why `mujoco.batch` cannot be used here, or None if it can."""
     try:

@@ -201,6 +201,11 @@ class PortableWorkload:
         return PortableWorkload(fields, self.control[rows], self.hold, final_state[rows])
 
 
+def whole_holds(nstep: int, hold: int) -> int:
+    """Return `nstep` rounded down to a multiple of `hold`, as `make` needs it; at least `hold`."""
+    return hold * max(1, nstep // hold)
+
+
 def portable(workload: Workload) -> PortableWorkload:
     """Return a workload in the form that `restore` turns back into one, in any release."""
     start = fields(workload.model, workload.initial_state)
