@@ -63,9 +63,17 @@ def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSou
 
 
 def verdict_plan(
-    *, nbatch: int | None, nstep: int | None, hold: int, seed: int, **judging: float
+    *,
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    time_limit: float,
+    nbatch: int | None,
+    nstep: int | None,
+    hold: int,
+    seed: int,
 ) -> "VerdictPlan":
-    """Return the plan that the options SIZES and JUDGING ask for.
+    """Return the plan that the options JUDGING and SIZES ask for.
 
     Raises:
       InputError: nstep is not a multiple of hold.
@@ -75,7 +83,7 @@ def verdict_plan(
 
     check_sizes(nstep, hold)
     sizes = Sizes(nbatch, nstep, hold, seed)
-    return VerdictPlan(**judging, sizes=sizes)
+    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes)
 
 
 def compare_targets(
