@@ -53,9 +53,18 @@ def failure_of(error: Exception) -> Failure:
     return Failure(Status.FAILED, f"{type(error).__name__}: {one_line(error)}")
 
 
+def printable(text: object) -> str:
+    r"""Return `text` with each character that cannot be printed as an escape such as `\x1b`.
+
+    Names of files and models, messages of MuJoCo and texts in run files are somebody else's: a
+    control character in them would change the terminal, a line break would forge a line of output.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
+
+
 def one_line(text: object, limit: int = 300) -> str:
-    """Return `text` as a single line of at most `limit` characters."""
-    line = " ".join(str(text).split())
+    """Return `text` as a single printable line of at most `limit` characters."""
+    line = printable(" ".join(str(text).split()))
     return line if len(line) <= limit else line[: limit - 1] + "…"
 
 

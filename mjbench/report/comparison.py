@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import ModelRecord
@@ -52,7 +52,7 @@ def print_crossovers(out: Console, crossovers: Sequence[Crossover]) -> None:
                 f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
                 f" where it has {row.share:.2g} of its speed"
             )
-        out.print(f"{escape(row.model)}: {escape(variant)} {escape(text)}", soft_wrap=True)
+        out.print(f"{row.model}: {variant} {text}", soft_wrap=True)
 
 
 def differences_table(rows: Sequence[RunDifference]) -> Table:
@@ -65,30 +65,29 @@ def differences_table(rows: Sequence[RunDifference]) -> Table:
         if row.ratio and row.ratio.low is not None:
             interval = f"{row.ratio.low:.3f}–{row.ratio.high:.3f}"
         table.add_row(
-            escape(row.model),
-            escape(row.path),
-            escape(describe_options(row.options)),
+            row.model,
+            row.path,
+            describe_options(row.options),
             f"{row.nbatch:,}",
             f"{row.ratio.estimate:.3f}" if row.ratio else "",
             interval,
-            escape(row.detail),
+            row.detail,
         )
     return table
 
 
-def _heading(model: ModelRecord) -> list[str]:
-    name = f"[bold]{escape(model.model)}[/bold]"
-    detail = escape(model.detail.removeprefix(f"{model.model}: "))
+def _heading(model: ModelRecord) -> list[str | Text]:
+    detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
-        return [f"{name}: {model.status}: {detail}"]
-    sizes = f"{name}: {model.nbatch} simulations × {model.nstep} steps"
+        return [tables.headed(model.model, f": {model.status}: {detail}")]
+    sizes = f": {model.nbatch} simulations × {model.nstep} steps"
     if model.hold and model.hold > 1:
         sizes += f", each control held {model.hold} steps"
     if model.reduced:
         sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
     work = model.work
-    lines = [
-        sizes,
+    lines: list[str | Text] = [
+        tables.headed(model.model, sizes),
         f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}; per step"
         f" {work.contacts:.1f} contacts, {work.constraints:.1f} constraints,"
         f" {work.solver_iterations:.1f} solver iterations",
@@ -119,7 +118,7 @@ def _path_table(results: Sequence[PathResult]) -> Table:
             Loop.CLOSED if result.closed_loop else Loop.OPEN,
             _agrees(result),
         ]
-        table.add_row(*map(escape, cells))
+        table.add_row(*cells)
     return table
 
 
@@ -160,7 +159,7 @@ def _compile_table(results: Sequence[PathResult]) -> Table:
         if result.compile_s is None:
             continue
         table.add_row(
-            *map(escape, [result.path, result.precision or "", result.device or ""]),
+            *([result.path, result.precision or "", result.device or ""]),
             "" if result.trace_s is None else f"{result.trace_s:.1f}",
             f"{result.compile_s:.1f}",
             f"{result.step_ns.median:,.0f}" if result.step_ns else "",
@@ -184,7 +183,7 @@ def _memory(result: PathResult) -> str:
     return ", ".join(f"{kind}{n / 2**20:,.0f} MiB" for kind, n in sizes.items() if n)
 
 
-def _notes(model_results: ModelResults) -> list[str]:
+def _notes(model_results: ModelResults) -> list[str | Text]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
     model, results = model_results.model, model_results.results
     lines = [
@@ -194,17 +193,18 @@ def _notes(model_results: ModelResults) -> list[str]:
     ]
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
     lines += _error_causes(results)
-    return [*map(escape, lines), *_cores_note(model_results)]
+    return [*lines, *_cores_note(model_results)]
 
 
-def _cores_note(model_results: ModelResults) -> list[str]:
+def _cores_note(model_results: ModelResults) -> list[str | Text]:
     cores, usable = model_results.cores_had, model_results.model.usable_cores
     is_threaded = any(r.step_ns and nthread(r.options) > 1 for r in model_results.results)
     if cores is None or not is_threaded:
         return []
     text = f"Threads had {cores:.2f} of {usable} usable cores in this run (calibration)."
     if cores < POOR_CORES * usable:
-        text = f"[yellow]Warning: {text} Threaded figures are low by about as much.[/yellow]"
+        text = f"Warning: {text} Threaded figures are low by about as much."
+        return [Text(text, style="yellow")]
     return [text]
 
 
@@ -223,6 +223,6 @@ def _print_advice(out: Console, advice: Advice) -> None:
     loop = "Open loop"
     if advice.loop == Loop.CLOSED:
         loop = "Closed loop (a policy chooses controls)"
-    out.print(f"[bold]{loop}: {escape(variant)}[/bold]{gain}", soft_wrap=True)
+    out.print(tables.headed(f"{loop}: {variant}", gain), soft_wrap=True)
     for line in advice.snippet.splitlines():
-        out.print(f"    {escape(line)}", soft_wrap=True)
+        out.print(f"    {line}", soft_wrap=True)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console
-from rich.markup import escape
 
 from mjbench.counts import explain
 from mjbench.counts.instructions import ModelCount
@@ -24,11 +23,11 @@ def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
     table = tables.plain_table(headings, right=(2, 3))
     for count in counts:
         table.add_row(
-            escape(count.model),
+            count.model,
             count.release,
             _number(count.instructions_per_step),
             _number(count.outside_per_step),
-            escape(count.detail),
+            count.detail,
         )
     out.print(table)
     for count in counts:
@@ -37,12 +36,12 @@ def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
 
 
 def _print_functions(out: Console, count: ModelCount, total: float, top: int) -> None:
-    out.print(f"\n{escape(count.model)}, MuJoCo {count.release}")
+    out.print(f"\n{count.model}, MuJoCo {count.release}")
     out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
     table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))
     for function in count.functions[:top]:
         table.add_row(
-            escape(function.name),
+            function.name,
             _number(function.self),
             f"{100 * function.self / total:.1f} %",
             _number(function.inclusive),
@@ -63,13 +62,13 @@ def print_explanation(
       top: how many functions to list.
     """
     releases = f"MuJoCo {baseline.release} → {candidate.release}"
-    out.print(f"\n[bold]{escape(candidate.model)}[/bold], {releases}")
+    out.print(tables.headed(f"\n{candidate.model}", f", {releases}"))
     for count in (baseline, candidate):
         if count.status != Status.OK:
-            out.print(escape(f"MuJoCo {count.release}: {count.detail}"), soft_wrap=True)
+            out.print(f"MuJoCo {count.release}: {count.detail}", soft_wrap=True)
             return
     for line in explain.summary(baseline, candidate, time):
-        out.print(escape(line), soft_wrap=True)
+        out.print(line, soft_wrap=True)
     _print_stage_changes(out, baseline, candidate)
     _print_function_changes(out, baseline, candidate, top)
 
@@ -92,7 +91,7 @@ def _print_function_changes(
     functions = explain.function_differences(baseline, candidate)
     for function in functions[:top]:
         table.add_row(
-            escape(function.name),
+            function.name,
             _number(function.old),
             _number(function.new),
             f"{function.difference:+,.0f}",

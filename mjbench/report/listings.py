@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from mjbench.comparison.listing import ListedModel
@@ -53,13 +52,13 @@ def print_models(out: Console, rows: Sequence[ListedModel]) -> None:
             numbers = [str(getattr(row.facts, size)) for size in sizes]
             timestep = f"{1e3 * row.facts.timestep:g} ms"
             names = (row.facts.integrator, row.facts.solver)
-            table.add_row(escape(row.model), *numbers, timestep, *names)
+            table.add_row(row.model, *numbers, timestep, *names)
     if table.rows:
         out.print(table)
     for row in rows:
         if row.facts is None:
             reason = row.detail.removeprefix(f"{row.model}: ")
-            out.print(f"{escape(row.model)}: {escape(reason)}", soft_wrap=True)
+            out.print(f"{row.model}: {reason}", soft_wrap=True)
 
 
 def paths_table(rows: Sequence[PathRow]) -> Table:
@@ -69,8 +68,8 @@ def paths_table(rows: Sequence[PathRow]) -> Table:
         table.add_row(
             row.path,
             yes_no(row.closed_loop),
-            escape(row.unavailable or "yes"),
-            escape(row.summary),
-            escape(", ".join(row.options)),
+            row.unavailable or "yes",
+            row.summary,
+            ", ".join(row.options),
         )
     return table

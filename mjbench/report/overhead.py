@@ -1,7 +1,6 @@
 """The table of what habits of a Python loop cost."""
 
 from rich.console import Console
-from rich.markup import escape
 
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import script
@@ -12,9 +11,12 @@ from mjbench.report import tables
 def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
     """Print what every habit adds to a step, the most expensive first; its loop, too, on `code`."""
     out.print(
-        f"\n[bold]{escape(overhead.model)}[/bold]: a step of the bare loop"
-        f" {overhead.bare_ns:,.0f} ns, engine {overhead.engine_ns:,.0f}"
-        f" + binding {overhead.binding_ns:,.0f}; an episode is {overhead.nstep} steps",
+        tables.headed(
+            f"\n{overhead.model}",
+            f": a step of the bare loop {overhead.bare_ns:,.0f} ns, engine"
+            f" {overhead.engine_ns:,.0f} + binding {overhead.binding_ns:,.0f}; an episode is"
+            f" {overhead.nstep} steps",
+        ),
         soft_wrap=True,
     )
     headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]
@@ -36,7 +38,7 @@ def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
 def _print_code(out: Console, overhead: OverheadTable) -> None:
     """Print the loop of each habit, and that of its cheaper form."""
     for cost in overhead.costs:
-        out.print(f"\n[bold]{cost.source}[/bold]\n{escape(cost.code)}", soft_wrap=True)
+        out.print(tables.headed(f"\n{cost.source}", f"\n{cost.code}"), soft_wrap=True)
         if cost.cheaper:
             cheaper = script(habits.find(cost.cheaper))
-            out.print(f"# cheaper: {cost.cheaper}\n{escape(cheaper)}", soft_wrap=True)
+            out.print(f"# cheaper: {cost.cheaper}\n{cheaper}", soft_wrap=True)

@@ -1,7 +1,6 @@
 """What `mjbench profile` prints: where a step's time goes."""
 
 from rich.console import Console
-from rich.markup import escape
 
 from mjbench.loop.profile import FRAMES_PER_S, StepProfile
 from mjbench.loop.rendering import FrameTime
@@ -25,9 +24,11 @@ def _print_step(out: Console, profile: StepProfile) -> None:
     steps = profile.steps
     loop_ns, engine_ns, clock_ns = steps.loop_ns, steps.engine_ns, steps.clock_ns or 0.0
     out.print(
-        f"\n[bold]{escape(profile.model)}[/bold]: a step of a Python loop takes {_time(loop_ns)}:"
-        f" engine {_time(engine_ns)} ({100 * engine_ns / loop_ns:.0f} %),"
-        f" Python {_time(profile.python_ns)}",
+        tables.headed(
+            f"\n{profile.model}",
+            f": a step of a Python loop takes {_time(loop_ns)}: engine {_time(engine_ns)}"
+            f" ({100 * engine_ns / loop_ns:.0f} %), Python {_time(profile.python_ns)}",
+        ),
         soft_wrap=True,
     )
     work = steps.work
@@ -64,7 +65,7 @@ def _print_frame(out: Console, frame: FrameTime, loop_ns: float) -> None:
             f"Rendering a frame of {frame.width} × {frame.height} by {frame.backend}:"
             f" {_time(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
         )
-    out.print(escape(text), soft_wrap=True)
+    out.print(text, soft_wrap=True)
 
 
 def _print_simulated_second(out: Console, profile: StepProfile) -> None:

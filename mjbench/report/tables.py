@@ -1,17 +1,26 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from mjbench.errors import printable
 from mjbench.status import ExitCode
 
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 116
 
 
 class _Console(Console):
-    """A console that ends the command with exit code 3 when nobody reads on (`… | head`)."""
+    """A console that prints text as it is: no markup, and no control character of foreign text.
+
+    It ends the command with exit code 3 when nobody reads on (`… | head`).
+    """
+
+    def render_str(self, text: str, **style: Any) -> Text:  # every str in a line or a cell
+        return super().render_str(_printable_lines(text), **style)
 
     def on_broken_pipe(self) -> None:
         try:
@@ -22,9 +31,18 @@ class _Console(Console):
 
 def console(stderr: bool = False) -> Console:
     """Return a console that never squeezes a table: the terminal wraps long lines."""
-    out = _Console(stderr=stderr, highlight=False)
+    out = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     out.width = max(out.width, _MIN_WIDTH) if out.is_terminal else _PLAIN_WIDTH
     return out
+
+
+def headed(heading: str, rest: str) -> Text:
+    """Return a line whose beginning is bold."""
+    return Text.assemble((_printable_lines(heading), "bold"), _printable_lines(rest))
+
+
+def _printable_lines(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> Table:

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from mjbench.paired.outcomes import Verdict
@@ -20,10 +19,10 @@ def print_table(out: Console, rows: Sequence[VerdictRow]) -> None:
         [*headings, "launches", "pairs", "seconds"], right=(2, 3, 6, 7, 8, 9)
     )
     for row in rows:
-        table.add_row(*map(escape, _cells(row)))
+        table.add_row(*_cells(row))
     out.print(table)
     for row in rows:
-        out.print(escape(describe_verdict(row)), soft_wrap=True)
+        out.print(describe_verdict(row), soft_wrap=True)
 
 
 def describe_verdict(row: VerdictRow) -> str:

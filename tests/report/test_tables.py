@@ -1,0 +1,50 @@
+"""Foreign text cannot change the terminal: names, messages and stored texts print as they are."""
+
+import io
+
+import pytest
+from rich.table import Table
+
+from mjbench.errors import one_line, printable
+from mjbench.report import tables
+
+# It writes the clipboard of many terminals.
+CLIPBOARD = "\x1b]52;c;cm0=\x07"
+HOSTILE = ["\x1b[2J", CLIPBOARD, "\x9b31m", "a\rb", "\u202eabc", "\udce9", "\x00", "[red]x[/red]"]
+
+
+def printed(content: object) -> str:
+    """Return what a console on a terminal writes."""
+    out = tables.console()
+    out.file, out._force_terminal = io.StringIO(), True
+    out.print(content)
+    return out.file.getvalue()
+
+
+def table_of(text: str) -> Table:
+    table = tables.plain_table(["name"])
+    table.add_row(text)
+    return table
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+@pytest.mark.parametrize(
+    "content", [str, table_of, lambda text: tables.headed(text, text)], ids=["line", "cell", "head"]
+)
+def test_foreign_text_reaches_the_terminal_escaped(content: object, text: str) -> None:
+    assert callable(content)
+    out = printed(content(text))
+    assert printable(text) in out
+    assert text in out if text.isprintable() else text not in out
+
+
+def test_text_of_several_lines_stays_so() -> None:
+    assert printed("a\nb\n\tc").splitlines() == ["a", "b", "\\tc"]
+
+
+def test_printable_text_is_left_alone() -> None:
+    assert printable("C:\\robots\\größe×2 → 3 µs") == "C:\\robots\\größe×2 → 3 µs"
+
+
+def test_a_message_is_one_printable_line() -> None:
+    assert one_line("a\n  b\x1b[1mc") == "a b\\x1b[1mc"
