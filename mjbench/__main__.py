@@ -3,6 +3,9 @@
 import importlib.util
 import signal
 import sys
+from typing import NoReturn
+
+from mjbench.status import ExitCode
 
 # Packages of the `cli` extra that every command needs.
 _REQUIRED = ("click", "msgspec", "packaging", "platformdirs", "psutil", "rich")
@@ -14,13 +17,17 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     missing = [name for name in _REQUIRED if not _is_installed(name)]
     if missing:
-        sys.exit(
-            f"mjbench: the command line needs {', '.join(missing)}:"
-            ' python -m pip install "mjbench[cli]"'
-        )
-    from mjbench.cli import cli
-
+        _fail(f'the command line needs {", ".join(missing)}: python -m pip install "mjbench[cli]"')
+    try:
+        from mjbench.cli import cli
+    except Exception as error:  # a broken package, too few file descriptors
+        _fail(f"cannot start: {type(error).__name__}: {error}")
     cli(prog_name="mjbench")
+
+
+def _fail(line: str) -> NoReturn:
+    sys.stderr.write(f"mjbench: {line}\n")
+    sys.exit(ExitCode.ENVIRONMENT)
 
 
 def _is_installed(name: str) -> bool:

@@ -28,6 +28,10 @@ class Status(StrEnum):
     """The user stopped it."""
 
 
+# Work that ended so is not done again when a run is continued; a failure may have a passing cause.
+FINISHED = frozenset({Status.OK, Status.DISAGREES, Status.UNAVAILABLE, Status.INPUT})
+
+
 class ExitCode(IntEnum):
     """What a command ends with."""
 

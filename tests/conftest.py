@@ -6,6 +6,7 @@ import mujoco
 import pytest
 from example_models import CONTACT_XML
 
+from mjbench.instrument import neighbours
 from mjbench.simulation import workload
 
 
@@ -13,6 +14,14 @@ def pytest_configure(config: pytest.Config) -> None:
     """Time nothing unless asked to: `pytest` runs every benchmark once, to see that it works."""
     if not (config.getoption("benchmark_only") or config.getoption("benchmark_enable")):
         config.option.benchmark_disable = True
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_neighbours(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Keep the tests of this process out of sight of other mjbench on this machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("measuring")))
+        yield
 
 
 @pytest.fixture(scope="session")

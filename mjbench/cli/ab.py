@@ -7,21 +7,24 @@ from typing import Any
 import click
 
 from mjbench.cli import paired_options
+from mjbench.cli.context import Output
 from mjbench.cli.group import cli
-from mjbench.cli.paired_options import FAIL_ON, Finding
-from mjbench.cli.shared import JSON, JUDGING, RESULTS, SIZES, with_options
+from mjbench.cli.paired_options import GATE, Finding, Gate
+from mjbench.cli.shared import JUDGING, SIZES, STORING, with_options
 
 
 @cli.command()
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
-@FAIL_ON
-@with_options(*JUDGING, *SIZES, RESULTS, JSON)
+@with_options(*GATE, *JUDGING, *SIZES, *STORING)
 def ab(
     baseline: str,
     candidate: str,
     fail_on: list[Finding],
+    allow_inconclusive: bool,
     results: Path,
+    resume: Path | None,
+    wait: bool,
     json_file: str | None,
     **chosen: Any,
 ) -> None:
@@ -42,4 +45,6 @@ def ab(
 
     pairs = [targets.parse(baseline, candidate)]
     plan = paired_options.verdict_plan(**chosen)
-    sys.exit(paired_options.compare_targets("ab", pairs, plan, fail_on, results, json_file))
+    gate = Gate(fail_on, allow_inconclusive)
+    output = Output(results, resume, wait, json_file)
+    sys.exit(paired_options.compare_targets("ab", pairs, plan, gate, output))

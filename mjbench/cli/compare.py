@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     HOLD,
-    JSON,
     LIMIT,
-    RESULTS,
     SEED,
+    STORING,
     Names,
     Numbers,
     check_sizes,
@@ -47,6 +46,8 @@ class _Options:
     budget: float | None
     time_limit: float
     results: Path
+    resume: Path | None
+    wait: bool
     json_file: str | None
 
 
@@ -82,7 +83,7 @@ class _Options:
     metavar="SECONDS",
     help="Time to spend on timing each model  [default: 8]",
 )
-@with_options(HOLD, SEED, LIMIT, RESULTS, JSON)
+@with_options(HOLD, SEED, LIMIT, *STORING)
 def compare(names: tuple[str, ...], **options: Any) -> None:
     """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
 
@@ -133,7 +134,8 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
-    from mjbench.comparison.compare import compare_model
+    from mjbench.comparison import compare
+    from mjbench.comparison.records import finished
     from mjbench.instrument.runs import to_json
     from mjbench.report import comparison as report
     from mjbench.report.crossovers import crossovers
@@ -142,19 +144,26 @@ def _compare(
 
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]
+    nvariant = len(plans[0].variants)
+    storage = Storage(
+        options.results, arguments, options.resume, lambda records: finished(records, nvariant)
+    )
     results: list[PathResult] = []
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
-    with RunContext("compare", options.json_file, options.results, arguments, inputs=files) as run:
+    with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance:
             for number, (source, plan) in enumerate(turns):
-                records = compare_model(source, plan, functools.partial(advance, number))
-                try:
-                    for record in records.all:
-                        run.record(record)
-                except MachineError as error:
-                    failure = error
+                records = compare.stored(source, plan, run.finished)
+                if records is None:
+                    on_progress = functools.partial(advance, number)
+                    records = compare.compare_model(source, plan, on_progress)
+                    try:
+                        for record in records.all:
+                            run.record(record)
+                    except MachineError as error:
+                        failure = error
                 model_results = derive(records.model, records.measurements)
                 report.print_model(run.out, model_results)
                 results += model_results.results

@@ -7,13 +7,17 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import InputError, writing
+from mjbench.cli.group import report_line
+from mjbench.errors import InputError, printable, writing
+from mjbench.instrument import neighbours
+from mjbench.instrument.neighbours import Neighbour, Presence
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
@@ -25,6 +29,40 @@ if TYPE_CHECKING:
 Advance = Callable[[int, str, float], None]
 
 
+@dataclass(frozen=True)
+class Output:
+    """Where the results of a command go, as its options say.
+
+    Attributes:
+      results: folder for a new run file.
+      resume: run file to continue instead; None to begin one.
+      wait: whether to wait for other mjbench that measure on this machine.
+      json_file: file for the JSON document, `-` for standard output, None for none.
+    """
+
+    results: Path
+    resume: Path | None
+    wait: bool
+    json_file: str | None
+
+
+@dataclass(frozen=True)
+class Storage:
+    """Where a command stores its records.
+
+    Attributes:
+      results: folder for a new run file.
+      arguments: of the command, stored in the file's header; a dataclass or JSON-ready values.
+      resume: run file to continue instead; None to begin one.
+      finished: selects the records of a continued file that need not be measured again.
+    """
+
+    results: Path
+    arguments: Any
+    resume: Path | None = None
+    finished: "Callable[[Sequence[Record]], Sequence[Record]]" = lambda records: records
+
+
 class RunContext:
     """The frame of one command, used as a context manager.
 
@@ -34,24 +72,26 @@ class RunContext:
     Attributes:
       out: console for people; standard error while JSON goes to standard output.
       interrupted: whether the user stopped the work.
+      finished: records of the run that is continued; empty for a new one.
     """
 
     def __init__(
         self,
         command: str,
         json_file: str | None = None,
-        results: Path | None = None,
-        arguments: Any = None,
         inputs: Sequence[Path] = (),
+        storage: Storage | None = None,
+        wait: bool | None = None,
     ):
         """Prepare a command.
 
         Args:
           command: its name, for the run file.
           json_file: file for the JSON document, `-` for standard output, None for none.
-          results: folder for a run file; None for none.
-          arguments: stored in the run file's header; a dataclass or JSON-ready values.
           inputs: files that the command reads, and so must not write.
+          storage: where records are stored; None for a command without a run file.
+          wait: whether to wait for another mjbench that measures on this machine, rather than to
+            warn; None for a command that measures no time.
 
         Raises:
           InputError: the JSON document would replace an input.
@@ -60,8 +100,12 @@ class RunContext:
 
         self.out: Console = tables.console(stderr=json_file == "-")
         self.interrupted = False
-        self._command, self._results, self._arguments = command, results, arguments
-        self._json = _JsonTarget(json_file, inputs)
+        self.finished: Sequence[Record] = ()
+        self._command, self._inputs, self._storage = command, inputs, storage
+        resumed = [storage.resume] if storage and storage.resume else []
+        self._json = _JsonTarget(json_file, [*inputs, *resumed])
+        self._wait = wait
+        self._presence: Presence | None = None
         self._run_file: RunFile | None = None
         self._machine: Machine | None = None
 
@@ -69,14 +113,19 @@ class RunContext:
         """Open the outputs.
 
         Raises:
-          MachineError: one cannot be written.
+          InputError: the run to continue is not one of this command and this machine.
+          MachineError: an output cannot be written.
         """
-        from mjbench.instrument.runs import RunFile
-
         interruptible()
-        self._json.open()
-        if self._results is not None:
-            self._run_file = RunFile(self._results, self._command, self.machine, self._arguments)
+        with contextlib.ExitStack() as closing:
+            closing.callback(self._json.close)
+            self._json.open()
+            if self._wait is not None:
+                self._presence = closing.enter_context(_noticed(self._command, wait=self._wait))
+            if self._storage is not None:
+                self._run_file = self._open_run_file(self._storage)
+                closing.callback(self._run_file.close)
+            self._closing = closing.pop_all()
         return self
 
     def __exit__(
@@ -86,12 +135,35 @@ class RunContext:
         traceback: TracebackType | None,
     ) -> None:
         """Close the outputs; name the run file, unless an error is on its way to the user."""
-        self._json.close()
-        if self._run_file is None:
-            return
-        self._run_file.close()
-        if error is None:
-            self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
+        with self._closing:
+            if self._run_file is not None and error is None:
+                self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
+            if self._presence is not None and (others := self._presence.arrivals()):
+                report_line(
+                    f"{neighbours.names(others)} began to measure on this machine meanwhile:"
+                    " these figures suffer"
+                )
+
+    def _open_run_file(self, storage: Storage) -> "RunFile":
+        """Begin a run file, or continue one with those of its records that are finished."""
+        from mjbench.instrument import resume, runs
+        from mjbench.report.documents import RECORD_TYPES
+
+        header = runs.RunHeader(
+            runs.SCHEMA,
+            self._command,
+            self.machine,
+            runs.to_json(storage.arguments),
+            {printable(path.name): runs.digest(path) for path in self._inputs},
+        )
+        if storage.resume is None:
+            return runs.RunFile.create(storage.results, header)
+        stored = runs.load(storage.resume, RECORD_TYPES)
+        resume.check_continues(storage.resume, stored.header, header)
+        if stored.is_torn:
+            report_line(f"{storage.resume}: the last line was cut short; it is left out")
+        self.finished = tuple(storage.finished(stored.records))
+        return runs.RunFile.rewrite(storage.resume, stored.header, self.finished)
 
     @property
     def machine(self) -> "Machine":
@@ -122,7 +194,7 @@ class RunContext:
     def interrupt(self) -> None:
         """Note that the user stopped the work, and tell them that results are saved."""
         self.interrupted = True
-        click.echo("mjbench: interrupted; what was measured is saved", err=True)
+        report_line("interrupted; what was measured is saved")
 
     @contextlib.contextmanager
     def progress(self, count: int) -> Iterator[Advance]:
@@ -192,6 +264,23 @@ class _JsonTarget:
         """Remove what was not completed."""
         if self._partial is not None:
             self._partial.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _noticed(command: str, wait: bool) -> Iterator[Presence]:
+    """Take part in measuring on this machine: warn of others that do, or wait for them."""
+    presence = Presence(command)
+    with presence:
+        if others := presence.enter(wait, _report_wait):
+            report_line(
+                f"{neighbours.names(others)} measures on this machine, too: the figures of both"
+                " suffer; --wait waits until no other measures"
+            )
+        yield presence
+
+
+def _report_wait(others: Sequence[Neighbour]) -> None:
+    report_line(f"waiting for {neighbours.names(others)}, which measures on this machine")
 
 
 def _umask() -> int:

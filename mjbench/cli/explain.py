@@ -8,7 +8,7 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.paired_options import releases_and_models, verdict_plan
-from mjbench.cli.shared import JSON, JUDGING, SIZES, with_options
+from mjbench.cli.shared import JSON, JUDGING, SIZES, WAIT, with_options
 from mjbench.errors import InputError
 from mjbench.status import Status
 
@@ -33,9 +33,14 @@ if TYPE_CHECKING:
 @click.option(
     "--clock/--no-clock", default=True, show_default=True, help="Compare wall-clock times too."
 )
-@with_options(*JUDGING, *SIZES, JSON)
+@with_options(*JUDGING, *SIZES, WAIT, JSON)
 def explain(
-    names: tuple[str, ...], top: int, clock: bool, json_file: str | None, **options: Any
+    names: tuple[str, ...],
+    top: int,
+    clock: bool,
+    wait: bool,
+    json_file: str | None,
+    **options: Any,
 ) -> None:
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 
@@ -56,10 +61,11 @@ def explain(
         raise InputError("name an OLD and a NEW release, such as `mjbench explain 3.17.0 4.0.0`")
     specs = [installs.parse_release(name) for name in release_names]
     plan = verdict_plan(**options)
+    files = [source.path for source in sources]
     rows: list[ExplainRow] = []
     statuses: list[Status] = []
     with (
-        RunContext("explain", json_file, inputs=[source.path for source in sources]) as run,
+        RunContext("explain", json_file, files, wait=wait) as run,
         WorkerPool() as pool,  # workloads last as long as the pool
         InstructionCounter(plan.sizes) as counter,
     ):

@@ -1,48 +1,117 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
+import contextlib
 import sys
 import tempfile
 import traceback
+from collections.abc import Iterator
 from typing import Any
 
 import click
 
 import mjbench
-from mjbench.errors import MjbenchError, one_line
+from mjbench.errors import MjbenchError, one_line, printable
 from mjbench.status import ExitCode
 
 
 class Cli(click.Group):
     """A group whose errors are one line with the exit code they stand for."""
 
+    def main(self, *arguments: Any, **options: Any) -> Any:
+        """Run the command line; what it printed has reached its destination when this ends."""
+        for stream in (sys.stdout, sys.stderr):
+            if hasattr(stream, "reconfigure"):  # an encoding such as ASCII lacks characters
+                stream.reconfigure(errors="backslashreplace")
+        try:
+            with _errors_reported():
+                return super().main(*arguments, **options)
+        finally:
+            _flush_output()
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""
-        try:
+        with _errors_reported():
             return super().invoke(ctx)
-        except MjbenchError as error:
-            click.echo(f"mjbench: {error}", err=True)
-            sys.exit(error.exit_code)
-        except (KeyboardInterrupt, click.Abort):
-            click.echo("mjbench: interrupted", err=True)
-            sys.exit(ExitCode.INTERRUPTED)
-        except (click.ClickException, click.exceptions.Exit):
-            raise  # usage errors and --help, which click reports
-        except Exception as error:
-            click.echo(f"mjbench: unexpected {describe_unexpected(error)}", err=True)
-            sys.exit(ExitCode.ENVIRONMENT)
 
 
-def describe_unexpected(error: Exception) -> str:
-    """Return an unforeseen error in one line, and write its traceback to a file that it names."""
-    line = f"{type(error).__name__}: {one_line(error)}" if str(error) else type(error).__name__
+@contextlib.contextmanager
+def _errors_reported() -> Iterator[None]:
+    """Report an error in a line, and end with its exit code; usage errors are click's to report."""
+    try:
+        yield
+    except MjbenchError as error:
+        report_line(str(error))
+        sys.exit(error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        report_line("interrupted")
+        sys.exit(ExitCode.INTERRUPTED)
+    except (click.ClickException, click.exceptions.Exit):
+        raise
+    except BrokenPipeError:  # nobody reads on (`… | head`)
+        sys.exit(ExitCode.ENVIRONMENT)
+    except Exception as error:
+        report_line(describe_unforeseen(error))
+        sys.exit(ExitCode.ENVIRONMENT)
+
+
+def report_line(text: str) -> None:
+    """Write one line for people to standard error."""
+    click.echo(f"mjbench: {printable(text)}", err=True)
+
+
+def describe_unforeseen(error: Exception) -> str:
+    """Return an unforeseen error in one line, and write its traceback to a file that it names.
+
+    A module that cannot be imported, memory that is short and what the operating system refuses
+    are the environment's fault; anything else is a defect of mjbench.
+    """
+    is_defect = False
+    match error:
+        case ImportError():
+            line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
+        case OSError():
+            line = one_line(error)
+        case MemoryError():
+            line = "out of memory"
+        case _:
+            is_defect = True
+            line = f"unexpected {type(error).__name__}: {one_line(error)}".removesuffix(": ")
+    file = _write_details(error)
+    if file is None:
+        return line
+    return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
+
+
+def _write_details(error: Exception) -> str | None:
+    """Write an error's traceback to a new file; return its name, or None where none can be."""
+    details = "".join(traceback.format_exception(error))
     try:
         with tempfile.NamedTemporaryFile(
-            "w", prefix="mjbench-error-", suffix=".txt", delete=False, encoding="utf-8"
+            "w",
+            prefix="mjbench-error-",
+            suffix=".txt",
+            delete=False,
+            encoding="utf-8",
+            errors="backslashreplace",
         ) as file:
-            file.write("".join(traceback.format_exception(error)))
-    except (OSError, ValueError):  # no folder for it, or text that is not Unicode
-        return line
-    return f"{line}; please report it with the details in {file.name}"
+            file.write(details)
+    except OSError:
+        return None
+    return file.name
+
+
+def _flush_output() -> None:
+    """Write out what standard output holds; end with exit code 3 where that fails."""
+    try:
+        sys.stdout.flush()
+    except (AttributeError, ValueError):  # there is none, or it is closed
+        pass
+    except OSError as error:
+        # a second attempt, when the interpreter ends, would fail as well
+        sys.stdout = None
+        if not isinstance(error, BrokenPipeError):
+            report_line(f"cannot write to standard output: {error.strerror}")
+        sys.exit(ExitCode.ENVIRONMENT)
 
 
 @click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
@@ -64,6 +133,7 @@ def cli() -> None:
     MODEL is one of the shipped models, a path to .xml or .mjb, or PACKAGE:NAME for a model inside
     an installed package, such as gymnasium:ant or dm_control:humanoid.
 
-    Exit codes: 0 nothing found, 1 a finding (paths disagree), 2 bad usage or input, 3 the
-    environment failed (crash, time limit, disk), 130 interrupted.
+    Exit codes: 0 nothing found and everything decided, 1 a finding (paths disagree, or what
+    --fail-on names), 2 bad usage or input, 3 the environment failed (crash, time limit, disk) or
+    left a verdict open that --fail-on needs, 130 interrupted.
     """

@@ -5,15 +5,17 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, with_options
+from mjbench.cli.shared import JSON, LIMIT, WAIT, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@with_options(LIMIT, JSON)
-def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: str | None) -> None:
+@with_options(LIMIT, WAIT, JSON)
+def overhead(
+    names: tuple[str, ...], code: bool, time_limit: float, wait: bool, json_file: str | None
+) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
@@ -25,8 +27,9 @@ def overhead(names: tuple[str, ...], code: bool, time_limit: float, json_file: s
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
+    files = [source.path for source in sources]
     rows = []
-    with RunContext("overhead", json_file, inputs=[source.path for source in sources]) as run:
+    with RunContext("overhead", json_file, files, wait=wait) as run:
         for source in sources:
             table = measure_or_report(source, lambda source: measure(source, time_limit))
             if isinstance(table, Failure):

@@ -2,13 +2,13 @@
 
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import Advance, RunContext
+from mjbench.cli.context import Advance, Output, RunContext, Storage
 from mjbench.cli.shared import check_sizes
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
@@ -40,12 +40,52 @@ def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     return [Finding(name) for name in names]
 
 
-FAIL_ON = click.option(
-    "--fail-on",
-    metavar="FINDING,…",
-    callback=_findings,
-    help=f"Exit 1 when one of these is found: {', '.join(Finding)}.",
+GATE = (
+    click.option(
+        "--fail-on",
+        metavar="FINDING,…",
+        callback=_findings,
+        help=f"Exit 1 when one of these is found: {', '.join(Finding)}. Exit 3 when the time limit"
+        " leaves it open whether a target is slower or faster.",
+    ),
+    click.option(
+        "--allow-inconclusive",
+        is_flag=True,
+        help="With --fail-on: an inconclusive verdict does not change the exit code.",
+    ),
 )
+
+
+@dataclass(frozen=True)
+class Gate:
+    """What the exit code of a command depends on, beside failures.
+
+    Attributes:
+      findings: what ends it with exit code 1.
+      allow_inconclusive: whether verdicts on speed may stay open.
+    """
+
+    findings: Sequence[Finding] = ()
+    allow_inconclusive: bool = False
+
+    def exit_code(self, rows: Sequence["VerdictRow"]) -> ExitCode:
+        """Return the exit code that verdicts stand for; a failure outweighs a finding."""
+        code = exit_code(row.status for row in rows)
+        if code != ExitCode.OK:
+            return code
+        outcomes: set[str] = {row.verdict for row in rows if row.verdict is not None}
+        if any(row.changed_work for row in rows):
+            outcomes.add(Finding.CHANGED_WORK)
+        if outcomes & set(self.findings):
+            return ExitCode.FINDING
+        if self._asks_for_speed and not self.allow_inconclusive:
+            is_open = Verdict.INCONCLUSIVE in outcomes or any(row.verdict is None for row in rows)
+            return ExitCode.ENVIRONMENT if is_open else ExitCode.OK
+        return ExitCode.OK
+
+    @property
+    def _asks_for_speed(self) -> bool:
+        return bool({Finding.SLOWER, Finding.FASTER} & set(self.findings))
 
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
@@ -90,9 +130,8 @@ def compare_targets(
     command: str,
     pairs: Sequence[tuple["Target", "Target"]],
     plan: "VerdictPlan",
-    fail_on: Sequence[Finding],
-    results: Path,
-    json_file: str | None,
+    gate: Gate,
+    output: Output,
 ) -> ExitCode:
     """Compare pairs of targets, print and store the verdicts; return the exit code.
 
@@ -100,18 +139,24 @@ def compare_targets(
       command: its name, for the run file.
       pairs: baseline and candidate of each comparison.
       plan: of each verdict.
-      fail_on: what ends the command with exit code 1.
-      results: folder for the run file.
-      json_file: file for the JSON document, `-` for standard output, None for none.
+      gate: what the exit code depends on.
+      output: where results go.
     """
-    from mjbench.paired import verdict
+    from mjbench.paired import records, verdict
     from mjbench.paired.worker_pool import WorkerPool
 
     rows: list[VerdictRow] = []
     files = [target.model.path for pair in pairs for target in pair]
-    with RunContext(command, json_file, results, plan, inputs=files) as run:
+    storage = Storage(output.results, plan, output.resume, records.finished)
+    with RunContext(command, output.json_file, files, storage, output.wait) as run:
+        earlier = records.finished(run.finished)
         with run.progress(len(pairs)) as advance, WorkerPool() as pool:
             for number, (baseline, candidate) in enumerate(pairs):
+                sides = (baseline.row(), candidate.row())
+                stored = next((r for r in earlier if tuple(r.sides) == sides), None)
+                if stored is not None:
+                    rows.append(stored.row())
+                    continue
                 name = f"{candidate.model.name} {candidate.release.version}"
                 on_launch = functools.partial(_show_launch, advance, number, name)
                 result = verdict.decide(pool, baseline, candidate, plan, on_launch)
@@ -120,7 +165,7 @@ def compare_targets(
                 if result.status == Status.INTERRUPTED:
                     break
         report(run, rows)
-    return verdict_exit_code(rows, fail_on)
+    return gate.exit_code(rows)
 
 
 def report(run: RunContext, rows: Sequence["VerdictRow"]) -> None:
@@ -132,17 +177,6 @@ def report(run: RunContext, rows: Sequence["VerdictRow"]) -> None:
         run.interrupt()
     verdicts.print_table(run.out, rows)
     run.write(VerdictDocument(machine=run.machine, results=rows))
-
-
-def verdict_exit_code(rows: Sequence["VerdictRow"], fail_on: Sequence[Finding]) -> ExitCode:
-    """Return the exit code of a command from its verdicts: a failure outweighs a finding."""
-    code = exit_code(row.status for row in rows)
-    if code != ExitCode.OK:
-        return code
-    findings: set[str] = {row.verdict for row in rows if row.verdict is not None}
-    if any(row.changed_work for row in rows):
-        findings.add(Finding.CHANGED_WORK)
-    return ExitCode.FINDING if findings & set(fail_on) else ExitCode.OK
 
 
 def _show_launch(advance: Advance, number: int, name: str, judgement: "Judgement") -> None:

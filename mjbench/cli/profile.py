@@ -5,14 +5,14 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, with_options
+from mjbench.cli.shared import JSON, LIMIT, WAIT, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, required=True, metavar="MODEL…")
-@with_options(LIMIT, JSON)
-def profile(names: tuple[str, ...], time_limit: float, json_file: str | None) -> None:
+@with_options(LIMIT, WAIT, JSON)
+def profile(names: tuple[str, ...], time_limit: float, wait: bool, json_file: str | None) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa.
@@ -23,8 +23,9 @@ def profile(names: tuple[str, ...], time_limit: float, json_file: str | None) ->
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
+    files = [source.path for source in sources]
     rows = []
-    with RunContext("profile", json_file, inputs=[source.path for source in sources]) as run:
+    with RunContext("profile", json_file, files, wait=wait) as run:
         for source in sources:
             step_profile = measure_or_report(source, lambda source: measure(source, time_limit))
             if isinstance(step_profile, Failure):

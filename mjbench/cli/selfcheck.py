@@ -3,16 +3,12 @@
 import contextlib
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, JUDGING, RESULTS, Shares, with_options
-
-if TYPE_CHECKING:
-    from mjbench.paired.records import TrialRecord
+from mjbench.cli.shared import JUDGING, STORING, Shares, with_options
 
 
 @cli.command()
@@ -32,7 +28,7 @@ if TYPE_CHECKING:
     help="Slowdowns to inject; 0 compares identical targets.",
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
-@with_options(*JUDGING, RESULTS, JSON)
+@with_options(*JUDGING, *STORING)
 def selfcheck(
     names: tuple[str, ...],
     trials: int,
@@ -43,6 +39,8 @@ def selfcheck(
     precision: float,
     time_limit: float,
     results: Path,
+    resume: Path | None,
+    wait: bool,
     json_file: str | None,
 ) -> None:
     """How often are verdicts wrong or undecided on this machine, now, and how long do they take?
@@ -52,6 +50,7 @@ def selfcheck(
     MODEL: cartpole and humanoid.
     """
     from mjbench.paired import selfcheck as checks
+    from mjbench.paired.records import TrialRecord, trial_records
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report import verdicts
@@ -61,23 +60,24 @@ def selfcheck(
     sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     cases = [checks.Case.create(source, share) for source in sources for share in slowdowns]
     plan = VerdictPlan(min_effect, confidence, precision, time_limit)
-    records: list[TrialRecord] = []
-    arguments = {**asdict(plan), "trials": trials, "busy": busy}
+    arguments = {**asdict(plan), "trials": trials, "busy": busy, "slowdowns": slowdowns}
+    storage = Storage(results, arguments, resume, trial_records)
     files = [source.path for source in sources]
-    with RunContext("selfcheck", json_file, results, arguments, inputs=files) as run:
+    with RunContext("selfcheck", json_file, files, storage, wait) as run:
+        records = trial_records(run.finished)
         with (
             run.progress(trials * len(cases)) as advance,
             checks.busy_neighbour_core() if busy else contextlib.nullcontext(),
             WorkerPool() as pool,
         ):
 
-            def on_trial(record: "TrialRecord") -> None:
+            def on_trial(record: TrialRecord) -> None:
                 run.record(record)
                 records.append(record)
                 advance(len(records), f"{record.model} {100 * record.slowdown:g} %", 0.0)
 
             try:
-                checks.run(pool, cases, trials, plan, on_trial)
+                checks.run(pool, checks.remaining(cases, trials, records), plan, on_trial)
             except KeyboardInterrupt:
                 run.interrupt()
         rows = checks.summary(records)

@@ -146,6 +146,16 @@ RESULTS = click.option(
     type=click.Path(path_type=Path, file_okay=True),
     help="Folder for run files.",
 )
+RESUME = click.option(
+    "--resume",
+    metavar="RUN",
+    type=click.Path(path_type=Path),
+    help="Continue this run file: what is finished in it is not measured again. The rest of the"
+    " command must be as it was.",
+)
+WAIT = click.option(
+    "--wait", is_flag=True, help="Wait until no other mjbench measures on this machine."
+)
 HOLD = click.option(
     "--hold",
     type=click.IntRange(min=1),
@@ -191,6 +201,7 @@ JUDGING = (
         help="Time for each verdict; after it, an uncertain one is `inconclusive`.",
     ),
 )
+STORING = (RESULTS, RESUME, WAIT, JSON)
 SIZES = (
     click.option("--nbatch", type=click.IntRange(min=1), help="Simulations of a block."),
     click.option("--nstep", type=click.IntRange(min=1), help="Steps of each simulation."),

@@ -1,23 +1,25 @@
 """The command `mjbench versions`: releases of MuJoCo against each other."""
 
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from mjbench.cli import paired_options
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import Output, RunContext, Storage
 from mjbench.cli.group import cli
-from mjbench.cli.paired_options import FAIL_ON, Finding
-from mjbench.cli.shared import JSON, JUDGING, RESULTS, SIZES, Names, with_options
+from mjbench.cli.paired_options import GATE, Finding, Gate
+from mjbench.cli.shared import JUDGING, SIZES, STORING, Names, with_options
 from mjbench.errors import InputError
 from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
+    from mjbench.counts.instructions import InstructionCounter, ModelCount
+    from mjbench.paired.records import VerdictRow
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.simulation.models import ModelSource
@@ -48,8 +50,7 @@ if TYPE_CHECKING:
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
     " --precision and --time-limit do not apply.",
 )
-@FAIL_ON
-@with_options(*JUDGING, *SIZES, RESULTS, JSON)
+@with_options(*GATE, *JUDGING, *SIZES, *STORING)
 def versions(
     names: tuple[str, ...],
     old: str | None,
@@ -57,7 +58,10 @@ def versions(
     path_names: list[str] | None,
     metric: str,
     fail_on: list[Finding],
+    allow_inconclusive: bool,
     results: Path,
+    resume: Path | None,
+    wait: bool,
     json_file: str | None,
     **chosen: Any,
 ) -> None:
@@ -85,12 +89,13 @@ def versions(
     baseline, *candidates = _releases(old, news, release_names)
     path_names = path_names or [BASE]
     plan = paired_options.verdict_plan(**chosen)
+    gate = Gate(fail_on, allow_inconclusive)
+    output = Output(results, resume, wait, json_file)
     if metric == Metric.INSTRUCTIONS:
         if path_names != [BASE]:
             raise InputError(f"instructions are counted of {BASE} alone: leave out --paths")
-        sys.exit(
-            _compare_instructions(baseline, candidates, sources, plan, fail_on, results, json_file)
-        )
+        comparison = _InstructionComparison(baseline, candidates, sources, plan)
+        sys.exit(_compare_instructions(comparison, gate, output))
     options = {name: targets.find_path(name).complete({}) for name in path_names}
     pairs = [
         (
@@ -101,7 +106,7 @@ def versions(
         for source in sources
         for name in path_names
     ]
-    sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, results, json_file))
+    sys.exit(paired_options.compare_targets("versions", pairs, plan, gate, output))
 
 
 def _releases(
@@ -120,37 +125,56 @@ def _releases(
     return [parse_release(name) for name in (names[0], *news, *names[1:])]
 
 
+@dataclass(frozen=True)
+class _InstructionComparison:
+    """What is counted: models in an old release, and in new ones."""
+
+    baseline: "ReleaseSpec"
+    candidates: Sequence["ReleaseSpec"]
+    sources: Sequence["ModelSource"]
+    plan: "VerdictPlan"
+
+
 def _compare_instructions(
-    baseline: "ReleaseSpec",
-    candidates: Sequence["ReleaseSpec"],
-    sources: Sequence["ModelSource"],
-    plan: "VerdictPlan",
-    fail_on: Sequence[Finding],
-    results: Path,
-    json_file: str | None,
+    comparison: _InstructionComparison, gate: Gate, output: Output
 ) -> ExitCode:
     """Compare instruction counts, print and store the verdicts; return the exit code."""
-    from mjbench.counts import explain, instructions
-    from mjbench.paired import verdict
+    from mjbench.counts.instructions import InstructionCounter
+    from mjbench.paired import records
 
-    arguments = {**asdict(plan), "metric": Metric.INSTRUCTIONS}
-    files = [source.path for source in sources]
-    with (
-        RunContext("versions", json_file, results, arguments, inputs=files) as run,
-        instructions.InstructionCounter(plan.sizes) as counter,
-    ):
-        releases = [baseline, *candidates]
-        counts = []
-        with run.progress(len(releases)) as advance:
-            for number, release in enumerate(releases):
-                advance(number, f"MuJoCo {release.version}", 0.0)
-                counts.append(counter.count(release, sources))
-        rows = [
-            explain.verdict_row(baseline_count, candidate_count, plan.min_effect)
-            for candidate_counts in counts[1:]
-            for baseline_count, candidate_count in zip(counts[0], candidate_counts, strict=True)
-        ]
-        for row in rows:
-            run.record(verdict.record_of(row))
+    arguments = {**asdict(comparison.plan), "metric": Metric.INSTRUCTIONS}
+    storage = Storage(output.results, arguments, output.resume, records.finished)
+    files = [source.path for source in comparison.sources]
+    rows: list[VerdictRow] = []
+    with RunContext("versions", output.json_file, files, storage, output.wait) as run:
+        try:
+            with InstructionCounter(comparison.plan.sizes) as counter:
+                rows.extend(_verdict_rows(comparison, run, counter))
+        except KeyboardInterrupt:
+            run.interrupt()
         paired_options.report(run, rows)
-    return paired_options.verdict_exit_code(rows, fail_on)
+    return ExitCode.INTERRUPTED if run.interrupted else gate.exit_code(rows)
+
+
+def _verdict_rows(
+    comparison: _InstructionComparison, run: RunContext, counter: "InstructionCounter"
+) -> Iterator["VerdictRow"]:
+    """Yield the verdict on each model in each new release; store it, unless it was stored."""
+    from mjbench.counts import explain
+    from mjbench.paired import records, verdict
+
+    baselines: dict[str, ModelCount] = {}
+    with run.progress(len(comparison.candidates)) as advance:
+        for number, candidate in enumerate(comparison.candidates):
+            advance(number, f"MuJoCo {candidate.version}", 0.0)
+            finished = records.finished(run.finished)
+            stored = {r.model: r for r in finished if r.new == candidate.version}
+            yield from (record.row() for record in stored.values())
+            missing = [source for source in comparison.sources if source.name not in stored]
+            new = [source for source in missing if source.name not in baselines]
+            for count in counter.count(comparison.baseline, new) if new else ():
+                baselines[count.model] = count
+            for count in counter.count(candidate, missing) if missing else ():
+                row = explain.verdict_row(baselines[count.model], count, comparison.plan.min_effect)
+                run.record(verdict.record_of(row))
+                yield row

@@ -7,7 +7,7 @@ have a child each, after all others and alone (see `accelerated_run`).
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from mjbench.comparison.messages import (
     RoundTimed,
 )
 from mjbench.comparison.plan import ComparisonPlan
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.instrument import child, isolate, machine
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
@@ -63,6 +63,18 @@ def compare_model(source: ModelSource, plan: ComparisonPlan, progress: Progress)
     except KeyboardInterrupt:
         return measurement.records(None)
     return measurement.records(ended)
+
+
+def stored(
+    source: ModelSource, plan: ComparisonPlan, records: Sequence[object]
+) -> ModelRecords | None:
+    """Return the records of a model at the plan's size from those of a run; None without any."""
+    for record in records:
+        if not isinstance(record, ModelRecord):
+            continue
+        if (record.model, record.nbatch_asked) == (source.name, plan.nbatch):
+            return ModelRecords(record, tuple(of_model(record, records)))
+    return None
 
 
 @dataclass

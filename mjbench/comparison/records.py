@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.work import ModelFacts, Work
-from mjbench.status import Status
+from mjbench.status import FINISHED, Status
 
 # Keys of `check` in files that were written before motion without constraints had this name.
 _RENAMED = {
@@ -150,6 +150,34 @@ class MeasurementRecord:
             return value
         check = {_RENAMED.get(name, name): number for name, number in value["check"].items()}
         return {**value, "check": check}
+
+
+def of_model(model: ModelRecord, records: Sequence[object]) -> list[MeasurementRecord]:
+    """Return the measurements of a model at one size, from the records of a run."""
+    return [
+        record
+        for record in records
+        if isinstance(record, MeasurementRecord)
+        and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
+    ]
+
+
+def finished(records: Sequence[object], nvariant: int) -> list[ModelRecord | MeasurementRecord]:
+    """Return the records that need not be measured again when a run is continued.
+
+    Those are of models that were measured to their end, each followed by its measurements.
+
+    Args:
+      records: of the run.
+      nvariant: how many measurements a model has.
+    """
+    done: list[ModelRecord | MeasurementRecord] = []
+    for model in records:
+        if isinstance(model, ModelRecord) and model.status in FINISHED:
+            measurements = of_model(model, records)
+            if len(measurements) == nvariant:
+                done += [model, *measurements]
+    return done
 
 
 RECORD_TYPES: Mapping[str, type] = {

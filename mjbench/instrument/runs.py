@@ -2,27 +2,31 @@
 
 A record is a frozen dataclass with a class variable `record_type`. It is appended and flushed when
 its measurement ends, so a killed run leaves every earlier record readable; a last line cut short
-is ignored. docs/formats.md describes the records, and `mjbench/schemas` holds their JSON Schema.
+is left out. docs/formats.md describes the records, and `mjbench/schemas` holds their JSON Schema.
 """
 
 import contextlib
+import hashlib
+import itertools
 import json
 import os
+import tempfile
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TextIO, TypeVar
 
 import msgspec
 
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import InputError, MachineError, one_line, printable
 from mjbench.instrument.machine import Machine
 
 # The version of run files and of every document that `--json` writes.
 #   1  first version
 SCHEMA = 1
-
+# Keys whose texts have several lines; line breaks in other texts are foreign.
+_MULTILINE_KEYS = {"snippet"}
 
 _T = TypeVar("_T")
 
@@ -46,6 +50,7 @@ class RunHeader:
       command: of mjbench that wrote it.
       machine: that it ran on.
       arguments: of the command, for people; nothing is derived from them.
+      files: SHA-256 of each file that the command was given, by name.
     """
 
     record_type: ClassVar[str] = "run"
@@ -53,6 +58,7 @@ class RunHeader:
     command: str
     machine: Machine
     arguments: dict[str, Any]
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -62,10 +68,12 @@ class Run:
     Attributes:
       header: its first line.
       records: in the order they were written.
+      is_torn: whether its last line was cut short, and left out.
     """
 
     header: RunHeader
     records: tuple[Record, ...]
+    is_torn: bool = False
 
     def of_type(self, kind: type[_T]) -> list[_T]:
         """Return the records of one type."""
@@ -73,31 +81,60 @@ class Run:
 
 
 class RunFile:
-    """A run file that is being written."""
+    """A run file that is being written.
 
-    def __init__(self, folder: Path, command: str, machine: Machine, arguments: Any):
-        """Create the file and write its first line.
+    Attributes:
+      path: of the file.
+    """
 
-        Args:
-          folder: to create it in.
-          command: of mjbench.
-          machine: that it runs on.
-          arguments: of the command; a dataclass, or a dictionary of JSON-ready values.
+    def __init__(self, path: Path, file: TextIO):
+        """Append to an open file; `create` and `rewrite` open one."""
+        self.path, self._file = path, file
+
+    @classmethod
+    def create(cls, folder: Path, header: RunHeader) -> "RunFile":
+        """Create a file, and write its first line.
 
         Raises:
           MachineError: the folder cannot be written.
         """
-        stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-        self.path = folder / f"{stamp}-{os.getpid()}-{command}.jsonl"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("x", encoding="utf-8")
-        except OSError as error:
+            with contextlib.ExitStack() as on_error:
+                path, file = _open_new(folder, header.command)
+                on_error.callback(_discard, path, file)
+                _write_line(file, header)
+                on_error.pop_all()
+        except (OSError, ValueError) as error:
             raise MachineError(
-                f"cannot write results to {folder}: {error.strerror};"
+                f"cannot write results to {folder}: {_reason(error)};"
                 " choose another folder with --results"
             ) from error
-        self.append(RunHeader(SCHEMA, command, machine, to_json(arguments)))
+        return cls(path, file)
+
+    @classmethod
+    def rewrite(cls, path: Path, header: RunHeader, records: Iterable[Record]) -> "RunFile":
+        """Replace a file by one with these records, for more to be appended.
+
+        A reader sees either the file that was there before or the whole new one.
+
+        Raises:
+          MachineError: it cannot be written.
+        """
+        path = path.resolve()
+        try:
+            with contextlib.ExitStack() as on_error:
+                descriptor, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+                file = os.fdopen(descriptor, "w", encoding="utf-8")
+                on_error.callback(_discard, Path(partial), file)
+                for record in (header, *records):
+                    _write_line(file, record)
+                Path(partial).chmod(path.stat().st_mode)
+                Path(partial).replace(path)
+                on_error.pop_all()
+        except OSError as error:
+            raise MachineError(f"cannot write {path}: {_reason(error)}") from error
+        return cls(path, file)
 
     def append(self, record: Record) -> None:
         """Write one record, and flush it.
@@ -106,12 +143,10 @@ class RunFile:
           MachineError: the disk is full, or the file is gone.
         """
         try:
-            line = json.dumps({"type": record.record_type, **to_json(record)}, allow_nan=False)
-            self._file.write(line + "\n")
-            self._file.flush()
+            _write_line(self._file, record)
         except OSError as error:
             raise MachineError(
-                f"cannot write {self.path}: {error.strerror}; what was measured before is there"
+                f"cannot write {self.path}: {_reason(error)}; what was measured before is there"
             ) from error
 
     def close(self) -> None:
@@ -120,9 +155,53 @@ class RunFile:
             self._file.close()
 
 
+def _open_new(folder: Path, command: str) -> tuple[Path, TextIO]:
+    """Open a new file, named by time, process and command."""
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
+    name = f"{stamp}-{os.getpid()}-{command}"
+    for further in itertools.count(2):
+        path = folder / f"{name}.jsonl"
+        try:
+            return path, path.open("x", encoding="utf-8")
+        except FileExistsError:  # this process began another one in the same second
+            name = f"{stamp}-{os.getpid()}-{command}-{further}"
+    raise AssertionError
+
+
+def _write_line(file: TextIO, record: Record) -> None:
+    line = json.dumps({"type": record.record_type, **to_json(record)}, allow_nan=False)
+    file.write(line + "\n")
+    file.flush()
+
+
+def _discard(path: Path, file: TextIO) -> None:
+    with contextlib.suppress(OSError):
+        file.close()
+    path.unlink(missing_ok=True)
+
+
+def _reason(error: OSError | ValueError) -> str:
+    """Return why a file cannot be read or written, without its name, which the caller names."""
+    return (isinstance(error, OSError) and error.strerror) or one_line(error)
+
+
 def to_json(value: Any) -> Any:
     """Return a dataclass, or a container of them, as JSON-ready values; paths become strings."""
-    return msgspec.to_builtins(value, enc_hook=str)
+    return msgspec.to_builtins(value, enc_hook=printable)
+
+
+def as_stored(value: Any) -> Any:
+    """Return JSON-ready values as they come back from a run file."""
+    return _printable_texts(json.loads(json.dumps(value)))
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal; empty where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
 
 
 def load(path: Path, record_types: Mapping[str, type]) -> Run:
@@ -135,7 +214,7 @@ def load(path: Path, record_types: Mapping[str, type]) -> Run:
     Raises:
       InputError: not a run file, one of another format, or a record that does not fit its type.
     """
-    lines = _lines(path)
+    lines, is_torn = _lines(path)
     if not lines or not isinstance(lines[0], dict) or lines[0].get("type") != "run":
         raise InputError(f"{path}: not a run file (its first line must be the run's header)")
     if lines[0].get("schema") != SCHEMA:
@@ -144,24 +223,45 @@ def load(path: Path, record_types: Mapping[str, type]) -> Run:
         )
     types = {**record_types, RunHeader.record_type: RunHeader}
     header, *records = (_typed(path, n, line, types) for n, line in enumerate(lines, 1))
-    return Run(header, tuple(records))
+    for number, record in enumerate(records, 2):
+        if isinstance(record, RunHeader):
+            raise InputError(f"{path}, line {number}: a second header")
+    return Run(header, tuple(records), is_torn)
 
 
-def _lines(path: Path) -> list[Any]:
-    """Return the JSON value of each line; a last line that was cut short is left out."""
+def _lines(path: Path) -> tuple[list[Any], bool]:
+    """Return the JSON value of each line, and whether a last line that was cut short is left out.
+
+    What is not JSON is refused, so NaN as well, which Python's own parser reads.
+    """
     try:
-        texts = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {one_line(error)}") from error
+        if not (path.is_file() or path.is_fifo() or not path.exists()):
+            raise InputError(f"{path}: not a file")
+        texts = path.read_bytes().splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {path}: {_reason(error)}") from error
     values = []
     for number, text in enumerate(texts, 1):
         try:
-            values.append(json.loads(text))
-        except json.JSONDecodeError as error:
+            values.append(_printable_texts(msgspec.json.decode(text)))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             if number == len(texts) and values:
-                break  # the writer was killed in the middle of its last line
+                return values, True  # the writer was killed in the middle of its last line
             raise InputError(f"{path}, line {number}: not JSON; not a run file?") from error
-    return values
+    return values, False
+
+
+def _printable_texts(value: Any, key: str = "") -> Any:
+    """Return a JSON value whose texts have no control characters, nor line breaks in a name."""
+    match value:
+        case str():
+            lines = value.split("\n") if key in _MULTILINE_KEYS else [value]
+            return "\n".join(map(printable, lines))
+        case list():
+            return [_printable_texts(item, key) for item in value]
+        case dict():
+            return {printable(k): _printable_texts(item, k) for k, item in value.items()}
+    return value
 
 
 def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> Any:
@@ -171,17 +271,22 @@ def _typed(path: Path, number: int, value: Any, types: Mapping[str, type]) -> An
     upgrade = getattr(kind, "upgrade", None)
     try:
         return msgspec.convert(upgrade(value) if upgrade else value, kind)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}, line {number}: {error}") from error
+    except (msgspec.ValidationError, RecursionError) as error:
+        raise InputError(f"{path}, line {number}: {one_line(error)}") from error
 
 
 def latest(folder: Path) -> Path:
-    """Return the newest run file of a folder.
+    """Return the newest run file of a folder; what is empty or no file at all is passed over.
 
     Raises:
       InputError: there is none.
     """
-    files = sorted(folder.glob("*.jsonl"), key=lambda p: p.stat().st_mtime)
-    if not files:
+    written: list[tuple[float, Path]] = []
+    for path in folder.glob("*.jsonl"):
+        with contextlib.suppress(OSError):  # a link to nothing, or no permission
+            status = path.stat()
+            if path.is_file() and status.st_size:
+                written.append((status.st_mtime, path))
+    if not written:
         raise InputError(f"no run file in {folder}; `mjbench compare` writes one")
-    return files[-1]
+    return max(written)[1]

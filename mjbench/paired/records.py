@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.simulation.work import Work
-from mjbench.status import Status
+from mjbench.status import FINISHED, Status
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,11 @@ class VerdictRecord(VerdictRow):
         return VerdictRow(**{f.name: getattr(self, f.name) for f in fields(VerdictRow)})
 
 
+def finished(records: Sequence[object]) -> list[VerdictRecord]:
+    """Return the verdicts of a run file that need not be measured again when it is continued."""
+    return [r for r in records if isinstance(r, VerdictRecord) and r.status in FINISHED]
+
+
 @dataclass(frozen=True)
 class TrialRecord:
     """One comparison of `mjbench selfcheck`, whose truth is known.
@@ -159,6 +164,11 @@ class TrialRecord:
     high: float | None
     seconds: float
     launches: Sequence[float]
+
+
+def trial_records(records: Sequence[object]) -> list[TrialRecord]:
+    """Return the trials among the records of a run file; each one is finished."""
+    return [record for record in records if isinstance(record, TrialRecord)]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -90,19 +91,32 @@ def trial(pool: WorkerPool, case: Case, plan: verdict.VerdictPlan) -> TrialRecor
     )
 
 
+def remaining(cases: Sequence[Case], trials: int, records: Sequence[TrialRecord]) -> Iterator[Case]:
+    """Yield a case for each trial to do, in turns, so that a change of the machine hits all.
+
+    Args:
+      cases: to try.
+      trials: of each case.
+      records: of trials that were done before.
+    """
+    done = Counter((record.model, record.slowdown) for record in records)
+    for turn in range(trials):
+        for case in cases:
+            if done[case.model.name, case.slowdown] <= turn:
+                yield case
+
+
 def run(
     pool: WorkerPool,
-    cases: Sequence[Case],
-    trials: int,
+    cases: Iterable[Case],
     plan: verdict.VerdictPlan,
     on_trial: Callable[[TrialRecord], None],
 ) -> None:
-    """Run the trials of all cases in turns, so that a change of the machine hits all of them.
+    """Run a trial of each case, one after the other.
 
     Args:
       pool: starts the processes.
-      cases: to try.
-      trials: of each case.
+      cases: of the trials.
       plan: of every verdict; its sizes are replaced by those of the case.
       on_trial: called after each trial.
 
@@ -111,9 +125,8 @@ def run(
       MachineError: a target failed.
       KeyboardInterrupt: interrupted.
     """
-    for _ in range(trials):
-        for case in cases:
-            on_trial(trial(pool, case, plan))
+    for case in cases:
+        on_trial(trial(pool, case, plan))
 
 
 def summary(trials: Sequence[TrialRecord]) -> list[SelfcheckRow]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.instrument import stats
 from mjbench.instrument.runs import Record
 from mjbench.instrument.stats import Estimate
@@ -155,14 +155,7 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
       records: of a run file; those of other types are ignored.
     """
     models = [record for record in records if isinstance(record, ModelRecord)]
-    measurements = [record for record in records if isinstance(record, MeasurementRecord)]
-    return [
-        derive(model, [m for m in measurements if _group(m) == _group(model)]) for model in models
-    ]
-
-
-def _group(record: ModelRecord | MeasurementRecord) -> tuple[str, int | None]:
-    return record.model, record.nbatch_asked
+    return [derive(model, of_model(model, records)) for model in models]
 
 
 def _result(

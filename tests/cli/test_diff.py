@@ -15,7 +15,10 @@ RUNS = ROOT / "results/runs"
 
 def run_file(folder: Path, jax: str, seconds: float) -> str:
     versions = {"jax": jax}
-    file = runs.RunFile(folder, "compare", replace(machine.describe(), versions=versions), {})
+    file = runs.RunFile.create(
+        folder,
+        runs.RunHeader(runs.SCHEMA, "compare", replace(machine.describe(), versions=versions), {}),
+    )
     file.append(model_record())
     file.append(measurement(path="mjx", precision="float32", device="cpu", samples_s=[seconds] * 9))
     file.close()

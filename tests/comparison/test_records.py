@@ -23,7 +23,9 @@ RECORD = MeasurementRecord(
 
 
 def stored(folder: Path) -> Path:
-    file = runs.RunFile(folder, "compare", machine.describe(), {})
+    file = runs.RunFile.create(
+        folder, runs.RunHeader(runs.SCHEMA, "compare", machine.describe(), {})
+    )
     file.append(RECORD)
     file.close()
     return file.path

@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 from dataclasses import dataclass
@@ -38,12 +39,13 @@ class Arguments:
 TYPES = {kind.record_type: kind for kind in (Sample, Note)}
 MACHINE = machine.describe()
 ARGUMENTS = Arguments("cartpole", Path("runs"))
+HEADER = runs.RunHeader(runs.SCHEMA, "compare", MACHINE, runs.to_json(ARGUMENTS))
 RECORDS = (Sample(1, 0.5), Note("between"), Sample(2))
 
 
 def written(folder: Path) -> Path:
     """Return a run file with RECORDS."""
-    file = runs.RunFile(folder, "compare", MACHINE, ARGUMENTS)
+    file = runs.RunFile.create(folder, HEADER)
     for record in RECORDS:
         file.append(record)
     file.close()
@@ -81,7 +83,7 @@ def test_the_header_holds_the_machine_and_the_arguments(tmp_path: Path) -> None:
 
 
 def test_every_record_is_on_disk_as_soon_as_it_is_appended(tmp_path: Path) -> None:
-    file = runs.RunFile(tmp_path, "compare", MACHINE, {})
+    file = runs.RunFile.create(tmp_path, HEADER)
     file.append(Sample(1))
     last_line = file.path.read_text().splitlines()[-1]
     assert json.loads(last_line) == {"type": "sample", "index": 1, "seconds": 0.0}
@@ -158,13 +160,96 @@ def test_a_later_format_is_refused_by_number(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_created_is_reported_with_the_option_to_use(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(MachineError, match="--results"):
-        runs.RunFile(tmp_path / "file", "compare", MACHINE, {})
+        runs.RunFile.create(tmp_path / "file", HEADER)
 
 
 def test_the_latest_is_the_newest(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run file"):
         runs.latest(tmp_path)
     for age_s, name in ((10, "b"), (0, "a"), (20, "c")):
-        (tmp_path / f"{name}.jsonl").touch()
+        (tmp_path / f"{name}.jsonl").write_text("{}")
         os.utime(tmp_path / f"{name}.jsonl", (1e9 - age_s, 1e9 - age_s))
     assert runs.latest(tmp_path) == tmp_path / "a.jsonl"
+
+
+def test_what_is_no_run_file_does_not_hide_an_older_one(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    (tmp_path / "empty.jsonl").touch()
+    (tmp_path / "dangling.jsonl").symlink_to("nowhere")
+    (tmp_path / "folder.jsonl").mkdir()
+    assert runs.latest(tmp_path) == path
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"type": "sample", "index": NaN}',
+        '{"type": "sample", "index": 1, "seconds": Infinity}',
+        '{"type": "sample", "index": 1, "seconds": 1e999}',
+        '{"type": "note", "text": "\\ud800"}',
+        "[" * 100_000,
+        '{"type": "note", "text": ' + "[" * 5_000 + "]" * 5_000 + "}",
+        '{"type": "sample", "index": ' + "9" * 5_000 + "}",
+        '{"type": ["sample"], "index": 1}',
+        '{"type": "run"}',
+    ],
+)
+def test_a_line_that_is_not_sound_json_of_its_type_is_refused(tmp_path: Path, line: str) -> None:
+    with pytest.raises(InputError, match=r"x?.*line 3: ") as refusal:
+        runs.load(edited(tmp_path, 3, line), TYPES)
+    assert len(str(refusal.value)) < 600
+
+
+def test_a_second_header_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    header = path.read_text().splitlines()[0]
+    with pytest.raises(InputError, match="line 2: a second header"):
+        runs.load(edited(tmp_path, 2, header), TYPES)
+
+
+def test_texts_lose_their_control_characters_and_names_their_line_breaks(tmp_path: Path) -> None:
+    line = json.dumps({"type": "note", "text": "a\x1b[1m\nb"})
+    (note,) = runs.load(edited(tmp_path, 3, line), TYPES).of_type(Note)
+    assert note.text == "a\\x1b[1m\\nb"
+
+
+@pytest.mark.parametrize("name", ["\0", "x" * 5_000, "/dev/zero", "."])
+def test_what_is_no_file_is_refused(name: str) -> None:
+    with pytest.raises(InputError):
+        runs.load(Path(name), TYPES)
+
+
+def test_a_file_that_cannot_hold_its_header_is_not_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(runs, "_write_line", fail)
+    with pytest.raises(MachineError, match="No space left"):
+        runs.RunFile.create(tmp_path, HEADER)
+    assert list(tmp_path.iterdir()) == []
+    path = tmp_path / "earlier.jsonl"
+    path.write_text("earlier")
+    with pytest.raises(MachineError, match="No space left"):
+        runs.RunFile.rewrite(path, HEADER, RECORDS)
+    assert [p.read_text() for p in tmp_path.iterdir()] == ["earlier"]
+
+
+# continuing
+
+
+def test_a_rewritten_file_holds_the_records_given_and_those_appended(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    file = runs.RunFile.rewrite(path, HEADER, RECORDS[:1])
+    file.append(Sample(9))
+    file.close()
+    assert runs.load(path, TYPES) == runs.Run(HEADER, (RECORDS[0], Sample(9)))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_torn_last_line_is_noted(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    assert not runs.load(path, TYPES).is_torn
+    path.write_text(path.read_text()[:-5])
+    assert runs.load(path, TYPES).is_torn

@@ -1,0 +1,68 @@
+"""The gate of `versions` and `ab`: what turns the exit code, and that nothing open passes it."""
+
+import pytest
+
+from mjbench.cli.paired_options import Finding, Gate
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import Ratio, VerdictRow
+from mjbench.status import Status
+
+SPEED = (Finding.SLOWER,)
+
+
+def row(
+    verdict: Verdict | None, status: Status = Status.OK, changed_work: bool = False
+) -> VerdictRow:
+    return VerdictRow(
+        model="m",
+        path="python_loop",
+        old="1",
+        new="2",
+        sides=(),
+        status=status,
+        verdict=verdict,
+        ratio=Ratio(1.0, None, None),
+        changed_work=changed_work,
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "findings", "code"),
+    [
+        ([Verdict.SAME, Verdict.FASTER], SPEED, 0),
+        ([Verdict.SAME, Verdict.SLOWER], SPEED, 1),
+        ([Verdict.SLOWER], (), 0),
+        ([Verdict.SLOWER], (Finding.FASTER,), 0),
+        ([Verdict.SAME, Verdict.INCONCLUSIVE], SPEED, 3),
+        ([None], SPEED, 3),
+        ([Verdict.SLOWER, Verdict.INCONCLUSIVE], SPEED, 1),
+        ([Verdict.INCONCLUSIVE], (Finding.FASTER,), 3),
+        ([Verdict.INCONCLUSIVE], (Finding.INCONCLUSIVE,), 1),
+        ([Verdict.INCONCLUSIVE], (Finding.CHANGED_WORK,), 0),
+        ([Verdict.INCONCLUSIVE], (), 0),
+    ],
+)
+def test_a_gate_is_green_only_when_what_it_asks_is_decided(
+    verdicts: list[Verdict | None], findings: tuple[Finding, ...], code: int
+) -> None:
+    assert Gate(findings).exit_code([row(verdict) for verdict in verdicts]) == code
+
+
+def test_an_open_verdict_passes_where_the_user_allows_it() -> None:
+    open_rows = [row(Verdict.INCONCLUSIVE), row(Verdict.SAME)]
+    assert Gate(SPEED, allow_inconclusive=True).exit_code(open_rows) == 0
+    assert Gate(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)]) == 1
+
+
+def test_changed_work_is_a_finding_of_its_own() -> None:
+    rows = [row(Verdict.INCONCLUSIVE, changed_work=True)]
+    assert Gate((Finding.CHANGED_WORK,)).exit_code(rows) == 1
+    assert Gate(SPEED).exit_code([row(Verdict.SAME, changed_work=True)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("status", "code"),
+    [(Status.FAILED, 3), (Status.CRASHED, 3), (Status.INPUT, 2), (Status.INTERRUPTED, 130)],
+)
+def test_a_failure_outweighs_a_finding(status: Status, code: int) -> None:
+    assert Gate(SPEED).exit_code([row(Verdict.SLOWER), row(None, status)]) == code

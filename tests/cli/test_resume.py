@@ -1,0 +1,115 @@
+"""`--resume`: what is finished in a run file stays, what is not is measured again."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from commands import mjbench
+
+from mjbench.cli import cli
+from mjbench.paired import selfcheck, verdict
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import TrialRecord
+from mjbench.paired.targets import Target
+from mjbench.simulation import models
+from mjbench.status import Status
+
+COMPARE = ("compare", "cartpole", "linkage", "--paths", "python_loop", "--nbatch", "2", "--nstep")
+
+
+def test_a_torn_comparison_is_continued_where_it_ended(tmp_path: Path) -> None:
+    words = (*COMPARE, "20", "--budget", "0.01")
+    assert mjbench(*words, cwd=tmp_path).returncode == 0
+    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+    complete = file.read_text().splitlines()
+    file.write_text(file.read_text()[:-20])
+    done = mjbench(*words, "--resume", str(file), "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "the last line was cut short" in done.stderr
+    lines = file.read_text().splitlines()
+    assert lines[:3] == complete[:3]  # the header, and the model that was finished
+    assert lines[3:] != complete[3:]
+    assert len(lines) == len(complete)
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert [row["model"] for row in rows] == ["cartpole", "linkage"]
+    assert all(row["step_ns"] for row in rows)
+
+
+def test_a_finished_run_is_shown_and_left_as_it_is(tmp_path: Path) -> None:
+    words = (*COMPARE, "20", "--budget", "0.01")
+    mjbench(*words, cwd=tmp_path)
+    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+    before = file.read_text()
+    done = mjbench(*words, "--resume", str(file), cwd=tmp_path)
+    assert done.returncode == 0
+    assert "linkage" in done.stdout
+    assert file.read_text() == before
+    for other, message in (
+        ((*COMPARE, "30", "--budget", "0.01"), "nstep 20, and this command has 30"),
+        (("ab", "path=rollout", "path=rollout"), "the command compare"),
+        ((*words, "--json", str(file)), "choose another"),
+    ):
+        refused = mjbench(*other, "--resume", str(file), cwd=tmp_path)
+        assert refused.returncode == 2
+        assert message in refused.stderr
+        assert file.read_text() == before
+
+
+@pytest.mark.parametrize("name", ["missing.jsonl", "notes.txt", "."])
+def test_what_is_no_run_file_cannot_be_continued(tmp_path: Path, name: str) -> None:
+    (tmp_path / "notes.txt").write_text("notes\n")
+    done = mjbench("ab", "path=rollout", "path=rollout", "--resume", name, cwd=tmp_path)
+    assert done.returncode == 2
+    assert (tmp_path / "notes.txt").read_text() == "notes\n"
+
+
+def decided(baseline: Target, candidate: Target, status: Status) -> verdict.PairedResult:
+    """Return an invented verdict on two targets."""
+    judgement = verdict.Judgement(Verdict.SAME, 1.0, 0.999, 1.001, 8, True)
+    return verdict.PairedResult(baseline, candidate, status, judgement=judgement)
+
+
+def run_versions(
+    monkeypatch: pytest.MonkeyPatch, statuses: Sequence[Status], *words: str
+) -> tuple[list[str], Any]:
+    """Run `versions` on two models; return the models that were measured, and how it ended."""
+    measured: list[str] = []
+
+    def decide(pool: object, baseline: Target, candidate: Target, *others: object) -> Any:
+        measured.append(candidate.model.name)
+        return decided(baseline, candidate, statuses[len(measured) - 1])
+
+    monkeypatch.setattr(verdict, "decide", decide)
+    done = CliRunner().invoke(
+        cli, ["versions", "installed", "installed", "cartpole", "linkage", *words]
+    )
+    return measured, done
+
+
+def test_verdicts_that_were_interrupted_or_failed_are_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    measured, done = run_versions(monkeypatch, [Status.OK, Status.INTERRUPTED])
+    assert (measured, done.exit_code) == (["cartpole", "linkage"], 130)
+    (file,) = Path("results/runs").glob("*.jsonl")
+    measured, done = run_versions(monkeypatch, [Status.FAILED], "--resume", str(file))
+    assert (measured, done.exit_code) == (["linkage"], 3)
+    measured, done = run_versions(monkeypatch, [Status.OK], "--resume", str(file))
+    assert (measured, done.exit_code) == (["linkage"], 0)
+    assert "cartpole" in done.stdout
+    measured, done = run_versions(monkeypatch, [], "--resume", str(file))
+    assert (measured, done.exit_code) == ([], 0)
+    assert len(file.read_text().splitlines()) == 3
+
+
+def test_only_the_trials_that_are_missing_are_run() -> None:
+    cases = [
+        selfcheck.Case.create(models.resolve("cartpole"), slowdown) for slowdown in (0.0, 0.01)
+    ]
+    done = [TrialRecord("cartpole", 0.0, Verdict.SAME, 1.0, None, None, 1.0, [0.0])] * 2
+    remaining = [case.slowdown for case in selfcheck.remaining(cases, 3, done)]
+    assert remaining == [0.01, 0.01, 0.0, 0.01]

@@ -1,0 +1,37 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mjbench.errors import InputError
+from mjbench.instrument import machine, resume, runs
+
+MACHINE = machine.describe()
+HEADER = runs.RunHeader(runs.SCHEMA, "compare", MACHINE, {"nbatch": 4}, {"a.xml": "1f"})
+
+
+def test_the_same_command_continues_a_run_whatever_the_load() -> None:
+    busy = replace(HEADER, machine=replace(MACHINE, load_1min=99.0))
+    resume.check_continues(Path("run"), HEADER, busy)
+
+
+def test_arguments_are_compared_as_a_file_holds_them() -> None:
+    now = replace(HEADER, arguments={"variants": ({"path": "a\x1bb"},)})
+    stored = replace(HEADER, arguments={"variants": [{"path": "a\\x1bb"}]})
+    resume.check_continues(Path("run"), stored, now)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"command": "versions"}, "the command compare, and this command has versions"),
+        ({"arguments": {"nbatch": 8}}, "nbatch 4, and this command has 8"),
+        ({"arguments": {}}, "nbatch 4, and this command has nothing"),
+        ({"files": {"a.xml": "2e"}}, "the file a.xml 1f"),
+        ({"machine": replace(MACHINE, cpu="other")}, "the processor"),
+        ({"machine": replace(MACHINE, versions={"mujoco": "1.0"})}, "mujoco"),
+    ],
+)
+def test_what_differs_is_refused_by_name(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        resume.check_continues(Path("run"), HEADER, replace(HEADER, **change))  # type: ignore
