@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from mjbench.instrument.runs import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import FINISHED, Status
@@ -55,21 +56,21 @@ class ModelRecord:
     status: Status
     detail: str = ""
     facts: ModelFacts | None = None
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int | None = None
+    nbatch: PositiveInt | None = None
+    nstep: PositiveInt | None = None
+    hold: PositiveInt | None = None
     seed: int | None = None
     reduced: bool | None = None
-    diverged: int | None = None
+    diverged: NonNegativeInt | None = None
     divergence: str | None = None
     spread: float | None = None
     workload_digest: str | None = None
     state_digest: str | None = None
     start_contacts: int | None = None
     work: Work | None = None
-    nbatch_asked: int | None = None
-    usable_cores: int = 1
-    cores_had: Sequence[float] = ()
+    nbatch_asked: PositiveInt | None = None
+    usable_cores: PositiveInt = 1
+    cores_had: Sequence[PositiveFloat] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,23 +116,32 @@ class MeasurementRecord:
     agreement: str = ""
     closed_loop: bool = False
     snippet: str = ""
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int | None = None
+    nbatch: PositiveInt | None = None
+    nstep: PositiveInt | None = None
+    hold: PositiveInt | None = None
     seed: int | None = None
-    diverged: int | None = None
+    diverged: NonNegativeInt | None = None
     workload_digest: str | None = None
     state_digest: str | None = None
     work: Work | None = None
-    nbatch_asked: int | None = None
+    nbatch_asked: PositiveInt | None = None
     precision: Precision | None = None
     device: str | None = None
-    trace_s: float | None = None
-    compile_s: float | None = None
-    memory_bytes: int | None = None
-    gpu_memory_bytes: int | None = None
+    trace_s: NonNegativeFloat | None = None
+    compile_s: NonNegativeFloat | None = None
+    memory_bytes: NonNegativeInt | None = None
+    gpu_memory_bytes: NonNegativeInt | None = None
     check: AcceleratedCheck | None = None
-    samples_s: Sequence[float] = field(default=())
+    samples_s: Sequence[PositiveFloat] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Check that what was timed has its sizes.
+
+        Raises:
+          ValueError: it has not.
+        """
+        if self.samples_s and (self.nbatch is None or self.nstep is None):
+            raise ValueError("it was timed, but nbatch or nstep is missing")
 
     @property
     def is_accelerated(self) -> bool:

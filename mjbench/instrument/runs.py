@@ -9,13 +9,14 @@ import contextlib
 import hashlib
 import itertools
 import json
+import math
 import os
 import tempfile
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TextIO, TypeVar
+from typing import Annotated, Any, ClassVar, Protocol, TextIO, TypeVar
 
 import msgspec
 
@@ -27,6 +28,12 @@ from mjbench.instrument.machine import Machine
 SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
 _MULTILINE_KEYS = {"snippet"}
+
+# What numbers of a record must be; a file with others is refused.
+PositiveInt = Annotated[int, msgspec.Meta(ge=1, le=10**15)]
+NonNegativeInt = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
+PositiveFloat = Annotated[float, msgspec.Meta(gt=0, le=1e12)]
+NonNegativeFloat = Annotated[float, msgspec.Meta(ge=0, le=1e12)]
 
 _T = TypeVar("_T")
 
@@ -169,8 +176,8 @@ def _open_new(folder: Path, command: str) -> tuple[Path, TextIO]:
 
 
 def _write_line(file: TextIO, record: Record) -> None:
-    line = json.dumps({"type": record.record_type, **to_json(record)}, allow_nan=False)
-    file.write(line + "\n")
+    value = as_stored({"type": record.record_type, **to_json(record)})
+    file.write(json.dumps(value, allow_nan=False) + "\n")
     file.flush()
 
 
@@ -186,8 +193,22 @@ def _reason(error: OSError | ValueError) -> str:
 
 
 def to_json(value: Any) -> Any:
-    """Return a dataclass, or a container of them, as JSON-ready values; paths become strings."""
-    return msgspec.to_builtins(value, enc_hook=printable)
+    """Return a dataclass, or a container of them, as JSON-ready values.
+
+    Paths become strings; a number that is not finite, which JSON cannot hold, becomes None.
+    """
+    return _finite(msgspec.to_builtins(value, enc_hook=printable))
+
+
+def _finite(value: Any) -> Any:
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case list() | tuple():
+            return [_finite(item) for item in value]
+        case dict():
+            return {key: _finite(item) for key, item in value.items()}
+    return value
 
 
 def as_stored(value: Any) -> Any:

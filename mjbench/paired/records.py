@@ -6,20 +6,26 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
+import msgspec
+
+from mjbench.instrument.runs import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
+
+# No two targets differ by more than e to the power of this.
+LogRatio = Annotated[float, msgspec.Meta(ge=-50, le=50)]
 
 
 @dataclass(frozen=True)
 class Ratio:
     """Candidate over baseline, with its interval; the ends are None where there is none."""
 
-    estimate: float
-    low: float | None
-    high: float | None
+    estimate: PositiveFloat
+    low: PositiveFloat | None
+    high: PositiveFloat | None
 
 
 @dataclass(frozen=True)
@@ -55,8 +61,8 @@ class WorkPair:
 class DivergedPair:
     """Simulations that diverged, of the baseline and of the candidate."""
 
-    old: int
-    new: int
+    old: NonNegativeInt
+    new: NonNegativeInt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,11 +105,11 @@ class VerdictRow:
     work: WorkPair | None = None
     drift: float | None = None
     diverged: DivergedPair | None = None
-    nbatch: int | None = None
-    nstep: int | None = None
-    launches: int = 0
-    pairs: int = 0
-    seconds: float = 0.0
+    nbatch: PositiveInt | None = None
+    nstep: PositiveInt | None = None
+    launches: NonNegativeInt = 0
+    pairs: NonNegativeInt = 0
+    seconds: NonNegativeFloat = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +124,7 @@ class LaunchRow:
     """
 
     core: int | None
-    cores: float | None
+    cores: PositiveFloat | None
     orders: Sequence[str]
     ns: Sequence[Sequence[int]]
 
@@ -157,13 +163,13 @@ class TrialRecord:
 
     record_type: ClassVar[str] = "trial"
     model: str
-    slowdown: float
+    slowdown: NonNegativeFloat
     verdict: Verdict
-    estimate: float
-    low: float | None
-    high: float | None
-    seconds: float
-    launches: Sequence[float]
+    estimate: PositiveFloat
+    low: PositiveFloat | None
+    high: PositiveFloat | None
+    seconds: NonNegativeFloat
+    launches: Sequence[LogRatio]
 
 
 def trial_records(records: Sequence[object]) -> list[TrialRecord]:

@@ -253,3 +253,13 @@ def test_a_torn_last_line_is_noted(tmp_path: Path) -> None:
     assert not runs.load(path, TYPES).is_torn
     path.write_text(path.read_text()[:-5])
     assert runs.load(path, TYPES).is_torn
+
+
+def test_a_number_that_is_not_finite_is_stored_as_nothing(tmp_path: Path) -> None:
+    file = runs.RunFile.create(tmp_path, HEADER)
+    file.append(Sample(1, float("nan")))
+    file.append(Note("\udce9\n"))
+    file.close()
+    values = [json.loads(line) for line in file.path.read_text().splitlines()]
+    assert values[1]["seconds"] is None
+    assert values[2]["text"] == "\\udce9\\n"
