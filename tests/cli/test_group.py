@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from commands import PYTHONPATH
+from commands import PYTHONPATH, ROOT, mjbench
 
 
 def test_help_and_version_need_no_engine() -> None:
@@ -36,3 +36,10 @@ def test_without_its_optional_packages_the_command_says_what_to_install() -> Non
     assert done.returncode != 0
     assert 'pip install "mjbench[cli]"' in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_table_is_printed_in_any_encoding() -> None:
+    run = str(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl")
+    done = mjbench("show", run, env={"PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0, done.stderr
+    assert "cartpole: 64 simulations ? 200 steps" in done.stdout
