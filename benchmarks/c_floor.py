@@ -109,7 +109,7 @@ def build(folder: Path) -> Path:
     if compiler is None:
         raise MachineError("no C compiler found: install gcc or clang")
     package = Path(mujoco.__file__).parent
-    (library,) = package.glob("libmujoco.so*")
+    (library,) = (*package.glob("libmujoco.so*"), *package.glob("libmujoco*.dylib"))
     target = folder / "c_floor.so"
     command = [compiler, "-O2", "-shared", "-fPIC", f"-I{package / 'include'}"]
     command += [str(Path(__file__).with_suffix(".c")), "-o", str(target)]

@@ -1,7 +1,6 @@
 """Start the command line; without its optional packages, say in one line what to install."""
 
 import importlib.util
-import io
 import signal
 import sys
 from typing import NoReturn
@@ -16,9 +15,6 @@ def main() -> None:
     """Run `mjbench` with the process's arguments."""
     # until a command has something to save: an import that is interrupted need not be a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # a character that the output's encoding lacks must not cost the table it stands in
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="replace")
     missing = [name for name in _REQUIRED if not _is_installed(name)]
     if missing:
         _fail(f'the command line needs {", ".join(missing)}: python -m pip install "mjbench[cli]"')

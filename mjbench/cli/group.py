@@ -1,6 +1,7 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
 import contextlib
+import io
 import sys
 import tempfile
 import traceback
@@ -11,6 +12,7 @@ import click
 
 import mjbench
 from mjbench.errors import MjbenchError, one_line, printable
+from mjbench.instrument import platforms
 from mjbench.status import ExitCode
 
 
@@ -19,14 +21,27 @@ class Cli(click.Group):
 
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run the command line; what it printed has reached its destination when this ends."""
-        for stream in (sys.stdout, sys.stderr):
-            if hasattr(stream, "reconfigure"):  # an encoding such as ASCII lacks characters
-                stream.reconfigure(errors="backslashreplace")
+        # a character that the output's encoding lacks must not cost the table it stands in
+        if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+            sys.stdout.reconfigure(errors="backslashreplace")
         try:
             with _errors_reported():
                 return super().main(*arguments, **options)
         finally:
             _flush_output()
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return a command with its arguments; refuse one that does not run here, but not its help.
+
+        Raises:
+          MachineError: it does not run on this operating system.
+        """
+        name, command, rest = super().resolve_command(ctx, args)
+        if name is not None and not set(ctx.help_option_names) & set(rest):
+            platforms.check_command(name)
+        return name, command, rest
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import Advance, Output, RunContext, Storage
+from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes
+from mjbench.instrument import platforms
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
 
@@ -102,6 +104,13 @@ def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSou
     return release_names, [models.resolve(name) for name in model_names or models.shipped()]
 
 
+def warn_if_unpinned() -> None:
+    """Say that this system cannot keep processes on a core, where it cannot."""
+    problem = platforms.pinning_problem()
+    if problem:
+        report_line(problem)
+
+
 def verdict_plan(
     *,
     min_effect: float,
@@ -145,6 +154,7 @@ def compare_targets(
     from mjbench.paired import records, verdict
     from mjbench.paired.worker_pool import WorkerPool
 
+    warn_if_unpinned()
     rows: list[VerdictRow] = []
     files = [target.model.path for pair in pairs for target in pair]
     storage = Storage(output.results, plan, output.resume, records.finished)

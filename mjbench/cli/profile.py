@@ -15,7 +15,8 @@ from mjbench.errors import Failure
 def profile(names: tuple[str, ...], time_limit: float, wait: bool, json_file: str | None) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
-    Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa.
+    Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa, or on macOS
+    with CGL.
     """
     from mjbench.loop.profile import ProfileRow, measure
     from mjbench.report.documents import ProfileDocument

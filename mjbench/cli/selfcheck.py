@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from mjbench.cli import paired_options
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JUDGING, STORING, Shares, with_options
@@ -60,6 +61,7 @@ def selfcheck(
     sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     cases = [checks.Case.create(source, share) for source in sources for share in slowdowns]
     plan = VerdictPlan(min_effect, confidence, precision, time_limit)
+    paired_options.warn_if_unpinned()
     arguments = {**asdict(plan), "trials": trials, "busy": busy, "slowdowns": slowdowns}
     storage = Storage(results, arguments, resume, trial_records)
     files = [source.path for source in sources]

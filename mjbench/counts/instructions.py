@@ -23,7 +23,7 @@ from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
 from mjbench.counts.records import FunctionCount, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError
-from mjbench.instrument import child
+from mjbench.instrument import child, platforms
 from mjbench.paired import release_python
 from mjbench.paired.preparation import Sizes
 from mjbench.releases import installs
@@ -64,6 +64,8 @@ class ModelCount(InstructionsRow):
 
 def unavailable() -> str | None:
     """Return why instructions cannot be counted here, in one line, or None if they can."""
+    if not platforms.can_count_instructions():
+        return "counting instructions needs Linux, because it needs valgrind"
     if shutil.which("valgrind"):
         return None
     return "counting instructions needs valgrind: install it, such as by `apt install valgrind`"

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjbench.errors import MachineError, one_line
+from mjbench.instrument import platforms
 
 _PR_SET_PDEATHSIG = 1
 # Names of temporary directories are this, `_pid_namespace()`, the owner's process id, and a
@@ -20,11 +21,13 @@ _SCRATCH = "mjbench-"
 
 
 def die_with_parent() -> None:
-    """Have the kernel kill this process when the thread that started it ends (Linux)."""
+    """Have this process end with its parent; on Linux, with the thread that started it."""
     if sys.platform == "linux":
         import ctypes
 
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    else:
+        platforms.end_with_parent()
 
 
 @contextlib.contextmanager

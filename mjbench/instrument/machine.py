@@ -11,11 +11,14 @@ import importlib.metadata
 import math
 import os
 import platform
+import subprocess
 import sys
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from mjbench.instrument import platforms
 
 if TYPE_CHECKING:
     import mujoco
@@ -53,10 +56,7 @@ _CALIBRATION_STEPS = 5000
 
 def usable_cores(cgroup: Path = _CGROUP) -> int:
     """Return how many cores this process may use: affinity, limited by the cgroup's quota."""
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:  # macOS has no affinity
-        cores = os.cpu_count() or 1
+    cores = len(platforms.affinity()) or os.cpu_count() or 1
     quota = cgroup_quota(cgroup)
     return max(1, min(cores, math.ceil(quota))) if quota else cores
 
@@ -128,7 +128,9 @@ def data_bytes(model: "mujoco.MjModel") -> int:
 
 def peak_memory_bytes() -> int:
     """Return the most memory that this process has had, in bytes."""
-    import resource  # not on Windows
+    if sys.platform == "win32":
+        raise NotImplementedError("nothing is measured on Windows")
+    import resource
 
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak) * (1 if sys.platform == "darwin" else 1024)
@@ -181,9 +183,9 @@ def describe() -> Machine:
         usable_cores=usable_cores(),
         cgroup_quota_cores=cgroup_quota(),
         memory_bytes=psutil.virtual_memory().total,
-        load_1min=round(os.getloadavg()[0], 2),
+        load_1min=round(psutil.getloadavg()[0], 2),
         governor=_read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-        hypervisor="hypervisor" in _cpuinfo("flags").split(),
+        hypervisor=_is_virtual(),
         python=platform.python_version(),
         versions={name: version for name in _PACKAGES if (version := _version(name))},
         flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
@@ -227,7 +229,12 @@ class Calibration:
 
 
 def _cpu_name() -> str:
-    return _cpuinfo("model name") or platform.processor() or platform.machine()
+    name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
+    return name or platform.processor() or platform.machine()
+
+
+def _is_virtual() -> bool:
+    return "hypervisor" in _cpuinfo("flags").split() or _sysctl("kern.hv_vmm_present") == "1"
 
 
 def _cpuinfo(key: str) -> str:
@@ -235,6 +242,17 @@ def _cpuinfo(key: str) -> str:
         if line.startswith(key):
             return line.partition(":")[2].strip()
     return ""
+
+
+def _sysctl(name: str) -> str:
+    """Return a value that the kernel of macOS knows; empty elsewhere."""
+    if sys.platform != "darwin":
+        return ""
+    command = ["/usr/sbin/sysctl", "-n", name]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
 
 
 def _read(path: str) -> str:

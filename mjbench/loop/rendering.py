@@ -1,6 +1,7 @@
 """How long the rendering of a frame takes, by each backend, in a child process of its own."""
 
 import statistics
+import sys
 import time
 from dataclasses import dataclass
 
@@ -11,8 +12,8 @@ from mjbench.simulation.models import ModelSource
 
 # Frames that are timed, after one that sets everything up; the size of a frame, in pixels.
 FRAMES, WIDTH, HEIGHT = 20, 640, 480
-BACKENDS = ("egl", "osmesa")
-# The system package that holds each backend's library.
+BACKENDS = ("cgl",) if sys.platform == "darwin" else ("egl", "osmesa")
+# The system package that holds each backend's library; that of cgl belongs to macOS.
 _PACKAGES = {"egl": "libegl1", "osmesa": "libosmesa6"}
 
 
@@ -21,7 +22,7 @@ class FrameTime:
     """The rendering of one frame.
 
     Attributes:
-      backend: `egl` or `osmesa`.
+      backend: `egl` or `osmesa`; on macOS `cgl`.
       seconds: median of scene update and rendering; None where the backend does not work.
       detail: why it does not; empty where it does.
       width: of the frame, in pixels.
@@ -93,6 +94,6 @@ def render(request: RenderRequest, channel: Channel) -> None:
 
 def _not_available(backend: str, error: Exception) -> MachineError:
     """Return the error of a backend that does not work: why, and what to install."""
-    return MachineError(
-        f"{type(error).__name__}: {one_line(error)}; it needs the system's {_PACKAGES[backend]}"
-    )
+    package = _PACKAGES.get(backend)
+    advice = f"; it needs the system's {package}" if package else ""
+    return MachineError(f"{type(error).__name__}: {one_line(error)}{advice}")

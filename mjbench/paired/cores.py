@@ -1,13 +1,14 @@
 """Which core a launch runs on, and how processes are kept on it."""
 
 import contextlib
-import os
 import random
 import time
 from collections.abc import Collection, Iterable, Iterator
 
+from mjbench.instrument import platforms
+
 # The cores that this process may use; read before it pins itself to one of them.
-USABLE = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+USABLE = platforms.affinity()
 # Cores that `freest_core` looks at, at most.
 _MAX_TRIED = 8
 # Shares of the time that differ by less are equal.
@@ -24,9 +25,9 @@ def freest_core(probe_s: float = 0.01) -> int | None:
     Args:
       probe_s: seconds of the busy loop on each core.
     """
-    if not hasattr(os, "sched_setaffinity"):
+    allowed = sorted(platforms.affinity())
+    if not allowed:
         return None
-    allowed = sorted(os.sched_getaffinity(0))
     shares: dict[int, float] = {}
     for core in random.sample(allowed, min(len(allowed), _MAX_TRIED)):
         with pinned(core):
@@ -44,18 +45,16 @@ def pinned(core: int | None) -> Iterator[None]:
     if core is None:
         yield
         return
-    allowed = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, [core])
+    allowed = platforms.affinity()
+    platforms.set_affinity(0, [core])
     try:
         yield
     finally:
-        os.sched_setaffinity(0, allowed)
+        platforms.set_affinity(0, allowed)
 
 
 def confine(pids: Iterable[int], cores: Collection[int]) -> None:
     """Have processes run on these cores only, where the system can."""
-    if not hasattr(os, "sched_setaffinity"):
-        return
     for pid in pids:
         with contextlib.suppress(OSError):  # it may have ended; its next answer will say so
-            os.sched_setaffinity(pid, cores)
+            platforms.set_affinity(pid, cores)

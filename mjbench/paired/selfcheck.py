@@ -5,7 +5,6 @@ the simulations twice. Whatever a verdict says beyond that is an error of the in
 """
 
 import contextlib
-import os
 import subprocess
 import sys
 from collections import Counter
@@ -16,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import child
+from mjbench.instrument import child, platforms
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
@@ -169,11 +168,12 @@ def busy_neighbour_core() -> Iterator[None]:
     """Keep the last of this process's cores busy while the block runs.
 
     Raises:
-      InputError: this system cannot choose the core of a process.
+      MachineError: this system cannot keep a process on one core.
     """
-    if not hasattr(os, "sched_getaffinity"):
-        raise InputError("--busy cannot work here: this system cannot choose a process's core")
-    core = max(os.sched_getaffinity(0))
+    allowed = platforms.affinity()
+    if not allowed:
+        raise MachineError("--busy cannot work here: this system cannot keep a process on one core")
+    core = max(allowed)
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
     spinner = subprocess.Popen([sys.executable, "-c", code], preexec_fn=child.die_with_parent)
     try:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mjbench.errors import InputError, MachineError, failure_of, one_line
-from mjbench.instrument import child
+from mjbench.instrument import child, platforms
 from mjbench.paired import requests
 from mjbench.paired.requests import BLOCK, NANOSECONDS, Done, Request
 
@@ -175,8 +175,8 @@ class Worker:
         from mjbench import paths
         from mjbench.simulation.workload import Workload
 
-        if request.cores and hasattr(os, "sched_setaffinity"):
-            os.sched_setaffinity(0, request.cores)
+        if request.cores:
+            platforms.set_affinity(0, request.cores)
         self.padding += _scattered()
         model = copy.copy(self.model)
         workload, previous, rows = self.workload, self.resources, list(request.simulations)

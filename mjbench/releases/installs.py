@@ -8,10 +8,10 @@ each install stops two processes from building it at once, and from removing it 
 
 import contextlib
 import enum
-import fcntl
 import functools
 import hashlib
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -26,6 +26,7 @@ from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import InputError, MachineError, one_line
+from mjbench.instrument import platforms
 from mjbench.releases import install_check
 
 # Names the release of the environment that mjbench runs in.
@@ -57,7 +58,7 @@ class ReleaseSpec:
         for wheel in self.wheels:
             content.update(wheel.read_bytes())
         local = f"+{content.hexdigest()}" if self.wheels else ""
-        python = f"{sys.implementation.cache_tag}-{os.uname().machine}"
+        python = f"{sys.implementation.cache_tag}-{platform.machine()}"
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
 
 
@@ -226,13 +227,13 @@ def _is_complete(folder: Path) -> bool:
 
 
 class _Lock(enum.Enum):
-    """How an install is locked; the values are those of flock."""
+    """How an install is locked."""
 
-    SHARED = fcntl.LOCK_SH
+    SHARED = "shared"
     """Held by every process that uses the install."""
-    EXCLUSIVE = fcntl.LOCK_EX
+    EXCLUSIVE = "exclusive"
     """Held by the process that makes it."""
-    EXCLUSIVE_OR_FAIL = fcntl.LOCK_EX | fcntl.LOCK_NB
+    EXCLUSIVE_OR_FAIL = "exclusive or fail"
     """Held by the process that removes it; not waited for."""
 
 
@@ -255,7 +256,11 @@ def _locked(name: str, lock: _Lock) -> Iterator[None]:
         ) from error
     try:
         try:
-            fcntl.flock(descriptor, lock.value)
+            platforms.lock_file(
+                descriptor,
+                shared=lock is _Lock.SHARED,
+                wait=lock is not _Lock.EXCLUSIVE_OR_FAIL,
+            )
         except BlockingIOError:
             raise MachineError(f"{name} is in use by another process") from None
         yield

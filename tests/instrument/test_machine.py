@@ -1,3 +1,4 @@
+import subprocess
 import sys
 from pathlib import Path
 
@@ -50,6 +51,20 @@ def test_the_description_says_what_ran_where() -> None:
     assert description.usable_cores >= 1
     assert description.versions["numpy"]
     assert 0 < machine.available_memory_bytes() <= description.memory_bytes
+
+
+def test_on_macos_the_processor_is_what_its_kernel_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = {"machdep.cpu.brand_string": "Apple M4", "kern.hv_vmm_present": "1"}
+
+    def sysctl(command: list[str], **options: object) -> "subprocess.CompletedProcess[str]":
+        return subprocess.CompletedProcess(command, 0, stdout=f"{values[command[-1]]}\n")
+
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(machine, "_cpuinfo", lambda key: "")
+    monkeypatch.setattr(subprocess, "run", sysctl)
+    description = machine.describe()
+    assert description.cpu == "Apple M4"
+    assert description.hypervisor
 
 
 @pytest.mark.parametrize("has_psutil", [True, False])

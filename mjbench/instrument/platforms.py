@@ -1,0 +1,106 @@
+"""What this operating system can do, and which commands run on it.
+
+Linux can do everything. macOS cannot keep a process on a core, and its kernel does not end a child
+with its parent. On Windows only commands that start no process run.
+
+Every process imports this module, so it needs only the standard library.
+"""
+
+import os
+import sys
+from collections.abc import Iterable
+
+from mjbench.errors import MachineError
+
+# The commands that start no process, and so run on Windows.
+RUN_ON_WINDOWS = ("lint", "show", "diff", "paths", "falls")
+# How often a process looks for its parent where the kernel does not end it, in seconds. This takes
+# some microseconds, beside a timed block or in it.
+_PARENT_CHECK_S = 1.0
+
+
+def check_command(command: str) -> None:
+    """Refuse a command that does not run on this operating system.
+
+    Raises:
+      MachineError: it does not.
+    """
+    if sys.platform == "win32" and command not in RUN_ON_WINDOWS:
+        *others, last = RUN_ON_WINDOWS
+        raise MachineError(
+            f"`mjbench {command}` does not run on Windows; use WSL2."
+            f" {', '.join(others)} and {last} do"
+        )
+
+
+def affinity() -> set[int]:
+    """Return the cores that this process may run on; none where the system has no affinity."""
+    if sys.platform == "linux":
+        return os.sched_getaffinity(0)
+    return set()
+
+
+def set_affinity(pid: int, cores: Iterable[int]) -> None:
+    """Keep a process on some cores, where the system can.
+
+    Args:
+      pid: of the process; 0 for this one.
+      cores: by number.
+    """
+    if sys.platform == "linux":
+        os.sched_setaffinity(pid, cores)
+
+
+def pinning_problem() -> str | None:
+    """Return what it means that processes cannot be kept on a core; None where they can."""
+    if sys.platform == "linux":
+        return None
+    return (
+        "this system cannot keep a process on one core:"
+        " times spread more than on Linux, and verdicts take longer"
+    )
+
+
+def can_count_instructions() -> bool:
+    """Return whether instructions are counted on this system, if valgrind is installed."""
+    return sys.platform == "linux"
+
+
+def end_with_parent() -> None:
+    """End this process soon after its parent, where the kernel cannot: a thread looks for it.
+
+    A process in which other code keeps Python's threads from running ends when that code does.
+    """
+    if sys.platform != "win32":
+        import threading
+
+        threading.Thread(target=_exit_after, args=(os.getppid(),), daemon=True).start()
+
+
+def _exit_after(parent: int) -> None:
+    """Wait until `parent` is no longer the parent of this process, then exit."""
+    import time
+
+    # the parent of an orphan is process 1
+    while os.getppid() == parent != 1:
+        time.sleep(_PARENT_CHECK_S)
+    os._exit(1)
+
+
+def lock_file(descriptor: int, *, shared: bool, wait: bool) -> None:
+    """Lock an open file by flock; the kernel frees the lock when the process ends.
+
+    Args:
+      descriptor: of the file.
+      shared: whether several processes may hold the lock.
+      wait: whether to wait for the lock.
+
+    Raises:
+      BlockingIOError: another process holds the lock, and `wait` is false.
+    """
+    if sys.platform == "win32":
+        raise NotImplementedError("no command that installs a release runs on Windows")
+    import fcntl
+
+    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+    fcntl.flock(descriptor, kind if wait else kind | fcntl.LOCK_NB)

@@ -1,0 +1,64 @@
+"""What systems other than Linux can do; `test_other_platforms.py` runs the commands on them."""
+
+import os
+import select
+import subprocess
+import sys
+
+import other_platforms
+import pytest
+
+from mjbench.errors import MachineError
+from mjbench.instrument import platforms
+
+
+@pytest.mark.parametrize("system", ["linux", "darwin"])
+def test_every_command_runs_but_on_windows(monkeypatch: pytest.MonkeyPatch, system: str) -> None:
+    monkeypatch.setattr(sys, "platform", system)
+    platforms.check_command("compare")
+    monkeypatch.setattr(sys, "platform", "win32")
+    platforms.check_command("lint")
+    with pytest.raises(MachineError, match="`mjbench compare` does not run on Windows; use WSL2"):
+        platforms.check_command("compare")
+
+
+def test_a_system_without_affinity_leaves_processes_where_they_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.delattr(os, "sched_setaffinity", raising=False)
+    assert platforms.affinity() == set()
+    platforms.set_affinity(0, [0])
+    assert "one core" in str(platforms.pinning_problem())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a pidfd tells that a process has ended")
+def test_where_the_kernel_does_not_end_a_child_it_ends_soon_after_its_parent() -> None:
+    """The grandchild waits for a pipe that this test holds open, so only the thread ends it."""
+    grandchild = (
+        "import os, sys\n"
+        "from mjbench.instrument import child\n"
+        "child.die_with_parent()\n"
+        "print(os.getpid(), flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", f"import subprocess, sys\n"
+         f"subprocess.run([sys.executable, '-c', {grandchild!r}])"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=other_platforms.environment("darwin"),
+    )  # fmt: skip
+    assert parent.stdout is not None
+    process = os.pidfd_open(int(parent.stdout.readline()))
+    assert select.select([process], [], [], 0)[0] == []
+    parent.kill()
+    parent.wait()
+    ready, _, _ = select.select([process], [], [], 60.0)  # the wait is only for a test that fails
+    os.close(process)
+    parent.stdout.close()
+    assert parent.stdin is not None
+    parent.stdin.close()
+    assert ready
