@@ -23,6 +23,7 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import MachineError
+from mjbench.status import Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -149,6 +150,7 @@ def _compare(
         options.results, arguments, options.resume, lambda records: finished(records, nvariant)
     )
     results: list[PathResult] = []
+    statuses: list[Status] = []
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
@@ -167,6 +169,7 @@ def _compare(
                 model_results = derive(records.model, records.measurements)
                 report.print_model(run.out, model_results)
                 results += model_results.results
+                statuses += [records.model.status, *(r.status for r in model_results.results)]
                 if records.interrupted:
                     run.interrupt()
                 if records.interrupted or failure:
@@ -175,4 +178,4 @@ def _compare(
         run.write(CompareDocument.of(run.machine, results))
     if failure:
         raise failure
-    run.exit(result.status for result in results)
+    run.exit(statuses)

@@ -6,7 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from commands import mjbench
+from example_records import measurement, model_record
+
+from mjbench.cli import cli
+from mjbench.comparison import compare as comparison
+from mjbench.comparison.compare import ModelRecords
+from mjbench.status import Status
 
 # Small enough to be quick; what is tested is what the command says, not how fast it is.
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
@@ -178,3 +185,15 @@ def test_some_diverging_simulations_are_left_out_and_counted(tmp_path: Path) -> 
     assert result["nbatch"] == 64 - result["diverged"]
     assert "diverged and are left out" in done.stdout
     assert all(r["agrees"] for r in document["results"] if r["status"] == "ok")
+
+
+def test_a_model_that_fails_after_its_first_rounds_is_not_green(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    records = ModelRecords(
+        model_record(status=Status.FAILED, detail="it failed"), (measurement(samples_s=[0.1]),)
+    )
+    monkeypatch.setattr(comparison, "compare_model", lambda *arguments: records)
+    done = CliRunner().invoke(cli, ["compare", "cartpole", "--results", str(tmp_path)])
+    assert done.exit_code == 3
+    assert "it failed" in done.stdout

@@ -42,4 +42,4 @@ def test_a_table_is_printed_in_any_encoding() -> None:
     run = str(ROOT / "results/runs/reference-mujoco-4.0.0.jsonl")
     done = mjbench("show", run, env={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
-    assert "cartpole: 64 simulations ? 200 steps" in done.stdout
+    assert "cartpole: 64 simulations \\xd7 200 steps" in done.stdout
