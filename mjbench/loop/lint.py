@@ -3,16 +3,17 @@
 The rules are in lint_rules.py; stepping_script.py knows the script that they look at.
 """
 
-import ast
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError
 from mjbench.loop.lint_rules import RULES
+from mjbench.loop.python_source import Program, read_program
+from mjbench.loop.script_files import UncheckedFile
 from mjbench.loop.stepping_script import SteppingScript
 
 
@@ -22,11 +23,12 @@ class Finding:
 
     Attributes:
       file: its name, as given.
-      line: from 1.
-      col: from 1.
+      line: from 1; of the cell, in a notebook.
+      col: from 1, in characters.
       code: of the rule.
       message: of the rule.
       ns_per_step: about what it costs in each step; None where the rule is not about time.
+      cell: of a notebook, from 1; None in a Python file.
     """
 
     file: str
@@ -35,51 +37,33 @@ class Finding:
     code: str
     message: str
     ns_per_step: float | None
+    cell: int | None
 
 
 def check(file: str) -> list[Finding]:
-    """Return the findings of a Python file, in the order of its lines.
+    """Return the findings of a Python file or a notebook, in the order of its lines.
 
     Raises:
-      InputError: it cannot be read, or is not Python.
+      InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
     try:
-        text = Path(file).read_text(encoding="utf-8")
-        tree = ast.parse(text)
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"{file}: {one_line(error)}") from error
-    script = SteppingScript(tree)
-    lines = re.split(r"\r\n|\r|\n", text)  # as ast counts them
-    findings = {}  # by place and rule: nested loops match the same node twice
-    for rule in RULES:
-        for match in rule.matches(script):
-            place = (match.node.lineno, match.node.col_offset + 1)
-            findings[*place, rule.code] = Finding(
-                file, *place, rule.code, rule.message, costs_ns().get(match.habit)
-            )
-    return [
-        finding
-        for _, finding in sorted(findings.items())
-        if not _is_suppressed(lines[finding.line - 1], finding.code)
-    ]
+        return _findings(file, read_program(file))
+    except (RecursionError, MemoryError) as error:
+        raise InputError(
+            f"{file}: nested too deeply, or too large, for Python's parser or for lint"
+        ) from error
 
 
-def python_files(names: Sequence[str]) -> list[str]:
-    """Return the files that are named, and all Python files below the folders that are.
-
-    Raises:
-      InputError: no such file.
-    """
-    files = []
-    for name in names:
-        path = Path(name)
-        if path.is_dir():
-            files += sorted(str(p) for p in path.rglob("*.py"))
-        elif path.is_file():
-            files.append(name)
-        else:
-            raise InputError(f"no such file: {name}")
-    return files
+def check_all(files: Iterable[str | UncheckedFile]) -> Iterator[Finding | UncheckedFile]:
+    """Yield the findings of all files in turn; in place of those of a file, why it has none."""
+    for file in files:
+        if isinstance(file, UncheckedFile):
+            yield file
+            continue
+        try:
+            yield from check(file)
+        except InputError as error:
+            yield UncheckedFile.of(file, error)
 
 
 @cache
@@ -94,6 +78,27 @@ def costs_ns() -> dict[str, float]:
         return {}
     (row,) = json.loads(stored.read_text(encoding="utf-8"))["results"]
     return {cost["source"]: cost["ns"] for cost in row["costs"]}
+
+
+def _findings(file: str, program: Program) -> list[Finding]:
+    script = SteppingScript(program.tree)
+    findings = {}  # by place and rule: nested loops match the same node twice
+    for rule in RULES:
+        for match in rule.matches(script):
+            line = program.line_of(match.node)
+            if _is_suppressed(line.text, rule.code):
+                continue
+            place = (match.node.lineno, match.node.col_offset, rule.code)
+            findings[place] = Finding(
+                file=file,
+                line=line.number,
+                col=line.column(match.node.col_offset),
+                code=rule.code,
+                message=rule.message,
+                ns_per_step=costs_ns().get(match.habit),
+                cell=line.cell,
+            )
+    return [finding for _, finding in sorted(findings.items())]
 
 
 def _is_suppressed(line: str, code: str) -> bool:

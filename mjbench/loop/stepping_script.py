@@ -16,6 +16,7 @@ _ACCESSORS = {"actuator", "body", "camera", "geom", "joint", "light", "sensor", 
 _VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
 _STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
 _NUMPY = {"np", "numpy", "onp"}
+_FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
 _FIELDS = re.compile(
     r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
@@ -54,16 +55,18 @@ class SteppingScript:
     """
 
     def __init__(self, tree: ast.Module):
-        self._tree = tree
         self._parents = {
             child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
         }
         self._stepping_functions = {
             node.name
             for node in ast.walk(tree)
-            if isinstance(node, ast.FunctionDef) and any(_is_step(n) for n in ast.walk(node))
+            if isinstance(node, _FUNCTIONS) and any(_is_step(n) for n in ast.walk(node))
         }
         self._data_names = _data_names(tree)
+        self._container_names = {
+            _dotted(target) for target, value in _assignments(tree) if _creates_container(value)
+        } - {""}
         steps = (node for node in ast.walk(tree) if _is_step(node))
         # the innermost loop around each call of mj_step
         self._step_loops = {next(self._loops_around(node), None) for node in steps}
@@ -202,11 +205,7 @@ class SteppingScript:
 
     def _is_container_name(self, node: ast.AST) -> bool:
         """Return whether a name was assigned a list or a dict; an array copies what is put in."""
-        name = _dotted(node)
-        return bool(name) and any(
-            _dotted(target) == name and _creates_container(value)
-            for target, value in _assignments(self._tree)
-        )
+        return _dotted(node) in self._container_names
 
     def _loops_around(self, node: ast.AST) -> Iterator[ast.AST]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
@@ -225,12 +224,11 @@ def last_name(function: ast.AST) -> str:
 
 def _dotted(node: ast.AST) -> str:
     """Return a dotted name, such as `self.env.data`; empty for any other expression."""
-    if isinstance(node, ast.Name):
-        return node.id
-    if isinstance(node, ast.Attribute):
-        value = _dotted(node.value)
-        return f"{value}.{node.attr}" if value else ""
-    return ""
+    attributes: list[str] = []
+    while isinstance(node, ast.Attribute):
+        attributes.insert(0, node.attr)
+        node = node.value
+    return ".".join([node.id, *attributes]) if isinstance(node, ast.Name) else ""
 
 
 def _is_step(node: ast.AST) -> bool:
@@ -268,7 +266,7 @@ def _nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     waiting = list(ast.iter_child_nodes(node))
     while waiting:
         child = waiting.pop()
-        if isinstance(child, ast.FunctionDef | ast.Lambda | ast.ClassDef):
+        if isinstance(child, _FUNCTIONS | ast.Lambda | ast.ClassDef):
             continue
         if isinstance(child, ast.expr | ast.stmt):
             inside.append(child)
@@ -289,8 +287,8 @@ def _index_gives_view(node: ast.Subscript) -> bool:
 
 def _creates_container(node: ast.AST) -> bool:
     """Return whether an expression creates a list or a dict."""
-    if isinstance(node, ast.BinOp):  # [None] * n
-        return _creates_container(node.left)
+    while isinstance(node, ast.BinOp):  # [None] * n
+        node = node.left
     if isinstance(node, ast.Call):
         return last_name(node.func) in ("list", "dict", "defaultdict", "deque")
     return isinstance(node, ast.List | ast.Dict | ast.ListComp | ast.DictComp)

@@ -1,0 +1,157 @@
+"""The Python of a Jupyter notebook: its code cells, without the commands of IPython.
+
+Cells that begin with a magic such as `%%bash` hold no Python. In the others, `pass` replaces lines
+such as `%env` or `!pip`, so that every other line keeps its number and its column.
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+
+# Cell magics below whose line there is Python.
+_PYTHON_MAGICS = {"capture", "debug", "prun", "python", "python3", "time", "timeit"}
+# At the beginning of a statement: `%env`, `!pip`, `?name`, the rarer `/`, `,` and `;`, `a = !ls`
+# and `name?`. None of them is Python there.
+_COMMAND = re.compile(
+    r"[ \t]*(?P<command>[%!?/,;]|\w[\w.,'\"\[\] \t]*=[ \t]*[%!]|[%\w.*]+\?{1,2}[ \t]*$)"
+    r"(?:.*\\\n)*.*",
+    re.MULTILINE,
+)
+# What decides where a statement ends: strings, comments, brackets, line breaks.
+_TOKEN = re.compile(
+    r"(?s:(?P<quotes>'''|\"\"\")(?:\\.|.)*?(?:(?P=quotes)|\Z))"
+    r"|'(?:\\(?s:.)|[^'\\\n])*'|\"(?:\\(?s:.)|[^\"\\\n])*\""
+    r"|#.*|\\\n|(?P<open>[(\[{])|(?P<close>[)\]}])|(?P<end>\n)"
+)
+_NEWLINE = re.compile(r"\r\n?")
+
+
+@dataclass(frozen=True)
+class CodeCell:
+    """A code cell.
+
+    Attributes:
+      number: of the cell in its notebook, from 1; cells of text count.
+      text: as it is stored.
+      python: the same lines without the commands of IPython.
+    """
+
+    number: int
+    text: str
+    python: str
+
+
+@dataclass(frozen=True)
+class _Cell:
+    cell_type: str
+    source: str | list[str] = ""
+    input: str | list[str] = ""  # what version 3 of the format calls the source
+
+
+@dataclass(frozen=True)
+class _Worksheet:
+    cells: list[_Cell]
+
+
+@dataclass(frozen=True)
+class _KernelSpec:
+    language: str = ""
+
+
+@dataclass(frozen=True)
+class _LanguageInfo:
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    kernelspec: _KernelSpec = _KernelSpec()
+    language_info: _LanguageInfo = _LanguageInfo()
+
+
+@dataclass(frozen=True)
+class _Notebook:
+    cells: list[_Cell] | None = None
+    worksheets: list[_Worksheet] | None = None  # version 3 of the format
+    metadata: _Metadata = _Metadata()
+
+
+def code_cells(data: bytes) -> list[CodeCell]:
+    """Return the code cells of a notebook file, in its order.
+
+    Raises:
+      ValueError: not a notebook, or one of another language.
+    """
+    notebook = _notebook(data)
+    language = notebook.metadata.kernelspec.language or notebook.metadata.language_info.name
+    if language and "python" not in language.lower():
+        raise ValueError(f"a notebook of {language}, not of Python")
+    cells = []
+    for number, cell in enumerate(_all_cells(notebook), 1):
+        if cell.cell_type == "code":
+            source = cell.source or cell.input
+            text = _NEWLINE.sub("\n", source if isinstance(source, str) else "".join(source))
+            cells.append(CodeCell(number, text, _python(text)))
+    return cells
+
+
+def _notebook(data: bytes) -> _Notebook:
+    try:
+        return msgspec.convert(json.loads(data), _Notebook)
+    except UnicodeDecodeError as error:
+        raise ValueError("not a Jupyter notebook: not UTF-8 text") from error
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not a Jupyter notebook: not JSON ({error})") from error
+    except msgspec.ValidationError as error:
+        raise ValueError(f"not a Jupyter notebook: {error}") from error
+
+
+def _all_cells(notebook: _Notebook) -> Sequence[_Cell]:
+    if notebook.cells is not None:
+        return notebook.cells
+    if notebook.worksheets is not None:
+        return [cell for worksheet in notebook.worksheets for cell in worksheet.cells]
+    raise ValueError("not a Jupyter notebook: it has no cells")
+
+
+def _python(text: str) -> str:
+    """Return the lines of a cell, those that are not Python empty or replaced by `pass`."""
+    magic = re.match(r"(?P<above>\s*)%%(?P<name>\S*).*", text)
+    if magic is None:
+        return _without_commands(text)
+    if magic["name"] not in _PYTHON_MAGICS:
+        return ""
+    return magic["above"] + _without_commands(text[magic.end() :])
+
+
+def _without_commands(text: str) -> str:
+    """Return a cell with `pass` for each command of IPython that stands as a statement."""
+    parts = []
+    start = 0  # of the line at which a statement begins
+    while start < len(text):
+        command = _COMMAND.match(text, start)
+        if command is None:
+            end = _statement_end(text, start)
+            parts.append(text[start:end])
+        else:
+            end = min(command.end() + 1, len(text))
+            indent = text[start : command.start("command")]
+            parts.append(f"{indent}pass" + "\n" * text.count("\n", start, end))
+        start = end
+    return "".join(parts)
+
+
+def _statement_end(text: str, start: int) -> int:
+    """Return where the next statement begins, after the line break that ends the one at `start`."""
+    depth = 0  # of brackets
+    for token in _TOKEN.finditer(text, start):
+        if token["open"]:
+            depth += 1
+        elif token["close"]:
+            depth = max(depth - 1, 0)
+        elif token["end"] and depth == 0:
+            return token.end()
+    return len(text)

@@ -1,0 +1,72 @@
+"""The files that names and folders stand for."""
+
+import os
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.errors import InputError
+from mjbench.loop.python_source import NOTEBOOK_SUFFIX
+
+_SUFFIXES = (".py", NOTEBOOK_SUFFIX)
+_CHECKPOINTS = ".ipynb_checkpoints"  # copies that Jupyter saves
+
+
+@dataclass(frozen=True)
+class UncheckedFile:
+    """A file or a folder that could not be checked.
+
+    Attributes:
+      file: its name, as given.
+      detail: why, in one line.
+    """
+
+    file: str
+    detail: str
+
+    @classmethod
+    def of(cls, file: str, error: InputError) -> "UncheckedFile":
+        """Return a file with the error that names it."""
+        return cls(file, str(error).removeprefix(f"{file}: "))
+
+
+def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
+    """Return the files that are named, and all Python files and notebooks below the folders.
+
+    Links to folders are not followed. A folder that cannot be listed, or has no such file, stands
+    in the list itself.
+    """
+    files: list[str | UncheckedFile] = []
+    for name in names:
+        files += _files_below(name) if stat.S_ISDIR(_mode(name)) else [name]
+    return files
+
+
+def regular_files(files: Sequence[str | UncheckedFile]) -> list[Path]:
+    """Return those that exist and are neither a folder, a pipe nor a device."""
+    return [Path(f) for f in files if isinstance(f, str) and stat.S_ISREG(_mode(f))]
+
+
+def _mode(name: str) -> int:
+    """Return the mode of what a name stands for; 0 where it cannot be known."""
+    try:
+        return Path(name).stat().st_mode if name else 0
+    except (OSError, ValueError):  # who reads the file will say so
+        return 0
+
+
+def _files_below(folder: str) -> list[str | UncheckedFile]:
+    entries: dict[str, str | UncheckedFile] = {}
+
+    def refuse(error: OSError) -> None:
+        name = str(Path(error.filename or folder))
+        entries[name] = UncheckedFile(name, f"cannot be listed: {error.strerror}")
+
+    for parent, subfolders, names in os.walk(folder, onerror=refuse):
+        subfolders[:] = [name for name in subfolders if name != _CHECKPOINTS]
+        files = [str(Path(parent, name)) for name in names if name.endswith(_SUFFIXES)]
+        entries.update(zip(files, files, strict=True))
+    if not entries:
+        return [UncheckedFile(folder, "no Python file or notebook in this folder")]
+    return [entry for _, entry in sorted(entries.items())]
