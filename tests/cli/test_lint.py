@@ -1,9 +1,15 @@
 """`mjbench lint` as a user types it."""
 
 import json
+import os
 from pathlib import Path
 
-from commands import mjbench
+import jsonschema
+import pytest
+from click.testing import CliRunner, Result
+from commands import ROOT, mjbench
+
+from mjbench.cli import cli
 
 LOOP = """
 import mujoco
@@ -14,29 +20,105 @@ for i in range(100):
     mujoco.mj_step(model, data)
     log.append({value})
 """
+BAD, GOOD = LOOP.format(value="data.qpos"), LOOP.format(value="data.qpos.copy()")
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def lint(*words: str) -> Result:
+    return CliRunner().invoke(cli, ["lint", *words])
 
 
 def test_it_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
-    (tmp_path / "bad.py").write_text(LOOP.format(value="data.qpos"))
+    (tmp_path / "bad.py").write_text(BAD)
     done = mjbench("lint", "bad.py", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout.startswith("bad.py:8:16 MJB001 a view is stored")
     (finding,) = json.loads((tmp_path / "out.json").read_text())["findings"]
-    assert set(finding) == {"file", "line", "col", "code", "message", "ns_per_step"}
+    assert set(finding) == {"file", "line", "col", "code", "message", "ns_per_step", "cell"}
 
 
-def test_a_clean_folder_exits_0_and_a_missing_file_is_bad_input(tmp_path: Path) -> None:
-    (tmp_path / "good.py").write_text(LOOP.format(value="data.qpos.copy()"))
-    assert mjbench("lint", ".", cwd=tmp_path).returncode == 0
-    done = mjbench("lint", "missing.py", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "no such file" in done.stderr
+def test_a_notebook_is_checked_like_a_file(tmp_path: Path) -> None:
+    cells = [{"cell_type": "markdown", "source": "text"}, {"cell_type": "code", "source": BAD}]
+    (tmp_path / "run.ipynb").write_text(json.dumps({"cells": cells}))
+    done = lint(".")
+    assert done.exit_code == 1
+    assert done.stdout.startswith("run.ipynb:cell 2:8:16 MJB001 a view is stored")
 
 
-def test_a_file_that_is_not_python_is_reported_after_the_findings_of_others(tmp_path: Path) -> None:
-    (tmp_path / "bad.py").write_text(LOOP.format(value="data.qpos"))
+def test_a_clean_folder_exits_0(tmp_path: Path) -> None:
+    (tmp_path / "good.py").write_text(GOOD)
+    done = lint(".")
+    assert (done.exit_code, done.output) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("missing.py", "no such file"),
+        ("empty", "no Python file or notebook in this folder"),
+        ("broken.py", "line 1: invalid syntax"),
+        ("broken.ipynb", "not a Jupyter notebook: not JSON"),
+        ("pipe.py", "not a regular file"),
+        ("/dev/zero", "not a regular file"),
+        ("loop.py", "cannot be read: Too many levels of symbolic links"),
+    ],
+)
+def test_what_cannot_be_checked_is_one_line_and_exit_code_2(
+    tmp_path: Path, name: str, reason: str
+) -> None:
+    (tmp_path / "good.py").write_text(GOOD)
+    (tmp_path / "empty").mkdir()
     (tmp_path / "broken.py").write_text("def (")
-    done = mjbench("lint", ".", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "MJB001" in done.stdout
-    assert "broken.py" in done.stderr
+    (tmp_path / "broken.ipynb").write_text("{")
+    os.mkfifo(tmp_path / "pipe.py")
+    (tmp_path / "loop.py").symlink_to("loop.py")
+    done = lint("good.py", name, "--json", "out.json")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"mjbench: {name}: {reason}")
+    assert done.stderr.count("\n") == 1
+    document = json.loads((tmp_path / "out.json").read_text())
+    (unchecked,) = document["unchecked"]
+    assert unchecked["file"] == name
+    assert unchecked["detail"].startswith(reason)
+    jsonschema.validate(document, json.loads((ROOT / "mjbench/schemas/lint.json").read_text()))
+
+
+def test_findings_of_others_are_kept_and_decide_the_exit_code(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD)
+    (tmp_path / "broken.py").write_text("-" * 100_000)
+    (tmp_path / "c.py").write_text(BAD)
+    done = lint(".", "missing.py", "--json", "out.json")
+    assert done.exit_code == 1
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["a.py", "c.py"]
+    assert [line.split(": ")[1] for line in done.stderr.splitlines()] == ["broken.py", "missing.py"]
+    document = json.loads((tmp_path / "out.json").read_text())
+    assert len(document["findings"]) == len(document["unchecked"]) == 2
+
+
+@pytest.mark.parametrize(("text", "code"), [(BAD, 1), (GOOD, 0), ("def (", 2)])
+def test_a_name_that_is_not_utf8_is_printed_escaped_and_stored(
+    tmp_path: Path, text: str, code: int
+) -> None:
+    name = os.fsdecode(b"a\xff\n\x1b[31m.py")
+    (tmp_path / name).write_text(text)
+    done = mjbench("lint", ".", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == code
+    printed = done.stdout + done.stderr
+    assert printed.count("\n") == len(printed.splitlines()) == bool(code)
+    assert not code or r"a\udcff\n\x1b[31m.py:" in printed
+    document = json.loads((tmp_path / "out.json").read_text())
+    assert [row["file"] for key in ("findings", "unchecked") for row in document[key]] == (
+        [name] if code else []
+    )
+
+
+def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD)
+    done = lint("a.py", "missing.py", "--json", "-")
+    assert done.exit_code == 1
+    assert set(json.loads(done.stdout)) == {"schema", "findings", "unchecked"}
+    assert done.stderr.count("\n") == 2

@@ -1,5 +1,6 @@
 """What lint finds in a script, and what it must leave alone."""
 
+import json
 import subprocess
 import sys
 import textwrap
@@ -11,6 +12,7 @@ from commands import ROOT
 from mjbench.errors import InputError
 from mjbench.loop import habits, lint
 from mjbench.loop.lint_rules import ALLOCATION_HABITS, NAMED_ACCESS_HABIT, RULES
+from mjbench.loop.script_files import UncheckedFile
 
 LOOP = """
 import mujoco
@@ -207,12 +209,95 @@ def test_codes_are_unique() -> None:
     assert len({rule.code for rule in RULES}) == len(RULES)
 
 
-def test_named_files_and_the_python_files_below_folders_are_checked(tmp_path: Path) -> None:
-    (tmp_path / "sub").mkdir()
-    for name in ("b.py", "sub/a.py", "notes.txt"):
-        (tmp_path / name).touch()
-    named = str(tmp_path / "notes.txt")
-    files = lint.python_files([named, str(tmp_path)])
-    assert files == [named, str(tmp_path / "b.py"), str(tmp_path / "sub" / "a.py")]
-    with pytest.raises(InputError, match="no such file"):
-        lint.python_files([str(tmp_path / "missing.py")])
+def test_findings_in_a_notebook_name_the_cell_and_its_line(tmp_path: Path) -> None:
+    setup = "# a comment\nimport mujoco\ndata = mujoco.MjData(model)\nlog = []"
+    loop = "%%time\nfor i in range(9):\n    mujoco.mj_step(model, data)\n    log.append({})\n"
+    silenced = loop.format("data.qpos)  # noqa: MJB001 ")
+    sources = [setup, "text", loop.format("data.qpos"), silenced]
+    kinds = ["code", "markdown", "code", "code"]
+    cells = [{"cell_type": k, "source": s} for k, s in zip(kinds, sources, strict=True)]
+    file = tmp_path / "run.ipynb"
+    file.write_text(json.dumps({"cells": cells}))
+    (finding,) = lint.check(str(file))
+    assert (finding.cell, finding.line, finding.col, finding.code) == (3, 4, 16, "MJB001")
+
+
+def test_a_cell_that_is_not_python_is_named(tmp_path: Path) -> None:
+    cells = [{"cell_type": "code", "source": source} for source in ("x = 1\n", "y = (\n")]
+    file = tmp_path / "run.ipynb"
+    file.write_text(json.dumps({"cells": cells}))
+    with pytest.raises(InputError, match=r"run\.ipynb: cell 2, line 1: .* was never closed"):
+        lint.check(str(file))
+
+
+DEPTH = 100_000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "-" * DEPTH + "1",
+        "not " * DEPTH + "x",
+        "1" + " + 1" * DEPTH,
+        "(" * DEPTH + ")" * DEPTH,
+        "x" + ".y" * DEPTH,
+        "x" + "()" * DEPTH,
+        "lambda: " * DEPTH + "1",
+        "if x: pass\n" + "elif x: pass\n" * DEPTH,
+        LOOP.format(line="log.append(data.qpos" + ".T" * 2000 + ")"),
+    ],
+    ids=["-", "not", "+", "()", ".", "call", "lambda", "elif", "view"],
+)
+def test_what_is_nested_too_deeply_is_bad_input(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r"script\.py: .*(nested|too many)"):
+        findings(tmp_path, text)
+
+
+def test_long_sums_and_chains_are_checked(tmp_path: Path) -> None:
+    text = LOOP.format(line="log.append(data.qpos)")  # Python's own recursion limit is 1000
+    text += f"x = [1]{' + [1]' * 1500}\ny = x{'.y' * 1500}\nx[0], z = y, x{'.y' * 1500}()\n"
+    assert [f.code for f in findings(tmp_path, text)] == ["MJB001"]
+
+
+def test_columns_count_characters(tmp_path: Path) -> None:
+    (finding,) = findings(tmp_path, LOOP.format(line="'é𝔁'; log.append(data.qpos)"))
+    assert (finding.line, finding.col) == (9, 22)
+
+
+def test_a_coroutine_is_a_function_like_others(tmp_path: Path) -> None:
+    results = findings(
+        tmp_path,
+        """
+        async def advance():
+            mujoco.mj_step(model, data)
+        async def run():
+            for i in range(9):
+                await advance()
+                log.append(data.qpos)
+                async def later():
+                    log.append(data.qvel)
+        """,
+    )
+    assert [(f.line, f.code) for f in results] == [(7, "MJB001")]
+
+
+def test_a_file_that_cannot_be_checked_stands_between_the_findings_of_others(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "a.py").write_text(LOOP.format(line="log.append(data.qpos)"))
+    (tmp_path / "b.py").write_text("def (")
+    (tmp_path / "c.py").write_text("-" * DEPTH + "1")
+    (tmp_path / "d.py").write_text(LOOP.format(line="x = np.zeros(3)"))
+    names = [str(tmp_path / name) for name in ("a.py", "b.py", "missing.py", "c.py", "d.py")]
+    folder = UncheckedFile("folder", "cannot be listed")
+    results = list(lint.check_all([*names, folder]))
+    assert [result.file for result in results] == [*names, "folder"]
+    codes = [r.code if isinstance(r, lint.Finding) else r.detail for r in results]
+    assert codes == [
+        "MJB001",
+        "line 1: invalid syntax",
+        "no such file",
+        "nested too deeply, or too large, for Python's parser or for lint",
+        "MJB003",
+        "cannot be listed",
+    ]

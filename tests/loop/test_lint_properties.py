@@ -63,20 +63,20 @@ EXPRESSIONS = (
         "len(A)",
     ),
 )
-TARGETS = ("x", "rows[A]", "self.last", "*a, (b, c.d)", "data.ctrl[:]", "(A).e", "(A)[B]", "log")
-# Statements in which A, B and C are expressions, T is a target, and S a block.
+TARGETS = ("x", "rows[A]", "self.last", "(*a, (b, c.d))", "data.ctrl[:]", "(A).e", "(A)[B]", "log")
+# Statements in which A, B and C are expressions, LHS is a target, and S a block.
 STATEMENTS = (
-    *("T = A", "x, log = A, B", "x: int = A", "self.y: A", "x += A", "A", "return A", "del x"),
+    *("LHS = A", "x, log = A, B", "x: int = A", "self.y: A", "x += A", "A", "return A", "del x"),
     *("assert A, B", "global x", "raise A from B", "import a.b as c", "pass"),
-    *("for T in A:\nS\nelse:\nS", "while A:\nS\nelse:\nS", "if A:\nS\nelif B:\nS\nelse:\nS"),
+    *("for LHS in A:\nS\nelse:\nS", "while A:\nS\nelse:\nS", "if A:\nS\nelif B:\nS\nelse:\nS"),
     *(
-        "with A as T, B:\nS",
+        "with A as LHS, B:\nS",
         "try:\nS\nexcept A:\nS\nelse:\nS\nfinally:\nS",
         "try:\nS\nexcept* A:\nS",
     ),
     *("match A:\n  case {'k': [x, *y], **z} if B:\n    pass\n  case C_(a=1) | None as d:\n    x",),
     *("@A\nasync def advance(x, /, y=B, *, z: C = 1) -> A:\nS", "class C_(A, k=B):\nS"),
-    *("async for T in A:\nS", "async with A as T:\nS", "def f(*a: A, **b):\nS"),
+    *("async for LHS in A:\nS", "async with A as LHS:\nS", "def f(*a: A, **b):\nS"),
 )
 if sys.version_info >= (3, 12):
     STATEMENTS += ("def f[Q: int, *R, **P](x: Q):\nS", "class D[Q]:\nS", "type X[Q] = A")
