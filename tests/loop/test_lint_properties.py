@@ -85,7 +85,7 @@ if sys.version_info >= (3, 12):
 @st.composite
 def filled(draw: st.DrawFn, template: str, expressions: SearchStrategy[str], block: str) -> str:
     """Draw what stands for the capital letters of a template."""
-    template = re.sub(r"\bT\b", lambda _: draw(st.sampled_from(TARGETS)), template)
+    template = re.sub(r"\bLHS\b", lambda _: draw(st.sampled_from(TARGETS)), template)
     text = re.sub(r"\b[ABC]\b", lambda _: f"({draw(expressions)})", template)
     return re.sub(r"^S$", lambda _: textwrap.indent(block, "  "), text, flags=re.MULTILINE)
 
