@@ -23,7 +23,7 @@ _COMMAND = re.compile(
 # What decides where a statement ends: strings, comments, brackets, line breaks.
 _TOKEN = re.compile(
     r"(?s:(?P<quotes>'''|\"\"\")(?:\\.|.)*?(?:(?P=quotes)|\Z))"
-    r"|'(?:\\(?s:.)|[^'\\\n])*'|\"(?:\\(?s:.)|[^\"\\\n])*\""
+    r"|'(?:\\(?s:.)|[^'\\\n])*'?|\"(?:\\(?s:.)|[^\"\\\n])*\"?"
     r"|#.*|\\\n|(?P<open>[(\[{])|(?P<close>[)\]}])|(?P<end>\n)"
 )
 _NEWLINE = re.compile(r"\r\n?")
