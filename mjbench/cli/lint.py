@@ -5,9 +5,8 @@ import sys
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON
-from mjbench.errors import printable
 from mjbench.status import ExitCode, Status, exit_code
 
 
@@ -34,7 +33,7 @@ def lint(names: tuple[str, ...], json_file: str | None) -> None:
         for result in check_all(files):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
-                click.echo(f"mjbench: {printable(result.file)}: {result.detail}", err=True)
+                report_line(f"{result.file}: {result.detail}")
             else:
                 findings.append(result)
                 run.out.print(finding_line(result), soft_wrap=True)

@@ -22,6 +22,10 @@ def names(requirements: list[str]) -> set[str]:
     return {re.split(r"[<>=!~ ]", requirement, maxsplit=1)[0] for requirement in requirements}
 
 
+def test_the_hook_takes_python_files_and_notebooks() -> None:
+    assert "types_or: [python, jupyter]" in (ROOT / ".pre-commit-hooks.yaml").read_text()
+
+
 def test_lint_runs_with_the_packages_that_the_hook_installs(tmp_path: Path) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     hook = (ROOT / ".pre-commit-hooks.yaml").read_text()

@@ -44,6 +44,7 @@ def test_commands_of_ipython_become_pass(source: str, expected: str) -> None:
         's = """it\'s\n%no command\n"""',
         "s = 'a # b (' # it's (\ny = {'%a': [\n  1,\n]}\n",
         "s = 'a\\\n%b'",
+        "s = 'open\n[x\n%y]",
         "x = y  # why?",
         "plt.plot(x);",
         "",
