@@ -145,8 +145,8 @@ def cli() -> None:
       mjbench selfcheck                      how often is a verdict wrong here?
       mjbench models                         the shipped models
 
-    MODEL is one of the shipped models, a path to .xml or .mjb, or PACKAGE:NAME for a model inside
-    an installed package, such as gymnasium:ant or dm_control:humanoid.
+    MODEL is one of the shipped models, a path to .xml, .urdf or .mjb, or PACKAGE:NAME for a model
+    inside an installed package, such as gymnasium:ant or dm_control:humanoid.
 
     Exit codes: 0 nothing found and everything decided, 1 a finding (paths disagree, or what
     --fail-on names), 2 bad usage or input, 3 the environment failed (crash, time limit, disk) or

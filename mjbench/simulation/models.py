@@ -1,14 +1,17 @@
 """Find and load any model by a short name.
 
-A name is `cartpole` (one of ours, in models/), `path/to/robot.xml` or `.mjb` (a file), or
-`gymnasium:ant` (an MJCF file inside an installed Python package, found without importing it).
+A name is `cartpole` (one of ours, in models/), `path/to/robot.xml`, `.urdf` or `.mjb` (a file), or
+`gymnasium:ant` (a model file inside an installed Python package, found without importing it).
 
 `resolve` turns a name into a `ModelSource` and reads only the file system; `load` compiles it.
 """
 
+import errno
 import importlib.util
+import os
 import re
-from collections.abc import Iterable
+import stat
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
     import mujoco
 
 # The folder in which well-known packages keep their models (searched first), and the name of the
-# distribution to install.
+# distribution to install. Only these are recommended: another name may be a stranger's package.
 _HOMES = {
     "gymnasium": ("envs/mujoco/assets", "gymnasium"),
     "dm_control": ("suite", "dm_control"),
@@ -27,7 +30,17 @@ _HOMES = {
     "robosuite": ("models/assets", "robosuite"),
     "metaworld": ("assets", "metaworld"),
 }
-_SUFFIXES = (".xml", ".mjb")
+_COMPILED = ".mjb"
+# What a model file ends in. A package is searched for one group after the other, because many ship
+# the same robot as MJCF and as URDF.
+_SUFFIX_GROUPS = ((".xml", _COMPILED), (".urdf",))
+_SUFFIXES = tuple(suffix for group in _SUFFIX_GROUPS for suffix in group)
+# What a model can be, beside a shipped one, for messages.
+FORMS = "a path to .xml, .urdf or .mjb, or PACKAGE:NAME such as gymnasium:ant"
+
+
+class UnknownModelError(InputError):
+    """A name that is neither a shipped model, nor a path, nor PACKAGE:NAME."""
 
 
 @dataclass(frozen=True)
@@ -58,28 +71,29 @@ def shipped() -> list[str]:
 def resolve(name: str) -> ModelSource:
     """Return the source that `name` stands for.
 
+    A symbolic link stays as it is: MuJoCo looks for meshes beside the link, not beside its target.
+
     Raises:
-      InputError: no such model; the message lists similar names.
+      UnknownModelError: the name has none of the forms of a model's name.
+      InputError: there is no such model, or its file cannot be read.
     """
     if name in shipped():
         return ModelSource(name, shipped_folder() / f"{name}.xml")
-    path = Path(name).expanduser()
-    if path.is_file():
-        if path.suffix.lower() not in _SUFFIXES:
-            raise InputError(f"{name}: a model file ends in .xml or .mjb")
-        return ModelSource(name, path.resolve())
-    package, colon, model = name.partition(":")
-    if colon and re.fullmatch(r"[A-Za-z_][\w-]*", package):
-        return ModelSource(name, _in_package(package.replace("-", "_"), model))
-    if path.is_dir():
-        raise InputError(f"{name} is a folder; name a model file in it")
-    if path.suffix.lower() in _SUFFIXES or "/" in name:
-        raise InputError(f"no such file: {name}")
-    raise InputError(
-        f"no model {name!r}{suggestion(name, shipped())};"
-        f" the shipped models are {', '.join(shipped())};"
-        " or give a path to .xml or .mjb, or PACKAGE:NAME such as gymnasium:ant"
-    )
+    path = _expanded(name)
+    status = _status(name, path)
+    if status is not None and name.strip():
+        _check_file(name, path, status)
+        return ModelSource(name, path.absolute())
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", name):
+        raise InputError(
+            f"{_shown(name)} is an address: download the model with its meshes, and give its path"
+        )
+    package = re.fullmatch(r"([A-Za-z_][\w.-]+):(.*)", name, flags=re.DOTALL)
+    if package:
+        file = _in_package(package[1].replace("-", "_"), package[2])
+        _check_file(name, file, file.stat())
+        return ModelSource(name, file)
+    raise _missing(name, path)
 
 
 def load(source: ModelSource) -> "mujoco.MjModel":
@@ -90,64 +104,191 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     """
     import mujoco
 
-    from_file = (
-        mujoco.MjModel.from_binary_path
-        if source.path.suffix.lower() == ".mjb"
-        else mujoco.MjModel.from_xml_path
-    )
+    compiled = source.path.suffix.lower() == _COMPILED
+    from_file = mujoco.MjModel.from_binary_path if compiled else mujoco.MjModel.from_xml_path
     try:
         model = from_file(str(source.path))
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
-        raise InputError(f"{source.name}: MuJoCo cannot load it: {one_line(error)}") from error
+        advice = "; only the release that saved an .mjb file can load it" if compiled else ""
+        raise InputError(
+            f"{source.name}: MuJoCo {mujoco.__version__} cannot load it: {one_line(error)}{advice}"
+        ) from error
     if model.nv == 0:
         raise InputError(f"{source.name}: nothing to step, the model has no degree of freedom")
     return model
 
 
-def _in_package(package: str, name: str) -> Path:
-    """Return the file of a model inside an installed package, which is not imported."""
-    home, distribution = _HOMES.get(package, ("", package))
+# -- paths --------------------------------------------------------------------------------------
+
+
+def _expanded(name: str) -> Path:
+    """Return a name as a path; `~` stays where there is no home folder for it."""
     try:
-        spec = importlib.util.find_spec(package)
-    except (ImportError, ValueError):
-        spec = None
-    folders = [Path(p) for p in (spec.submodule_search_locations or ())] if spec else []
-    if not folders:
-        raise InputError(
-            f"package {package!r} is not installed here: python -m pip install {distribution}"
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
+
+
+def _status(name: str, path: Path) -> os.stat_result | None:
+    """Return what the file system says of a path; None if nothing is there.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    try:
+        return path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: NUL, or a surrogate
+        return None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return None
+        raise InputError(f"cannot read {_shown(name)}: {error.strerror}") from error
+
+
+def _check_file(name: str, path: Path, status: os.stat_result) -> None:
+    """Refuse what cannot be a model file.
+
+    Raises:
+      InputError: it is no regular file, is empty, cannot be read, or ends in something else.
+    """
+    shown = _shown(name)
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"{shown} is a folder; name a model file in it")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{shown} is not a regular file; write the model to one")
+    if path.suffix.lower() not in _SUFFIXES:
+        raise InputError(f"{shown}: a model file ends in .xml, .urdf or .mjb")
+    if status.st_size == 0:
+        raise InputError(f"{shown} is empty")
+    try:
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise InputError(f"cannot read {shown}: {error.strerror}") from error
+
+
+def _missing(name: str, path: Path) -> InputError:
+    """Return the error for a name that stands for nothing."""
+    shown = _shown(name)
+    try:
+        target = path.readlink()
+    except (OSError, ValueError):
+        pass
+    else:
+        return InputError(f"{shown} is a link to {_shown(str(target))}, which does not exist")
+    if name.startswith("~") and path == Path(name):
+        return InputError(
+            f"no such file: {shown} (no home folder {_shown(path.parts[0])} is known)"
         )
+    if "\\" in name:
+        return InputError(f"no such file: {shown} (here / separates folders, not \\)")
+    drive = re.match(r"[A-Za-z]:", name)
+    if drive or "/" in name or path.suffix.lower() in _SUFFIXES:
+        return InputError(f"no such file: {shown}")
+    return UnknownModelError(
+        f"no model {one_line(repr(name), 100)}{suggestion(name, shipped())};"
+        f" the shipped models are {', '.join(shipped())}; or give {FORMS}"
+    )
+
+
+def _shown(name: str) -> str:
+    """Return a name for a message: on one line, and not longer than a reader needs."""
+    return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
+
+
+# -- models of packages -------------------------------------------------------------------------
+
+
+def _in_package(package: str, name: str) -> Path:
+    """Return the file of a model inside an installed package, which is not imported.
+
+    Raises:
+      InputError: there is no such package, no such model in it, or several.
+    """
+    parts = Path(name).parts
+    package, *below = package.split(".")
+    home, _ = _HOMES.get(package, ("", ""))
+    folders = _package_folders(package)
+    if below:
+        model = "/".join([*below, name])
+        raise InputError(f"name a model of {package} by its folder: {package}:{_shown(model)}")
+    if ".." in parts or Path(name).is_absolute():
+        raise InputError(f"{package}:{_shown(name)}: NAME must be a file inside the package")
     for root in folders:
-        files = _search(root / home, name) or _search(root, name)
+        files = _search(root / home, parts) or _search(root, parts)
         if len(files) == 1:
             return files[0]
         if files:
             choices = ", ".join(_relative(p, root) for p in files[:8])
-            raise InputError(f"{package}:{name} is ambiguous, name one of: {choices}")
-    names = sorted({p.stem for root in folders for p in _model_files(root / home)})
+            raise InputError(f"{package}:{_shown(name)} is ambiguous, name one of: {choices}")
+    names = sorted({p.stem for root in folders for p in _model_files(root / home, _SUFFIXES)})
     listing = f"; it has {', '.join(names[:40])}" if names else "; it ships no model file"
-    raise InputError(f"{package} has no model {name!r}{suggestion(name, names)}{listing}")
+    raise InputError(
+        f"{package} has no model {one_line(repr(name), 100)}{suggestion(name, names)}{listing}"
+    )
 
 
-def _search(folder: Path, name: str) -> list[Path]:
-    """Return the model files below `folder` that `name` stands for, nearest to the folder first."""
-    direct = folder / name
-    if name and direct.suffix in _SUFFIXES and direct.is_file():
+def _package_folders(package: str) -> list[Path]:
+    """Return the folders of an installed package.
+
+    Raises:
+      InputError: it is not installed, or is a module without a folder.
+    """
+    try:
+        spec = importlib.util.find_spec(package)  # imports nothing, as the name has no dot
+    except (ImportError, ValueError, AttributeError):
+        spec = None
+    if spec is not None:
+        folders = [Path(p) for p in spec.submodule_search_locations or ()]
+        if not folders:
+            raise InputError(f"{_shown(package)} is a module without a folder, it ships no model")
+        return folders
+    if package in _HOMES:
+        _, distribution = _HOMES[package]
+        raise InputError(
+            f"package {package!r} is not installed here: python -m pip install {distribution}"
+        )
+    raise InputError(
+        f"no package {one_line(repr(package), 100)} is installed here{suggestion(package, _HOMES)}"
+    )
+
+
+def _search(folder: Path, tail: Sequence[str]) -> list[Path]:
+    """Return the model files below `folder` that a name stands for, nearest to the folder first.
+
+    Args:
+      folder: to search. It may hold symbolic links to elsewhere, as some installers create them.
+      tail: the parts of the name, with or without a suffix.
+    """
+    if not tail:
+        return []
+    direct = folder.joinpath(*tail)
+    if direct.suffix in _SUFFIXES and _is_file(direct):
         return [direct]
-    tail = Path(name).parts
-    files = [
-        path
-        for path in _model_files(folder)
-        if path.with_suffix("").parts[-len(tail) :] == tail or path.parts[-len(tail) :] == tail
-    ]
-    files.sort(key=lambda p: (len(p.parts), str(p)))
-    # a file directly in the folder wins over files of the same name further down
-    if files and files[0].parent == folder:
-        return files[:1]
-    return files
+    for suffixes in _SUFFIX_GROUPS:
+        files = [
+            path
+            for path in _model_files(folder, suffixes)
+            if tuple(tail) in (path.with_suffix("").parts[-len(tail) :], path.parts[-len(tail) :])
+        ]
+        files.sort(key=lambda p: (len(p.parts), str(p)))
+        # a file directly in the folder wins over files of the same name further down
+        if files and files[0].parent == folder:
+            return files[:1]
+        if files:
+            return files
+    return []
 
 
-def _model_files(folder: Path) -> Iterable[Path]:
-    return (p for suffix in _SUFFIXES for p in folder.rglob(f"*{suffix}"))
+def _model_files(folder: Path, suffixes: Sequence[str]) -> Iterable[Path]:
+    return (p for suffix in suffixes for p in folder.rglob(f"*{suffix}") if _is_file(p))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # its name is too long, or a folder above it is closed to us
+        return False
 
 
 def _relative(path: Path, root: Path) -> str:
