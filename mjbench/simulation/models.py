@@ -125,7 +125,7 @@ def _expanded(name: str) -> Path:
     """Return a name as a path; `~` stays where there is no home folder for it."""
     try:
         return Path(name).expanduser()
-    except RuntimeError:
+    except (RuntimeError, ValueError):  # no such user, or a NUL
         return Path(name)
 
 

@@ -143,6 +143,7 @@ def test_only_well_known_packages_are_recommended(name: str, message: str) -> No
         ("a\0b.xml", r"no such file: 'a\\x00b.xml'"),
         ("a\nb.xml", r"no such file: 'a\\nb.xml'"),
         ("\udc80.xml", r"no such file: '\\udc80.xml'"),
+        ("~\0/a.xml", r"no home folder .~.x00. is known"),
         ("~no_such_user/a.xml", "no home folder ~no_such_user is known"),
     ],
 )
