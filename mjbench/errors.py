@@ -68,6 +68,11 @@ def one_line(text: object, limit: int = 300) -> str:
     return line if len(line) <= limit else line[: limit - 1] + "…"
 
 
+def shown(name: str) -> str:
+    """Return a name that a user typed for a message: on one line, printable, at most 100 long."""
+    return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
+
+
 def suggestion(word: str, choices: Iterable[str], n: int = 3) -> str:
     """Return a hint such as ` (did you mean rollout?)`, or nothing where no choice is similar.
 

@@ -11,6 +11,7 @@ import click
 from mjbench.cli.context import Advance, Output, RunContext, Storage
 from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes
+from mjbench.errors import InputError, shown, suggestion
 from mjbench.instrument import platforms
 from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, Status, exit_code
@@ -101,7 +102,33 @@ def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSou
 
     release_names = [name for name in names if installs.is_release(name)]
     model_names = [name for name in names if name not in release_names]
-    return release_names, [models.resolve(name) for name in model_names or models.shipped()]
+    return release_names, [_model(name) for name in model_names or models.shipped()]
+
+
+def _model(name: str) -> "ModelSource":
+    """Return the model that a word names where releases are named too.
+
+    Raises:
+      InputError: it names neither; the message says what each can be.
+    """
+    from mjbench.releases import installs, wheels
+    from mjbench.simulation import models
+
+    try:
+        return models.resolve(name)
+    except models.UnknownModelError:
+        known = [installs.INSTALLED, *models.shipped()]
+        raise InputError(
+            f"{shown(name)} is neither a release nor a model{suggestion(name, known)}:"
+            f" a release is {installs.FORMS}; a model is one of {', '.join(models.shipped())},"
+            f" {models.FORMS}"
+        ) from None
+    except InputError:
+        if not wheels.is_folder(name):
+            raise
+        raise InputError(
+            f"{shown(name)} is a folder without wheels; name wheels of mujoco, or a model's file"
+        ) from None
 
 
 def warn_if_unpinned() -> None:

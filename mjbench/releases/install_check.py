@@ -4,8 +4,10 @@ Every process that measures a release asks this first. It runs inside the enviro
 releases, so it imports only the standard library and MuJoCo.
 """
 
+import base64
 import contextlib
 import csv
+import hashlib
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -14,6 +16,8 @@ from pathlib import Path
 
 # The distributions that together make the `mujoco` package (one until 3.17, three from 4.0.0).
 DISTRIBUTIONS = ("mujoco", "mujoco-core", "mujoco-studio")
+# What the names of their files begin with.
+_FOLDER = "mujoco/"
 
 
 def installed_version() -> str | None:
@@ -22,6 +26,41 @@ def installed_version() -> str | None:
         return metadata.version("mujoco")
     except metadata.PackageNotFoundError:
         return None
+
+
+def damaged_file(folder: Path) -> str | None:
+    """Return what is wrong with a folder that releases were installed into; None if nothing is.
+
+    Every file that the installer recorded must be there with its size; MuJoCo's files and all
+    shared libraries must have the recorded hash, too. That takes 0.2 s for MuJoCo 4.0.0, half as
+    long as hashing every file.
+    """
+    distributions = sorted(folder.glob("*.dist-info"))
+    if not any(info.name.startswith("mujoco-") for info in distributions):
+        return "MuJoCo is missing"
+    for info in distributions:
+        try:
+            record = (info / "RECORD").read_text(encoding="utf-8")
+        except (OSError, ValueError):
+            return f"{info.name}/RECORD cannot be read"
+        problem = _damaged_file(record, folder)
+        if problem:
+            return problem
+    return None
+
+
+def changed_file() -> str | None:
+    """Return which file of this environment's MuJoCo is not as it was installed.
+
+    None if all are, or if their installer recorded none.
+    """
+    for distribution in _distributions():
+        record = distribution.read_text("RECORD") or ""
+        own = "\n".join(row for row in record.splitlines() if row.startswith(_FOLDER))
+        problem = _damaged_file(own, Path(str(distribution.locate_file(""))))
+        if problem:
+            return problem
+    return None
 
 
 def imported_problem(expected: str | None = None, check_files: bool = True) -> str | None:
@@ -93,7 +132,7 @@ def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
         # Read directly: `distribution.files` of newer Pythons leaves out missing files.
         record = distribution.read_text("RECORD") or ""
         for name, _, recorded_size in csv.reader(record.splitlines()):
-            if not name.startswith("mujoco/") or not recorded_size:
+            if not name.startswith(_FOLDER) or not recorded_size:
                 continue
             try:
                 size = Path(str(distribution.locate_file(name))).stat().st_size
@@ -102,3 +141,48 @@ def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
             if size != int(recorded_size):
                 return f"{name} of MuJoCo {distribution.version} has been changed"
     return None
+
+
+def _damaged_file(record: str, folder: Path) -> str | None:
+    """Return which file of a RECORD is not as it was installed; None if all are.
+
+    Args:
+      record: its text, a line of name, hash and size for each file.
+      folder: that names are relative to.
+    """
+    try:
+        rows = [
+            (name, recorded_hash, int(size))
+            for name, recorded_hash, size in csv.reader(record.splitlines())
+            # no size: RECORD itself and compiled Python; `..`: scripts, which pip puts elsewhere
+            if size and not name.startswith("..")
+        ]
+    except (ValueError, csv.Error) as error:
+        return f"a RECORD is broken: {error}"
+    for name, recorded_hash, size in rows:
+        file = folder / name
+        try:
+            changed = file.stat().st_size != size or (
+                (name.startswith(_FOLDER) or ".so" in file.suffixes)
+                and _hash(file, recorded_hash) != recorded_hash
+            )
+        except FileNotFoundError:
+            return f"{name} is missing"
+        except OSError as error:
+            return f"{name} cannot be read: {error.strerror}"
+        if changed:
+            return f"{name} has been changed"
+    return None
+
+
+def _hash(file: Path, like: str) -> str:
+    """Return a file's hash as RECORD writes it, by the algorithm of `like`, such as `sha256=…`.
+
+    Where the algorithm is unknown, that is `like` itself.
+    """
+    algorithm = like.partition("=")[0]
+    if algorithm not in hashlib.algorithms_guaranteed:
+        return like
+    with file.open("rb") as stream:
+        digest = hashlib.file_digest(stream, algorithm).digest()
+    return f"{algorithm}={base64.urlsafe_b64encode(digest).decode().rstrip('=')}"

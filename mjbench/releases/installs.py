@@ -10,11 +10,10 @@ import contextlib
 import enum
 import functools
 import hashlib
+import logging
 import os
 import platform
-import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,15 +21,20 @@ from importlib import metadata
 from pathlib import Path
 
 import platformdirs
-from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import InvalidVersion, Version
 
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.instrument import platforms
-from mjbench.releases import install_check
+from mjbench.releases import install_check, pip, wheels
+from mjbench.releases.release import OLDEST
 
+_LOG = logging.getLogger(__name__)
 # Names the release of the environment that mjbench runs in.
 INSTALLED = "installed"
+# What a release can be, for messages.
+FORMS = f"a version such as 3.5.0, a wheel of mujoco, a folder of its wheels, or `{INSTALLED}`"
+# No version has more characters; an install's name, of which it is part, must fit a file system.
+_LONGEST_VERSION = 64
 # Written last into an install; a folder without it is not one.
 _MARKER = "installed-by-mjbench"
 
@@ -55,8 +59,11 @@ class ReleaseSpec:
         if self.name == INSTALLED:
             return f"{INSTALLED}-{self.version}"
         content = hashlib.blake2b(digest_size=4)
-        for wheel in self.wheels:
-            content.update(wheel.read_bytes())
+        try:
+            for wheel in self.wheels:
+                content.update(wheel.read_bytes())
+        except OSError as error:
+            raise InputError(f"cannot read {wheel}: {error.strerror}") from error
         local = f"+{content.hexdigest()}" if self.wheels else ""
         python = f"{sys.implementation.cache_tag}-{platform.machine()}"
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
@@ -67,35 +74,36 @@ class ReleaseSpec:
 
 def is_release(text: str) -> bool:
     """Return whether an argument of the command line names a release rather than a model."""
-    path = Path(text)
-    return (
-        text == INSTALLED
-        or _version(text) is not None
-        or path.suffix == ".whl"
-        or (path.is_dir() and any(path.glob("mujoco-*.whl")))
-    )
+    return text == INSTALLED or _version(text) is not None or wheels.names_wheels(text)
 
 
 def parse_release(text: str) -> ReleaseSpec:
     """Return the release that an argument of the command line names; installs nothing.
 
     Raises:
-      InputError: it names no release, or a wheel that does not exist.
+      InputError: it names no release, one that is too old, or wheels that cannot be installed.
     """
     if text == INSTALLED:
         installed = install_check.installed_version()
         if installed is None:
             raise InputError("no MuJoCo is installed in this environment")
         return ReleaseSpec(INSTALLED, installed)
-    path = Path(text)
-    if path.suffix == ".whl" or path.is_dir():
-        return _parse_wheels(text)
-    version = _version(text)
+    if wheels.names_wheels(text) or wheels.is_folder(text):
+        files = wheels.find(text)
+        version: str | None = str(files[0].version)
+    else:
+        files, version = [], _version(text)
     if version is None:
         raise InputError(
-            f"{text!r} is not a release: give a version such as 3.5.0, a wheel, or `{INSTALLED}`"
+            f"{one_line(repr(text), 100)} is not a release{suggestion(text, [INSTALLED])}:"
+            f" give {FORMS}"
         )
-    return ReleaseSpec(text, version)
+    if Version(version).release < OLDEST:
+        oldest = ".".join(map(str, OLDEST))
+        raise InputError(
+            f"MuJoCo {version} is too old: {oldest} is the oldest that can be measured"
+        )
+    return ReleaseSpec(text, version, tuple(wheel.file.resolve() for wheel in files))
 
 
 def _version(text: str) -> str | None:
@@ -103,6 +111,8 @@ def _version(text: str) -> str | None:
 
     `3.5` is 3.5.0, the first release of its minor version, as is `v3.5`; `3.5rc1` is 3.5.0rc1.
     """
+    if len(text) > _LONGEST_VERSION:
+        return None
     try:
         version = Version(text)
     except InvalidVersion:
@@ -116,36 +126,23 @@ def _version(text: str) -> str | None:
     return normal
 
 
-def _parse_wheels(text: str) -> ReleaseSpec:
-    """Return the release of a wheel of `mujoco`, or of a folder with one."""
-    path = Path(text)
-    candidates = sorted(path.glob("mujoco-*.whl")) if path.is_dir() else [path]
-    if len(candidates) > 1:
-        raise InputError(f"{text} holds several releases: name one of its wheels")
-    wheel = candidates[0] if candidates else path
-    version = _wheel_version(wheel)
-    if version is None or not wheel.is_file() or not wheel.name.startswith("mujoco-"):
-        raise InputError(f"{text}: no such wheel of mujoco")
-    # From 4.0.0 on a release is several wheels, and the C library is not in `mujoco`.
-    others = [w for w in sorted(wheel.parent.glob("mujoco_*.whl")) if _wheel_version(w) == version]
-    return ReleaseSpec(text, str(version), tuple(w.resolve() for w in (wheel, *others)))
-
-
-def _wheel_version(wheel: Path) -> Version | None:
-    """Return the version in a wheel's file name; None if it is not named as a wheel."""
-    try:
-        return parse_wheel_filename(wheel.name)[1]
-    except InvalidWheelFilename:
-        return None
-
-
 # -- installs -----------------------------------------------------------------------------------
 
 
 def cache_folder() -> Path:
-    """Return the folder of all installs: $MJBENCH_CACHE, or one in the user's cache folder."""
-    chosen = os.environ.get("MJBENCH_CACHE")
-    return Path(chosen or platformdirs.user_cache_path("mjbench")).absolute()
+    """Return the folder of all installs: $MJBENCH_CACHE, or one in the user's cache folder.
+
+    Raises:
+      MachineError: this user has no home folder, in which it would be.
+    """
+    try:
+        folder = os.environ.get("MJBENCH_CACHE") or platformdirs.user_cache_path("mjbench")
+        return Path(folder).expanduser().absolute()
+    except RuntimeError as error:
+        raise MachineError(
+            "no home folder is known, in which releases would be installed;"
+            " name another folder by the environment variable MJBENCH_CACHE"
+        ) from error
 
 
 def install_names() -> list[str]:
@@ -158,19 +155,24 @@ def install_names() -> list[str]:
 def use(release: ReleaseSpec) -> Iterator[Path | None]:
     """Yield the folder of a release's install, which is not removed while the block runs.
 
-    The release is installed first if it is missing. For `installed` the folder is None.
+    The release is installed first if it is missing, and its files are checked. For `installed` the
+    folder is None, and a changed file is logged: whoever built it may have meant to change it.
 
     Raises:
       InputError: the index has no such release for this Python.
-      MachineError: it cannot be installed.
+      MachineError: it cannot be installed, or a file of its install has been damaged.
     """
     if release.name == INSTALLED:
+        changed = install_check.changed_file()
+        if changed:
+            _LOG.warning("mjbench: %s since MuJoCo %s was installed here", changed, release.version)
         yield None
         return
     folder = cache_folder() / release.key
     while True:
         with _locked(release.key, _Lock.SHARED):
             if _is_complete(folder):
+                _check_files(folder)
                 yield folder
                 return
         install(release)
@@ -181,18 +183,19 @@ def install(release: ReleaseSpec) -> Path:
 
     Raises:
       InputError: the index has no such release for this Python.
-      MachineError: it cannot be installed.
+      MachineError: it cannot be installed, or a file of its install has been damaged.
     """
     folder = cache_folder() / release.key
     with _locked(release.key, _Lock.EXCLUSIVE):
         if _is_complete(folder):
+            _check_files(folder)
             return folder
         partial = folder.with_name(f".{release.key}.partial")
         try:
             for remains in (partial, folder):  # of an install that was killed
                 if remains.exists():
                     shutil.rmtree(remains)
-            _pip_install(release, partial)
+            pip.install(release.version, release.wheels, partial)
             (partial / _MARKER).write_text(f"{release.version}\n")
             partial.rename(folder)
         except OSError as error:
@@ -216,6 +219,8 @@ def remove(name: str) -> None:
     with _locked(name, _Lock.EXCLUSIVE_OR_FAIL):
         renamed = folder.with_name(f".{name}.removed")
         try:
+            if renamed.exists():  # an earlier removal was killed
+                shutil.rmtree(renamed)
             folder.rename(renamed)
             shutil.rmtree(renamed)
         except OSError as error:
@@ -224,6 +229,20 @@ def remove(name: str) -> None:
 
 def _is_complete(folder: Path) -> bool:
     return (folder / _MARKER).is_file()
+
+
+def _check_files(folder: Path) -> None:
+    """Refuse an install with a file that is not as it was installed; folder and name are the same.
+
+    Raises:
+      MachineError: there is one.
+    """
+    problem = install_check.damaged_file(folder)
+    if problem:
+        raise MachineError(
+            f"the install {folder.name} is damaged: {problem};"
+            f" remove it by `mjbench releases remove {folder.name}` and try again"
+        )
 
 
 class _Lock(enum.Enum):
@@ -263,39 +282,8 @@ def _locked(name: str, lock: _Lock) -> Iterator[None]:
             )
         except BlockingIOError:
             raise MachineError(f"{name} is in use by another process") from None
+        except OSError as error:
+            raise MachineError(f"cannot lock {file}: {error.strerror}") from error
         yield
     finally:
         os.close(descriptor)
-
-
-# -- pip ----------------------------------------------------------------------------------------
-
-
-def _pip_install(release: ReleaseSpec, target: Path) -> None:
-    """Install a release and this environment's NumPy version into a folder."""
-    requirements = [str(wheel) for wheel in release.wheels] or [f"mujoco=={release.version}"]
-    wheel_folders = {wheel.parent for wheel in release.wheels}
-    command = [
-        *(sys.executable, "-m", "pip", "install"),
-        *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
-        f"--target={target}",
-        *(f"--find-links={folder}" for folder in wheel_folders),
-        *requirements,
-        f"numpy=={metadata.version('numpy')}",
-    ]
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode != 0:
-        raise _pip_error(release.version, done.stderr)
-
-
-def _pip_error(version: str, stderr: str) -> InputError | MachineError:
-    """Return the error that stands for what pip wrote."""
-    lines = stderr.splitlines()
-    errors = [line for line in lines if line.startswith("ERROR: ")]
-    reason = one_line((errors or lines or ["pip failed"])[-1])
-    offered = re.search(r"\(from versions: ([^)]*)\)", stderr)
-    if "No matching distribution" in reason and offered and offered[1] != "none":
-        newest = ", ".join(offered[1].split(", ")[-5:])
-        return InputError(f"there is no MuJoCo {version} for this Python; the newest are {newest}")
-    return MachineError(f"cannot install MuJoCo {version}: {reason}")

@@ -1,22 +1,23 @@
 """The releases of MuJoCo on the package index that pip installs from."""
 
 import base64
-import http.client
 import json
 import re
 import subprocess
 import sys
 import urllib.parse
 import urllib.request
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import NotRequired, TypedDict
+from http.client import HTTPException
+from typing import NotRequired, TypedDict, TypeVar
 
 from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import MachineError, one_line
 from mjbench.releases.release import Release, version_key
 
+_T = TypeVar("_T")
 # The history begins one release before the first supported one, 2.3.7: a search such as
 # `asv find v2.3.6..v4.0.0` takes the first commit of its range as the good one.
 FIRST = (2, 3, 6)
@@ -28,6 +29,7 @@ class Upload(TypedDict):
     """A file of a release, as the index's JSON describes it (other keys are ignored)."""
 
     upload_time_iso_8601: str
+    filename: NotRequired[str]
     yanked: NotRequired[bool]
 
 
@@ -37,14 +39,37 @@ def releases() -> list[Release]:
     Raises:
       MachineError: the index cannot be reached, or its answer lacks upload times.
     """
+    return _read(_final_releases)
+
+
+def files() -> dict[str, list[str]]:
+    """Return the names of all files that pip's package index has, by version.
+
+    Raises:
+      MachineError: the index cannot be reached, or its answer lacks the names.
+    """
+    return _read(_files)
+
+
+def _read(parse: Callable[[Mapping[str, Sequence[Upload]]], _T]) -> _T:
+    """Return what `parse` makes of the index's answer."""
     try:
         with urllib.request.urlopen(_request(_index_url()), timeout=_TIMEOUT_S) as answer:
-            return _final_releases(json.load(answer)["releases"])
-    except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException) as error:
+            return parse(json.load(answer)["releases"])
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, HTTPException) as error:
         reason = re.sub(r"//[^/@\s]*@", "//", one_line(error))  # without credentials
         raise MachineError(
             f"cannot read the releases of mujoco from the package index: {reason}"
         ) from error
+
+
+def _files(uploads_of: Mapping[str, Sequence[Upload]]) -> dict[str, list[str]]:
+    """Return the names of the files of each version that is one."""
+    return {
+        version: [upload["filename"] for upload in uploads]
+        for version, uploads in uploads_of.items()
+        if _parsed(version) is not None
+    }
 
 
 def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]:
@@ -67,10 +92,15 @@ def _final_releases(uploads_of: Mapping[str, Sequence[Upload]]) -> list[Release]
 
 def _is_final(version: str) -> bool:
     """Return whether a version is neither a pre-release nor a development version."""
+    parsed = _parsed(version)
+    return parsed is not None and not parsed.is_prerelease
+
+
+def _parsed(version: str) -> Version | None:
     try:
-        return not Version(version).is_prerelease
+        return Version(version)
     except InvalidVersion:
-        return False
+        return None
 
 
 def _request(url: str) -> urllib.request.Request:

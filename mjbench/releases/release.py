@@ -9,6 +9,9 @@ import re
 from dataclasses import dataclass
 from datetime import datetime
 
+# The oldest release that mjbench measures.
+OLDEST = (2, 3, 7)
+
 
 @dataclass(frozen=True)
 class Release:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError, one_line, suggestion
+from mjbench.errors import InputError, one_line, shown, suggestion
 
 if TYPE_CHECKING:
     import mujoco
@@ -86,7 +86,7 @@ def resolve(name: str) -> ModelSource:
         return ModelSource(name, path.absolute())
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", name):
         raise InputError(
-            f"{_shown(name)} is an address: download the model with its meshes, and give its path"
+            f"{shown(name)} is an address: download the model with its meshes, and give its path"
         )
     package = re.fullmatch(r"([A-Za-z_][\w.-]+):(.*)", name, flags=re.DOTALL)
     if package:
@@ -142,7 +142,7 @@ def _status(name: str, path: Path) -> os.stat_result | None:
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             return None
-        raise InputError(f"cannot read {_shown(name)}: {error.strerror}") from error
+        raise InputError(f"cannot read {shown(name)}: {error.strerror}") from error
 
 
 def _check_file(name: str, path: Path, status: os.stat_result) -> None:
@@ -151,49 +151,42 @@ def _check_file(name: str, path: Path, status: os.stat_result) -> None:
     Raises:
       InputError: it is no regular file, is empty, cannot be read, or ends in something else.
     """
-    shown = _shown(name)
+    label = shown(name)
     if stat.S_ISDIR(status.st_mode):
-        raise InputError(f"{shown} is a folder; name a model file in it")
+        raise InputError(f"{label} is a folder; name a model file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{shown} is not a regular file; write the model to one")
+        raise InputError(f"{label} is not a regular file; write the model to one")
     if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(f"{shown}: a model file ends in .xml, .urdf or .mjb")
+        raise InputError(f"{label}: a model file ends in .xml, .urdf or .mjb")
     if status.st_size == 0:
-        raise InputError(f"{shown} is empty")
+        raise InputError(f"{label} is empty")
     try:
         with path.open("rb"):
             pass
     except OSError as error:
-        raise InputError(f"cannot read {shown}: {error.strerror}") from error
+        raise InputError(f"cannot read {label}: {error.strerror}") from error
 
 
 def _missing(name: str, path: Path) -> InputError:
     """Return the error for a name that stands for nothing."""
-    shown = _shown(name)
+    label = shown(name)
     try:
         target = path.readlink()
     except (OSError, ValueError):
         pass
     else:
-        return InputError(f"{shown} is a link to {_shown(str(target))}, which does not exist")
+        return InputError(f"{label} is a link to {shown(str(target))}, which does not exist")
     if name.startswith("~") and path == Path(name):
-        return InputError(
-            f"no such file: {shown} (no home folder {_shown(path.parts[0])} is known)"
-        )
+        return InputError(f"no such file: {label} (no home folder {shown(path.parts[0])} is known)")
     if "\\" in name:
-        return InputError(f"no such file: {shown} (here / separates folders, not \\)")
+        return InputError(f"no such file: {label} (here / separates folders, not \\)")
     drive = re.match(r"[A-Za-z]:", name)
     if drive or "/" in name or path.suffix.lower() in _SUFFIXES:
-        return InputError(f"no such file: {shown}")
+        return InputError(f"no such file: {label}")
     return UnknownModelError(
         f"no model {one_line(repr(name), 100)}{suggestion(name, shipped())};"
         f" the shipped models are {', '.join(shipped())}; or give {FORMS}"
     )
-
-
-def _shown(name: str) -> str:
-    """Return a name for a message: on one line, and not longer than a reader needs."""
-    return one_line(name if name.isprintable() and name.strip() else repr(name), 100)
 
 
 # -- models of packages -------------------------------------------------------------------------
@@ -211,16 +204,16 @@ def _in_package(package: str, name: str) -> Path:
     folders = _package_folders(package)
     if below:
         model = "/".join([*below, name])
-        raise InputError(f"name a model of {package} by its folder: {package}:{_shown(model)}")
+        raise InputError(f"name a model of {package} by its folder: {package}:{shown(model)}")
     if ".." in parts or Path(name).is_absolute():
-        raise InputError(f"{package}:{_shown(name)}: NAME must be a file inside the package")
+        raise InputError(f"{package}:{shown(name)}: NAME must be a file inside the package")
     for root in folders:
         files = _search(root / home, parts) or _search(root, parts)
         if len(files) == 1:
             return files[0]
         if files:
             choices = ", ".join(_relative(p, root) for p in files[:8])
-            raise InputError(f"{package}:{_shown(name)} is ambiguous, name one of: {choices}")
+            raise InputError(f"{package}:{shown(name)} is ambiguous, name one of: {choices}")
     names = sorted({p.stem for root in folders for p in _model_files(root / home, _SUFFIXES)})
     listing = f"; it has {', '.join(names[:40])}" if names else "; it ships no model file"
     raise InputError(
@@ -241,7 +234,7 @@ def _package_folders(package: str) -> list[Path]:
     if spec is not None:
         folders = [Path(p) for p in spec.submodule_search_locations or ()]
         if not folders:
-            raise InputError(f"{_shown(package)} is a module without a folder, it ships no model")
+            raise InputError(f"{shown(package)} is a module without a folder, it ships no model")
         return folders
     if package in _HOMES:
         _, distribution = _HOMES[package]

@@ -51,7 +51,14 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
     [
         (("installed",), "name an OLD and a NEW release"),
         (("--new", "installed"), "name an OLD and a NEW release"),
-        (("installed", "installed", "no_such_model"), "no model 'no_such_model'"),
+        (
+            ("installed", "main"),
+            "main is neither a release nor a model: a release is a version such",
+        ),
+        (("installed", "instaled"), "neither a release nor a model (did you mean installed?)"),
+        (("installed", "installed", "cartpol"), "nor a model (did you mean cartpole?)"),
+        (("installed", "installed", "no.xml"), "no such file: no.xml"),
+        (("installed", "."), ". is a folder without wheels; name wheels of mujoco, or a model's"),
         (("missing.whl", "installed"), "no such wheel"),
         (("installed", "installed", "--fail-on", "tea"), "'tea' is not one of"),
         (("installed", "installed", "--min-effect", "0"), "not between 0% and 100%"),

@@ -1,17 +1,22 @@
 """Isolated installs of releases: names, locks, interruption. Nothing is downloaded."""
 
+import base64
+import errno
+import hashlib
 import multiprocessing
 import os
+import re
 import sys
-import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjbench.errors import InputError, MachineError
-from mjbench.releases import installs
+from mjbench.releases import install_check, installs
 
 
 @pytest.fixture(autouse=True)
@@ -23,16 +28,28 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.fixture
 def pip(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Replace pip by a function that writes a file; return the releases it has to install."""
+    """Replace pip by a function that writes a package; return the releases it has to install."""
     requested: list[str] = []
 
-    def install(release: installs.ReleaseSpec, target: Path) -> None:
-        requested.append(release.version)
-        (target / "mujoco").mkdir(parents=True)
-        (target / "mujoco" / "__init__.py").write_text(f"__version__ = '{release.version}'\n")
+    def install(version: str, wheels: Sequence[Path], target: Path) -> None:
+        requested.append(version)
+        write_package(target, version)
 
-    monkeypatch.setattr(installs, "_pip_install", install)
+    monkeypatch.setattr(installs.pip, "install", install)
     return requested
+
+
+def write_package(target: Path, version: str) -> None:
+    """Write what pip leaves of a `mujoco` with one file."""
+    content = f"__version__ = '{version}'\n".encode()
+    sha256 = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
+    record = f"mujoco/__init__.py,sha256={sha256},{len(content)}\n"
+    for name, text in {
+        "mujoco/__init__.py": content,
+        f"mujoco-{version}.dist-info/RECORD": record.encode(),
+    }.items():
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        (target / name).write_bytes(text)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +96,7 @@ def test_a_release_is_installed_once(pip: list[str]) -> None:
         ("4.1.0rc1", "4.1.0rc1"),
         ("4.1.0.dev3", "4.1.0.dev3"),
         ("4.1.0dev3", "4.1.0.dev3"),
-        ("2.3.1.post1", "2.3.1.post1"),
+        ("2.3.7.post1", "2.3.7.post1"),
         ("4.1.0+g1a2b3c", "4.1.0+g1a2b3c"),
     ],
 )
@@ -91,10 +108,47 @@ def test_a_version_is_read_as_packaging_reads_it_and_a_short_one_is_the_first_of
     assert release.key.startswith(f"{version}-cpython-")
 
 
-@pytest.mark.parametrize("text", ["3", "cartpole", "no/such/mujoco-3.5.0-py3-none-any.whl"])
+@pytest.mark.parametrize(
+    "text", ["3", "cartpole", "", " ", "1." + "9" * 5000, "a\0b", "no/such/mujoco-3.5.0.whl"]
+)
 def test_what_names_no_release_is_refused_with_what_was_given(text: str) -> None:
-    with pytest.raises(InputError, match=text):
+    with pytest.raises(
+        InputError, match=r"is not a release: give a version|no such wheel"
+    ) as raised:
         installs.parse_release(text)
+    assert text[:20] in str(raised.value).replace(r"\x00", "\0")
+    assert len(str(raised.value)) < 250
+
+
+def test_a_misspelt_word_is_corrected() -> None:
+    with pytest.raises(
+        InputError, match=r"'instaled' is not a release \(did you mean installed\?\)"
+    ):
+        installs.parse_release("instaled")
+
+
+@pytest.mark.parametrize("text", ["2.3.6", "2.3.1.post1", "v2.2", "2.3.5"])
+def test_a_release_that_is_too_old_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"is too old: 2\.3\.7 is the oldest that can be measured"):
+        installs.parse_release(text)
+
+
+@settings(deadline=None)
+@given(
+    st.text()
+    | st.text("0123456789.vrc+!-_ ab", max_size=12)
+    | st.from_regex(r"mujoco-[0-9.]{0,6}(-[a-z0-9_.]{0,9}){0,3}\.whl", fullmatch=True)
+    | st.text(st.sampled_from("ab./~*[]\0\n"), max_size=9).map("{}.whl".format)
+)
+def test_any_text_is_a_release_or_an_input_error(text: str) -> None:
+    named = installs.is_release(text)
+    try:
+        release = installs.parse_release(text)
+    except InputError as error:
+        assert str(error).isprintable()
+    else:
+        assert named
+        assert installs.parse_release(release.version).version == release.version
 
 
 def test_the_environments_own_release_is_not_the_same_one_of_the_index() -> None:
@@ -112,13 +166,13 @@ def test_an_interrupted_install_is_not_used_and_is_repeated(
     pip: list[str], monkeypatch: pytest.MonkeyPatch, cache: Path
 ) -> None:
     release = installs.parse_release("3.5.0")
-    complete = installs._pip_install
+    complete = installs.pip.install
 
-    def interrupted(release: installs.ReleaseSpec, target: Path) -> None:
-        complete(release, target)
+    def interrupted(version: str, wheels: Sequence[Path], target: Path) -> None:
+        complete(version, wheels, target)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(installs, "_pip_install", interrupted)
+    monkeypatch.setattr(installs.pip, "install", interrupted)
     with pytest.raises(KeyboardInterrupt):
         installs.install(release)
     assert installs.install_names() == []
@@ -126,7 +180,7 @@ def test_an_interrupted_install_is_not_used_and_is_repeated(
     # killed outright, it cannot remove what it installed so far
     partial = cache / f".{release.key}.partial"
     (partial / "mujoco").mkdir(parents=True)
-    monkeypatch.setattr(installs, "_pip_install", complete)
+    monkeypatch.setattr(installs.pip, "install", complete)
     folder = installs.install(release)
     assert folder.is_dir()
     assert not partial.exists()
@@ -135,14 +189,14 @@ def test_an_interrupted_install_is_not_used_and_is_repeated(
 def _install(text: str, cache: str, count: Any) -> None:
     os.environ["MJBENCH_CACHE"] = cache
 
-    def slow(release: installs.ReleaseSpec, target: Path) -> None:
+    def slow(version: str, wheels: Sequence[Path], target: Path) -> None:
         with count.get_lock():
             count.value += 1
-        target.mkdir(parents=True)
+        write_package(target, version)
         for number in range(2000):
             (target / "file").write_text(str(number))
 
-    installs._pip_install = slow
+    installs.pip.install = slow
     installs.install(installs.parse_release(text))
 
 
@@ -198,26 +252,6 @@ def test_removing_an_unknown_install_names_the_known_ones(pip: list[str]) -> Non
         installs.remove("3.6.0")
 
 
-def test_local_wheels_are_distinguished_by_content(tmp_path: Path) -> None:
-    wheel = tmp_path / "mujoco-4.1.0-py3-none-any.whl"
-    keys = []
-    for content in ("one", "two"):
-        with zipfile.ZipFile(wheel, "w") as archive:
-            archive.writestr("mujoco/__init__.py", content)
-        release = installs.parse_release(str(wheel))
-        assert release.version == "4.1.0"
-        keys.append(release.key)
-    assert keys[0] != keys[1]
-
-
-def test_a_wheel_with_a_local_version_is_a_release(tmp_path: Path) -> None:
-    for name in ("mujoco-4.1.0+g1a2b3c", "mujoco_core-4.1.0+g1a2b3c", "mujoco_core-4.1.0"):
-        (tmp_path / f"{name}-py3-none-any.whl").write_bytes(b"x")
-    release = installs.parse_release(str(tmp_path))
-    assert release.version == "4.1.0+g1a2b3c"
-    assert [wheel.name.split("-")[0] for wheel in release.wheels] == ["mujoco", "mujoco_core"]
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="the place is that of Linux")
 @pytest.mark.parametrize(("variable", "expected"), [("", ".cache/mjbench"), ("xdg", "xdg/mjbench")])
 def test_installs_are_kept_in_the_users_cache_folder(
@@ -227,16 +261,6 @@ def test_installs_are_kept_in_the_users_cache_folder(
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / variable) if variable else "")
     assert installs.cache_folder() == tmp_path / expected
-
-
-def test_a_folder_of_wheels_is_one_release(tmp_path: Path) -> None:
-    for name in ("mujoco", "mujoco_core", "mujoco_studio"):
-        (tmp_path / f"{name}-4.1.0-py3-none-any.whl").write_bytes(b"x")
-    one = str(tmp_path / "mujoco-4.1.0-py3-none-any.whl")
-    for text in (str(tmp_path), one):
-        release = installs.parse_release(text)
-        assert release.version == "4.1.0"
-        assert len(release.wheels) == 3
 
 
 def test_a_cache_folder_that_cannot_be_written_is_reported(
@@ -249,12 +273,73 @@ def test_a_cache_folder_that_cannot_be_written_is_reported(
         installs.install(installs.parse_release("3.5.0"))
 
 
-def test_an_unreachable_index_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
-    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
-    monkeypatch.setenv("PIP_RETRIES", "0")
-    with pytest.raises(MachineError) as caught:
+def test_a_missing_home_folder_is_reported_and_no_folder_is_called_tilde(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Python leaves `~` where neither HOME nor the list of users has a home folder."""
+    monkeypatch.delenv("MJBENCH_CACHE")
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(MachineError, match=r"no home folder is known.* MJBENCH_CACHE"):
         installs.install(installs.parse_release("3.5.0"))
-    assert "cannot install MuJoCo 3.5.0" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(version: str, wheels: Sequence[Path], target: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+
+    monkeypatch.setattr(installs.pip, "install", full)
+    with pytest.raises(MachineError, match=r"^cannot install into \S+: No space left on device$"):
+        installs.install(installs.parse_release("3.5.0"))
     assert installs.install_names() == []
+
+
+def test_a_file_system_without_locks_is_reported(
+    pip: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(installs.fcntl, "flock", refuse)
+    with pytest.raises(MachineError, match=r"cannot lock .*: No locks available"):
+        installs.install(installs.parse_release("3.5.0"))
+
+
+def test_a_removal_that_was_killed_does_not_prevent_the_next(pip: list[str], cache: Path) -> None:
+    release = installs.parse_release("3.5.0")
+    installs.install(release)
+    (cache / f".{release.key}.removed" / "mujoco").mkdir(parents=True)
+    installs.remove(release.key)
+    assert installs.install_names() == []
+    assert [p.name for p in cache.iterdir()] == ["locks"]
+
+
+def test_a_damaged_install_is_refused_until_it_is_removed(pip: list[str]) -> None:
+    release = installs.parse_release("3.5.0")
+    file = installs.install(release) / "mujoco" / "__init__.py"
+    file.write_bytes(file.read_bytes().replace(b"3.5.0", b"3.5.1"))
+    message = f"is damaged: mujoco/__init__.py has been changed; remove it by .* {release.key}"
+    with pytest.raises(MachineError, match=re.escape(release.key)), installs.use(release):
+        pass
+    with pytest.raises(MachineError, match=message.replace("+", r"\+")):
+        installs.install(release)
+    installs.remove(release.key)
+    with installs.use(release) as folder:
+        assert folder is not None
+    assert pip == ["3.5.0", "3.5.0"]
+
+
+def test_a_changed_file_of_the_environments_own_release_is_said(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    release = installs.parse_release("installed")
+    with installs.use(release):
+        assert caplog.messages == []
+    monkeypatch.setattr(
+        install_check, "changed_file", lambda: "mujoco/libmujoco.so has been changed"
+    )
+    with installs.use(release):
+        pass
+    said = f"mujoco/libmujoco.so has been changed since MuJoCo {release.version} was installed here"
+    assert caplog.messages == [f"mjbench: {said}"]

@@ -1,0 +1,120 @@
+"""Runs pip to install a release into a folder, and says why it could not.
+
+pip says "no matching distribution" when there is no such version, and also when the index cannot be
+reached. Its output is for people, so the index is asked instead of parsing it.
+"""
+
+import bisect
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from packaging import tags
+from packaging.utils import InvalidWheelFilename, parse_wheel_filename
+from packaging.version import Version
+
+from mjbench.errors import InputError, MachineError, one_line
+from mjbench.instrument import child
+from mjbench.releases import package_index
+from mjbench.releases.release import OLDEST, version_key
+
+# How many other versions an error names.
+_NEAREST = 4
+
+
+def install(version: str, wheels: Sequence[Path], target: Path) -> None:
+    """Install a release and this environment's NumPy version into a folder.
+
+    pip dies with this process, so that it cannot write on while another process installs.
+
+    Args:
+      version: of MuJoCo.
+      wheels: local wheels of the release; empty for the version of the index.
+      target: the folder, which pip creates.
+
+    Raises:
+      InputError: the index has no such release for this Python.
+      MachineError: pip failed, or the index cannot be reached.
+    """
+    command = [
+        *(sys.executable, "-m", "pip", "install"),
+        *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
+        f"--target={target}",
+        *(f"--find-links={folder}" for folder in {wheel.parent for wheel in wheels}),
+        *([str(wheel) for wheel in wheels] or [f"mujoco=={version}"]),
+        f"numpy=={metadata.version('numpy')}",
+    ]
+    done = subprocess.run(
+        command,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        check=False,
+        env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
+        preexec_fn=child.die_with_parent,
+    )
+    if done.returncode != 0:
+        raise _error(version, bool(wheels), _reason(done.stderr))
+
+
+def _reason(stderr: str) -> str:
+    """Return the line of pip's output that says most, as it is."""
+    lines = stderr.splitlines() or ["pip failed without a message"]
+    errors = [line for line in lines if line.startswith("ERROR: ") and not line.endswith(":")]
+    return one_line((errors or lines)[-1].removeprefix("ERROR: "))
+
+
+def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
+    """Return the error that stands for a failure of pip.
+
+    Args:
+      version: that it had to install.
+      local: whether from local wheels; the index then had to provide only what they need.
+      reason: that pip gave.
+    """
+    try:
+        files_of = package_index.files()
+    except MachineError as error:
+        return MachineError(f"cannot install MuJoCo {version}: {error}; pip says: {reason}")
+    if not local:
+        available = _available(files_of)
+        if Version(version) not in available:
+            on_index = Version(version) in map(Version, files_of)
+            where = "for this Python" if on_index else "on the package index"
+            return InputError(f"there is no MuJoCo {version} {where}{_nearest(version, available)}")
+    return MachineError(f"cannot install MuJoCo {version}: {reason}")
+
+
+def _available(files_of: Mapping[str, Sequence[str]]) -> list[Version]:
+    """Return the versions of which the index has a wheel for this Python, sorted.
+
+    Args:
+      files_of: the names of the files of each version.
+    """
+    accepted = frozenset(tags.sys_tags())
+    return sorted(
+        Version(version)
+        for version, files in files_of.items()
+        if any(not accepted.isdisjoint(_tags(file)) for file in files)
+    )
+
+
+def _tags(file: str) -> frozenset[tags.Tag]:
+    try:
+        return parse_wheel_filename(file)[3]
+    except InvalidWheelFilename:  # a source archive
+        return frozenset()
+
+
+def _nearest(version: str, available: Sequence[Version]) -> str:
+    """Return the final versions nearest to one that does not exist, as the end of a sentence."""
+    final = [v for v in available if not v.is_prerelease and version_key(str(v)) >= OLDEST]
+    if not final:
+        return ""
+    position = bisect.bisect(final, Version(version)) - _NEAREST // 2
+    first = max(0, min(position, len(final) - _NEAREST))
+    return f"; the nearest are {', '.join(map(str, final[first : first + _NEAREST]))}"
