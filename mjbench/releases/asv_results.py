@@ -80,7 +80,9 @@ def _machine(path: Path) -> AsvMachine:
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
+    except (ValueError, TypeError) as error:
         raise InputError(f"cannot read {path}: {one_line(error)}") from error
 
 

@@ -39,7 +39,9 @@ def load(file: Path) -> list[Cause]:
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8")).get("cause", [])
         return [Cause(**entry) for entry in entries]
-    except (OSError, ValueError, TypeError) as error:
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}") from error
+    except (ValueError, TypeError) as error:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
 
 

@@ -50,7 +50,7 @@ def print_crossovers(out: Console, crossovers: Sequence[Crossover]) -> None:
         else:
             text = (
                 f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
-                f" where it has {row.share:.2g} of its speed"
+                f" where it has {tables.plain(row.share, 2)} of its speed"
             )
         out.print(f"{row.model}: {variant} {text}", soft_wrap=True)
 
@@ -138,7 +138,7 @@ def _speed_cells(result: PathResult) -> list[str]:
         f"{result.step_ns.min:,.0f}",
         factor,
         interval,
-        f"{realtime:,.0f}" if realtime >= 10 else f"{realtime:.2g}",
+        f"{realtime:,.0f}" if realtime >= 10 else tables.plain(realtime, 2),
     ]
 
 

@@ -22,6 +22,7 @@ from mjbench.releases.history import (
     unpaired_change_points,
     work_changes,
 )
+from mjbench.report import tables
 
 # Longer lists of parameters are only counted.
 _MOST_LABELS = 4
@@ -130,7 +131,7 @@ def _microseconds(series: Series, version: str) -> str:
         return "failed"
     if not point.is_measured:
         return "–"
-    return f"{1e6 * point.value / series.repeats:.3g}"
+    return tables.plain(1e6 * point.value / series.repeats, 3)
 
 
 def _instructions_table(history: History) -> Iterator[str]:
@@ -159,7 +160,7 @@ def _instruction_cells(series: Series, versions: Sequence[str]) -> list[str]:
             mark = "▲"
         elif ratio < 1 - COUNT_THRESHOLD:
             mark = "▼"
-        cells.append(f"{point.value / 1000:.4g}{mark}")
+        cells.append(f"{tables.plain(point.value / 1000, 4)}{mark}")
         previous = point.value
     return cells
 

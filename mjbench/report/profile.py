@@ -33,8 +33,9 @@ def _print_step(out: Console, profile: StepProfile) -> None:
     )
     work = steps.work
     out.print(
-        f"A step has {work.contacts:.3g} contacts, {work.constraints:.3g} constraints,"
-        f" {work.solver_iterations:.3g} solver iterations.",
+        f"A step has {tables.plain(work.contacts, 3)} contacts,"
+        f" {tables.plain(work.constraints, 3)} constraints,"
+        f" {tables.plain(work.solver_iterations, 3)} solver iterations.",
         soft_wrap=True,
     )
     if clock_ns / loop_ns >= _LEAST_CLOCK_SHARE:
@@ -81,5 +82,5 @@ def _print_simulated_second(out: Console, profile: StepProfile) -> None:
 def _time(ns: float) -> str:
     for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
         if abs(ns) >= size:
-            return f"{ns / size:.3g} {unit}"
+            return f"{tables.plain(ns / size, 3)} {unit}"
     return f"{ns:.0f} ns"

@@ -1,6 +1,7 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
 from collections.abc import Sequence
+from decimal import Decimal
 from typing import Any
 
 from rich.console import Console
@@ -61,7 +62,19 @@ def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> T
 
 def factor(ratio: float) -> str:
     """Return a speed-up in the digits that mean something."""
-    return f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.1g}"
+    return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
+
+
+def plain(value: float, digits: int) -> str:
+    """Return a number as people write it, such as `150` or `0.000012`, never as `1.5e+02`.
+
+    Args:
+      value: the number.
+      digits: how many significant digits to write; those before the point are always written.
+    """
+    if abs(value) >= 10**digits:
+        return f"{value:.0f}"
+    return f"{Decimal(f'{value:.{digits}g}'):f}"
 
 
 def yes_no(value: bool) -> str:

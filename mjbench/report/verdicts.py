@@ -92,9 +92,8 @@ def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
 
 
 def _change(share: float) -> str:
-    """Return a share in percent, to two significant digits, and never as `1.5e+02`."""
-    percent = 100 * share
-    return f"{percent:.2g}" if percent < 99.5 else f"{percent:.0f}"
+    """Return a share in percent, without the percent sign, to two significant digits."""
+    return tables.plain(100 * share, 2)
 
 
 def _signed(ratio: float) -> str:

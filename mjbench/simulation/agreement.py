@@ -144,11 +144,16 @@ def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float
     Counters that only the baseline has are ignored.
     """
     return [
-        f"{name.replace('_', ' ')} {before:.4g} → {candidate[name]:.4g}"
+        f"{name.replace('_', ' ')} {_count(before)} → {_count(candidate[name])}"
         for name, before in baseline.items()
         if name in candidate
         and abs(candidate[name] - before) > SAME_WORK * max(abs(before), abs(candidate[name]))
     ]
+
+
+def _count(value: float) -> str:
+    """Return a mean count to four significant digits; not as `1.235e+04`."""
+    return f"{value:.4g}" if value < 9999.5 else f"{value:.0f}"
 
 
 def max_relative_error(

@@ -27,6 +27,19 @@ def test_one_of_two_machines_must_be_named(tmp_path: Path) -> None:
         asv_results.load(tmp_path, bundle.default_path())
 
 
+@pytest.mark.parametrize(
+    ("content", "reason"), [(None, "No such file or directory"), ("{", "Expecting .*")]
+)
+def test_a_file_that_cannot_be_read_is_named_once(
+    tmp_path: Path, content: str | None, reason: str
+) -> None:
+    file = tmp_path / "benchmarks.json"
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(InputError, match=f"^cannot read {re.escape(str(file))}: {reason}$"):
+        asv_results._read_json(file)
+
+
 def test_the_committed_results_span_the_releases() -> None:
     measured = asv_results.load(ROOT / "results/asv", bundle.default_path())
     assert len(measured.versions) >= 30

@@ -35,6 +35,13 @@ def test_an_entry_that_lacks_something_is_refused(tmp_path: Path) -> None:
         causes.load(file)
 
 
+def test_a_missing_file_is_named_once(tmp_path: Path) -> None:
+    file = tmp_path / "causes.toml"
+    with pytest.raises(InputError) as raised:
+        causes.load(file)
+    assert str(raised.value) == f"cannot read {file}: No such file or directory"
+
+
 def test_every_cause_with_a_commit_is_an_item_of_its_release_in_the_changelog() -> None:
     changelog = Path(str(metadata.distribution("mujoco").locate_file("mujoco/doc/changelog.rst")))
     if not changelog.is_file():

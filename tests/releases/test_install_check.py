@@ -1,4 +1,7 @@
+import base64
+import hashlib
 import os
+import shutil
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -83,3 +86,79 @@ def test_a_broken_file_is_refused(tmp_path: Path, change: Any, message: str) -> 
     assert install_check._broken_file([distribution]) is None
     change(tmp_path / "mujoco" / "part.py")
     assert message in (install_check._broken_file([distribution]) or "")
+
+
+@pytest.fixture
+def install(tmp_path: Path) -> Path:
+    """A folder with a release and another distribution, made by hand."""
+    for name, files in {
+        "mujoco-9.9.9": {
+            "mujoco/libmujoco.so.9.9.9": b"machine code",
+            "mujoco/part.py": b"part = 1",
+        },
+        "other-1.0": {"other/native.cpython-311.so": b"machine code", "other/part.py": b"part = 1"},
+    }.items():
+        record = f"{name}.dist-info/RECORD,,\n../../bin/other,sha256=moved,1\nother/a.pyc,,\n"
+        for file, content in files.items():
+            (tmp_path / file).parent.mkdir(exist_ok=True)
+            (tmp_path / file).write_bytes(content)
+            digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode()
+            record += f"{file},sha256={digest.rstrip('=')},{len(content)}\n"
+        (tmp_path / f"{name}.dist-info").mkdir()
+        (tmp_path / f"{name}.dist-info" / "RECORD").write_text(record)
+    assert install_check.damaged_file(tmp_path) is None
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "name", ["mujoco/libmujoco.so.9.9.9", "mujoco/part.py", "other/native.cpython-311.so"]
+)
+def test_a_flipped_bit_is_noticed(install: Path, name: str) -> None:
+    content = bytearray((install / name).read_bytes())
+    content[5] ^= 1
+    (install / name).write_bytes(content)
+    assert install_check.damaged_file(install) == f"{name} has been changed"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "problem"),
+    [
+        ("other/part.py", b"part = 12", "other/part.py has been changed"),
+        ("other/part.py", None, "other/part.py is missing"),
+        ("mujoco-9.9.9.dist-info", None, "MuJoCo is missing"),
+        ("other-1.0.dist-info/RECORD", None, "other-1.0.dist-info/RECORD cannot be read"),
+        ("other-1.0.dist-info/RECORD", b"\xff", "other-1.0.dist-info/RECORD cannot be read"),
+        ("other-1.0.dist-info/RECORD", b"other/part.py\n", "a RECORD is broken: "),
+        ("other-1.0.dist-info/RECORD", b"other/part.py,,many\n", "a RECORD is broken: "),
+        ("other-1.0.dist-info/RECORD", b"other/part.py/x,,8\n", "other/part.py/x cannot be read: "),
+        ("mujoco-9.9.9.dist-info/RECORD", b"mujoco/part.py,md0=x,8\n", None),
+    ],
+)
+def test_an_install_is_as_its_wheels_were_or_the_first_other_file_is_named(
+    install: Path, name: str, content: bytes | None, problem: str | None
+) -> None:
+    if content is not None:
+        (install / name).write_bytes(content)
+    elif (install / name).is_dir():
+        shutil.rmtree(install / name)
+    else:
+        (install / name).unlink()
+    actual = install_check.damaged_file(install)
+    assert actual == problem if problem is None else (actual or "").startswith(problem)
+
+
+def test_a_changed_file_of_the_environments_own_mujoco_is_named(
+    install: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    info = install / "mujoco-9.9.9.dist-info"
+    info.joinpath("METADATA").write_text("Metadata-Version: 2.1\nName: mujoco\nVersion: 9.9.9\n")
+    monkeypatch.setattr(
+        install_check,
+        "_distributions",
+        lambda: metadata.distributions(name="mujoco", path=[str(install)]),
+    )
+    assert install_check.changed_file() is None
+    (install / "mujoco/part.py").write_bytes(b"part = 2")
+    assert install_check.changed_file() == "mujoco/part.py has been changed"
+    (info / "RECORD").unlink()  # as some package managers leave it
+    assert install_check.changed_file() is None

@@ -1,7 +1,9 @@
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pytest
 
+from mjbench.errors import MachineError
 from mjbench.releases import package_index
 from mjbench.releases.package_index import Upload
 
@@ -26,6 +28,33 @@ def test_releases_are_the_final_ones_that_were_not_yanked_in_upload_order() -> N
     )
     assert [r.version for r in releases] == ["3.0.0", "3.0.1", "3.0.1.post1"]
     assert releases[1].uploaded == datetime(2024, 2, 1, 9, 59, 59, tzinfo=UTC)
+
+
+def test_the_names_of_all_files_are_known_by_version() -> None:
+    files = package_index._files(
+        {
+            "3.0.0": [upload("2024-01-01T00:00:00Z") | {"filename": "mujoco-3.0.0.tar.gz"}],
+            "3.0.2rc1": [],
+            "not-a-version": [],
+        }
+    )
+    assert files == {"3.0.0": ["mujoco-3.0.0.tar.gz"], "3.0.2rc1": []}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"<html>", b"[]", b"null", b'{"releases": null}', b'{"releases": {"3.0": [{}]}}'],
+)
+def test_an_answer_that_is_not_the_indexs_is_a_machine_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: bytes
+) -> None:
+    (tmp_path / "answer").write_bytes(content)
+    monkeypatch.setattr(package_index, "_index_url", (tmp_path / "answer").as_uri)
+    for read in (package_index.releases, package_index.files):
+        with pytest.raises(
+            MachineError, match="cannot read the releases of mujoco from the package"
+        ):
+            read()
 
 
 @pytest.mark.parametrize(

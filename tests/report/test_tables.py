@@ -48,3 +48,20 @@ def test_printable_text_is_left_alone() -> None:
 
 def test_a_message_is_one_printable_line() -> None:
     assert one_line("a\n  b\x1b[1mc") == "a b\\x1b[1mc"
+
+
+def test_numbers_are_written_without_exponents() -> None:
+    for value, digits, text in [
+        (1.4, 2, "1.4"),
+        (99.6, 2, "100"),
+        (153.7, 2, "154"),
+        (0.000012, 2, "0.000012"),
+        (0.0, 2, "0"),
+        (-1234.5, 3, "-1234"),
+        (999.6, 3, "1000"),
+        (float("inf"), 2, "inf"),
+    ]:
+        assert tables.plain(value, digits) == text
+    assert [tables.factor(ratio) for ratio in (1.234, 0.1, 0.04, 0.00004)] == [
+        *("1.23", "0.10", "0.04", "0.00004")
+    ]

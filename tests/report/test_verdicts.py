@@ -1,8 +1,11 @@
 """Verdicts as sentences."""
 
+import re
 from dataclasses import replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import DivergedPair, Ratio, TargetRow, VerdictRow, WorkPair
@@ -45,6 +48,20 @@ def test_a_verdict_is_a_sentence() -> None:
 )
 def test_each_verdict_says_how_much_and_how_sure(verdict: Verdict, ratio: Ratio, text: str) -> None:
     assert text in verdicts.describe_verdict(replace(ROW, verdict=verdict, ratio=ratio))
+
+
+@settings(deadline=None)
+@given(st.floats(1e-9, 1e9))
+def test_any_change_is_written_as_people_write_a_percentage(change: float) -> None:
+    """A factor of 1 + change is slower by 100 × change percent, to two significant digits."""
+    row = replace(ROW, ratio=Ratio(1 + change, 1.0, 1 + 2 * change))
+    sentence = verdicts.describe_verdict(row)
+    written = re.search(
+        r": slower by (\d+(\.\d+)?) % \(interval \+0\.00 to \+\d+\.\d\d %\), ", sentence
+    )
+    assert written, sentence
+    assert float(written[1]) == pytest.approx(100 * ((1 + change) - 1), rel=0.051)
+    assert len(written[1].strip("0.")) <= 2 or change >= 0.99
 
 
 def test_changed_work_says_what_changed() -> None:

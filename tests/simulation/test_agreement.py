@@ -59,6 +59,9 @@ def test_the_digest_depends_on_every_bit() -> None:
 def test_changed_work_is_listed_counter_by_counter() -> None:
     before, after = Work(1.0, 10.001, 2.0), Work(5.0, 10.0, 2.0)
     assert agreement.counter_changes(before.as_dict(), after.as_dict()) == ["contacts 1 → 5"]
+    many = Work(12345.6, 10.0, 2.0)
+    (change,) = agreement.counter_changes(before.as_dict(), many.as_dict())
+    assert change == "contacts 1 → 12346"
     changes = agreement.work_changes(before, after, 1e-3, (0, 2))
     assert changes == [
         "contacts 1 → 5",

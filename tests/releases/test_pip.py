@@ -1,0 +1,152 @@
+"""How pip is run, and what its failures mean. A script stands in for Python, so for pip too."""
+
+import contextlib
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from commands import PYTHONPATH
+from packaging import tags
+
+from mjbench.errors import InputError, MachineError
+from mjbench.releases import package_index, pip
+
+HERE = str(next(tags.sys_tags()))
+NO_MATCH = (
+    "ERROR: Could not find a version that satisfies the requirement mujoco==9.9.9"
+    " (from versions: none)\\nERROR: No matching distribution found for mujoco==9.9.9\\n"
+)
+FullIndex = Callable[..., None]
+
+
+@pytest.fixture
+def index(monkeypatch: pytest.MonkeyPatch) -> FullIndex:
+    """Return a function that replaces the index by one with wheels of these versions."""
+
+    def replace(*versions: str, tag: str = HERE) -> None:
+        files = {version: [f"mujoco-{version}-{tag}.whl"] for version in versions}
+        monkeypatch.setattr(package_index, "files", lambda: files)
+
+    return replace
+
+
+@pytest.fixture
+def failing_pip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Return a function that has pip write a text to standard error and fail."""
+
+    def replace(stderr: str) -> None:
+        script(tmp_path / "python", f"printf '{stderr}' >&2\nexit 1\n")
+        monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+
+    return replace
+
+
+def script(file: Path, commands: str) -> None:
+    file.write_text(f"#!/bin/sh\n{commands}")
+    file.chmod(0o755)
+
+
+@pytest.mark.parametrize(
+    ("version", "nearest"),
+    [
+        ("9.9.9", "3.2.0, 3.3.0, 3.3.1, 4.0.0"),
+        ("3.2.7", "3.1.0, 3.2.0, 3.3.0, 3.3.1"),
+        ("2.9.9", "3.0.0, 3.1.0, 3.2.0, 3.3.0"),
+        ("4.0.0rc1", "3.2.0, 3.3.0, 3.3.1, 4.0.0"),
+    ],
+)
+def test_a_version_that_does_not_exist_is_refused_with_the_nearest_ones(
+    failing_pip: Callable[[str], None],
+    index: FullIndex,
+    tmp_path: Path,
+    version: str,
+    nearest: str,
+) -> None:
+    failing_pip(NO_MATCH)
+    index("2.3.6", "4.0.0", "3.0.0", "3.1.0", "3.2.0", "3.3.1", "3.3.0", "3.3.0rc2")
+    with pytest.raises(InputError) as raised:
+        pip.install(version, (), tmp_path / "target")
+    assert str(raised.value) == (
+        f"there is no MuJoCo {version} on the package index; the nearest are {nearest}"
+    )
+
+
+def test_a_version_without_a_wheel_for_this_python_is_refused(
+    failing_pip: Callable[[str], None], index: FullIndex, tmp_path: Path
+) -> None:
+    failing_pip(NO_MATCH)
+    index("3.3.0", tag="cp27-cp27m-win32")
+    with pytest.raises(InputError, match=r"^there is no MuJoCo 3\.3\.0 for this Python$"):
+        pip.install("3.3.0", (), tmp_path / "target")
+
+
+@pytest.mark.parametrize("wheels", [(), ("mujoco-9.9.9-py3-none-any.whl",)])
+def test_an_index_that_cannot_be_reached_is_said(
+    failing_pip: Callable[[str], None],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    wheels: tuple[str, ...],
+) -> None:
+    def unreachable() -> None:
+        raise MachineError("cannot read the releases of mujoco from the package index: refused")
+
+    failing_pip(NO_MATCH)
+    monkeypatch.setattr(package_index, "files", unreachable)
+    with pytest.raises(MachineError) as raised:
+        pip.install("9.9.9", [tmp_path / wheel for wheel in wheels], tmp_path / "target")
+    assert str(raised.value) == (
+        "cannot install MuJoCo 9.9.9: cannot read the releases of mujoco from the package index:"
+        " refused; pip says: No matching distribution found for mujoco==9.9.9"
+    )
+
+
+@pytest.mark.parametrize(
+    ("stderr", "reason"),
+    [
+        ("ERROR: [Errno 28] No space left on device\\n", "[Errno 28] No space left on device"),
+        ("ERROR: one\\nERROR: Exception:\\nTraceback\\nBadZipFile: bad", "one"),
+        ("ERROR: Exception:\\nTraceback\\nBadZipFile: bad", "BadZipFile: bad"),
+        ("No module named pip", "No module named pip"),
+        ("\\377", "\N{REPLACEMENT CHARACTER}"),
+        ("", "pip failed without a message"),
+    ],
+)
+def test_another_failure_of_pip_is_one_line(
+    failing_pip: Callable[[str], None], index: FullIndex, tmp_path: Path, stderr: str, reason: str
+) -> None:
+    failing_pip(stderr)
+    index("3.3.0")
+    for version, wheels in (("3.3.0", []), ("4.1.0+local", [tmp_path / "mujoco.whl"])):
+        with pytest.raises(MachineError) as raised:
+            pip.install(version, wheels, tmp_path / "target")
+        assert str(raised.value) == f"cannot install MuJoCo {version}: {reason}"
+
+
+def test_pip_dies_with_the_process_that_runs_it(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    script(tmp_path / "python", f"exec >{pipe}\necho running\nexec sleep 60\n")
+    program = (
+        "import sys; from pathlib import Path; from mjbench.releases import pip;"
+        f" sys.executable = {str(tmp_path / 'python')!r}; pip.install('3.5.0', (), Path('target'))"
+    )
+    user = subprocess.Popen(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        start_new_session=True,
+    )
+    with contextlib.ExitStack() as closing:
+        closing.callback(user.wait)
+        closing.callback(user.kill)
+        reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+        closing.callback(os.close, reading)
+        assert select.select([reading], [], [], 30)[0]
+        assert os.read(reading, 100) == b"running\n"
+        user.kill()
+        assert select.select([reading], [], [], 30)[0], "pip lives on"
+        assert os.read(reading, 100) == b""  # nobody has the pipe open for writing
