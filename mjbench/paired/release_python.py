@@ -8,14 +8,20 @@ import sys
 from pathlib import Path
 
 import mjbench
+from mjbench.errors import writing
 
 
 def link_mjbench(folder: Path) -> None:
     """Link the mjbench package alone into a folder.
 
     What lies beside the package (another MuJoCo, in a virtual environment) must not be found.
+
+    Raises:
+      MachineError: the link cannot be created.
     """
-    (folder / "mjbench").symlink_to(Path(mjbench.__file__).resolve().parent)
+    link = folder / "mjbench"
+    with writing(link):
+        link.symlink_to(Path(mjbench.__file__).resolve().parent)
 
 
 def command(code: str, core: Path, install: Path | None) -> list[str]:

@@ -109,9 +109,14 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     try:
         model = from_file(str(source.path))
     except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
-        advice = "; only the release that saved an .mjb file can load it" if compiled else ""
+        advice = (
+            "; only the release that saved an .mjb file can load it, and this is MuJoCo"
+            f" {mujoco.__version__}"
+            if compiled
+            else ""
+        )
         raise InputError(
-            f"{source.name}: MuJoCo {mujoco.__version__} cannot load it: {one_line(error)}{advice}"
+            f"{source.name}: MuJoCo cannot load it: {one_line(error)}{advice}"
         ) from error
     if model.nv == 0:
         raise InputError(f"{source.name}: nothing to step, the model has no degree of freedom")
