@@ -29,11 +29,12 @@ class MachineError(MjbenchError):
 
 @contextlib.contextmanager
 def writing(file: Path) -> Iterator[None]:
-    """Turn the operating system's refusal to write `file` into a MachineError."""
+    """Turn the refusal to write `file`, or a name that no file can have, into a MachineError."""
     try:
         yield
-    except OSError as error:
-        raise MachineError(f"cannot write {file}: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise MachineError(f"cannot write {file}: {reason}") from error
 
 
 @dataclass(frozen=True)

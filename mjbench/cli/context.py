@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import signal
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -158,6 +159,8 @@ class RunContext:
         )
         if storage.resume is None:
             return runs.RunFile.create(storage.results, header)
+        if storage.resume.is_fifo():
+            raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
         stored = runs.load(storage.resume, RECORD_TYPES)
         resume.check_continues(storage.resume, stored.header, header)
         if stored.is_torn:
@@ -226,44 +229,65 @@ class _JsonTarget:
     """Where a JSON document goes; a file appears only when the document is complete."""
 
     def __init__(self, name: str | None, inputs: Sequence[Path]):
-        self._name = name
+        self._is_stdout = name == "-"
+        self._file = None if name is None or self._is_stdout else Path(name)
+        self._target = Path(_real(name or ""))  # where links lead
         self._partial: Path | None = None
-        if name not in (None, "-") and Path(str(name)).resolve() in {p.resolve() for p in inputs}:
+        if self._file and str(self._target) in {_real(str(path)) for path in inputs}:
             raise InputError(f"--json {name} is a file that this command reads: choose another")
 
     def open(self) -> None:
-        """Create the file under a temporary name, to see that it can be written."""
-        if self._name in (None, "-"):
+        """Create the file under a temporary name, to see that it can be written.
+
+        A device or a pipe is opened only when the document is complete.
+        """
+        if self._file is None:
             return
-        target = Path(str(self._name))
-        with writing(target):
-            if target.is_dir():
-                raise IsADirectoryError(None, "it is a folder")
-            descriptor, partial = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with writing(self._file):
+            if os.path.lexists(self._target):
+                if self._is_special:
+                    return
+                self._target.open("ab").close()  # a folder, no permission, a loop of links
+            folder, prefix = self._target.parent, f".{self._target.name}."
+            descriptor, partial = tempfile.mkstemp(dir=folder, prefix=prefix)
             os.close(descriptor)
             self._partial = Path(partial)
 
     def write(self, document: Any) -> None:
         """Write the document: a dataclass, or JSON-ready values."""
-        if self._name is None:
+        if self._file is None and not self._is_stdout:
             return
         from mjbench.instrument.runs import to_json
 
         text = json.dumps(to_json(document), indent=1)
-        if self._partial is None:
+        if self._file is None:
             click.echo(text)
             return
-        target = Path(self._name)
-        with writing(target):
+        with writing(self._file):
+            if self._partial is None:
+                self._target.write_text(f"{text}\n", encoding="utf-8")
+                return
             self._partial.write_text(text, encoding="utf-8")
-            self._partial.chmod(0o666 & ~_umask())
-            self._partial.replace(target)
+            self._partial.chmod(self._mode())
+            self._partial.replace(self._target)
             self._partial = None
 
     def close(self) -> None:
         """Remove what was not completed."""
         if self._partial is not None:
             self._partial.unlink(missing_ok=True)
+
+    @property
+    def _is_special(self) -> bool:
+        """Whether the target is a device, a pipe or a socket, which must not be replaced."""
+        return self._target.exists() and not (self._target.is_file() or self._target.is_dir())
+
+    def _mode(self) -> int:
+        """Return the permissions of the file that is replaced, or those of a new one."""
+        try:
+            return stat.S_IMODE(self._target.stat().st_mode)
+        except OSError:
+            return 0o666 & ~_umask()
 
 
 @contextlib.contextmanager
@@ -281,6 +305,14 @@ def _noticed(command: str, wait: bool) -> Iterator[Presence]:
 
 def _report_wait(others: Sequence[Neighbour]) -> None:
     report_line(f"waiting for {neighbours.names(others)}, which measures on this machine")
+
+
+def _real(name: str) -> str:
+    """Return the path of a file without links; a name that no file can have, as it is."""
+    try:
+        return os.path.realpath(name)
+    except ValueError:
+        return name
 
 
 def _umask() -> int:

@@ -1,5 +1,6 @@
 """Bad input, full disks, interrupts: one clear line, the right exit code, nothing lost."""
 
+import contextlib
 import json
 import os
 import signal
@@ -174,3 +175,71 @@ def test_an_unforeseen_error_is_one_line_with_the_details_in_a_file(
     (file,) = tmp_path.iterdir()
     assert str(file) in result.stderr
     assert "Traceback" in file.read_text()
+
+
+def lint_to(target: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    (cwd / "a.py").write_text("x = 1\n")
+    return mjbench("lint", "a.py", "--json", target, cwd=cwd)
+
+
+def test_a_document_is_written_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "target").write_text("earlier")
+    (tmp_path / "target").chmod(0o640)
+    (tmp_path / "link").symlink_to("target")
+    assert lint_to("link", tmp_path).returncode == 0
+    assert (tmp_path / "link").is_symlink()
+    assert json.loads((tmp_path / "target").read_text())["findings"] == []
+    assert (tmp_path / "target").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    (tmp_path / "a.py").write_text("x = 1\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "mjbench", "lint", "a.py", "--json", "pipe"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": PYTHONPATH}, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert json.loads(os.read(reader, 1 << 16))["findings"] == []
+    os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize(
+    "target", ["folder", "folder/", "", " /x", "loop", "x" * 5_000, "/proc/x", "no/such", "a\0b"]
+)
+def test_an_output_that_cannot_be_written_is_one_line(tmp_path: Path, target: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "a.py").write_text("x = 1\n")
+    files = sorted(tmp_path.iterdir())
+    with contextlib.chdir(tmp_path):
+        done = CliRunner().invoke(cli, ["lint", "a.py", "--json", target])
+    assert done.exit_code == 3
+    assert done.stderr.startswith("mjbench: cannot write ")
+    assert done.stderr.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == files
+
+
+@pytest.mark.parametrize("words", [["--help"], ["paths"], ["paths", "--json", "-"]])
+def test_a_full_disk_behind_standard_output_is_one_line(words: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mjbench", *words],
+            env={**os.environ, "PYTHONPATH": PYTHONPATH},
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 3
+    assert done.stderr.count("mjbench: ") == 1
+    assert "No space left on device" in done.stderr.splitlines()[-1]
+
+
+def test_mujoco_that_cannot_be_imported_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "mujoco.py").write_text("raise ImportError('libGL.so.1: no such file')\n")
+    (tmp_path / "m.xml").write_text(CONTACT_XML)
+    for words in (["compare", "m.xml"], ["models", "m.xml"], ["falls"], ["profile", "m.xml"]):
+        done = mjbench(*words, cwd=tmp_path, env={"PYTHONPATH": f"{tmp_path}:{PYTHONPATH}"})
+        assert done.returncode == 3
+        assert "libGL.so.1: no such file" in done.stdout + done.stderr
+        assert "report it" not in done.stderr
