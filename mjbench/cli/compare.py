@@ -13,16 +13,19 @@ import click
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
+    COUNT,
     HOLD,
     LIMIT,
     SEED,
     STORING,
     Names,
     Numbers,
+    Seconds,
     check_sizes,
     with_options,
 )
 from mjbench.errors import MachineError
+from mjbench.instrument.machine import MAX_THREADS
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -61,7 +64,9 @@ class _Options:
     help="Compare these (see `mjbench paths`) and python_loop, which is always added; `c` stands"
     " for all C paths, `usual` for those and, where installed, MJX  [default: c]",
 )
-@click.option("--threads", type=Numbers(), help="Thread counts  [default: 1 and usable cores]")
+@click.option(
+    "--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: 1 and usable cores]"
+)
 @click.option("--chunk", type=Numbers(), help="Simulations that a thread takes at a time.")
 @click.option(
     "--option",
@@ -75,14 +80,11 @@ class _Options:
     type=Numbers(),
     help="Simulations; several values are measured one after the other  [default: up to 64]",
 )
-@click.option(
-    "--nstep", type=click.IntRange(min=1), help="Steps of each simulation  [default: up to 200]"
-)
+@click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 200]")
 @click.option(
     "--budget",
-    type=click.FloatRange(min=0.0),
-    metavar="SECONDS",
-    help="Time to spend on timing each model  [default: 8]",
+    type=Seconds(zero=True),
+    help="Time to spend on timing each model  [default: 8s]",
 )
 @with_options(HOLD, SEED, LIMIT, *STORING)
 def compare(names: tuple[str, ...], **options: Any) -> None:

@@ -8,7 +8,7 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.paired_options import releases_and_models, verdict_plan
-from mjbench.cli.shared import JSON, JUDGING, SIZES, WAIT, with_options
+from mjbench.cli.shared import COUNT, JSON, JUDGING, SIZES, WAIT, with_options
 from mjbench.errors import InputError
 from mjbench.status import Status
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.argument("names", nargs=-1, required=True, metavar="OLD NEW [MODEL]…")
 @click.option(
     "--top",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=15,
     show_default=True,
     help="List this many functions.",

@@ -4,32 +4,34 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, Numbers
-from mjbench.errors import InputError
+from mjbench.cli.shared import COUNT, JSON, SEED_NUMBER, Angles, Numbers
+from mjbench.instrument.machine import MAX_THREADS
 
 
 @cli.command()
-@click.option("--angles", metavar="RAD,…", help="Initial angles  [default: 0 to 0.4 by 0.05]")
+@click.option("--angles", type=Angles(), help="Initial angles  [default: 0 to 0.4 by 0.05]")
 @click.option(
     "--samples",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=1000,
     show_default=True,
     help="Random starts for each angle.",
 )
 @click.option(
     "--threads",
-    type=Numbers(),
+    type=Numbers(MAX_THREADS),
     default="1,4,16",
     show_default=True,
     help="Thread counts for each path that has threads.",
 )
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the starts."
-)
+@click.option("--seed", type=SEED_NUMBER, default=0, show_default=True, help="Seed of the starts.")
 @JSON
 def falls(
-    angles: str | None, samples: int, threads: list[int], seed: int, json_file: str | None
+    angles: tuple[float, ...] | None,
+    samples: int,
+    threads: list[int],
+    seed: int,
+    json_file: str | None,
 ) -> None:
     """An example: how likely does the cart-pole fall, by initial angle, as several paths count it?
 
@@ -42,13 +44,7 @@ def falls(
     from mjbench.report.documents import FallsDocument
     from mjbench.report.pole_example import print_falls
 
-    try:
-        angles_rad = (
-            tuple(float(word) for word in angles.split(",")) if angles else pole_example.ANGLES_RAD
-        )
-    except ValueError as error:
-        raise InputError(f"--angles {angles}: {error}") from error
     with RunContext("falls", json_file) as run:
-        experiment = pole_example.measure(angles_rad, samples, threads, seed)
+        experiment = pole_example.measure(angles or pole_example.ANGLES_RAD, samples, threads, seed)
         print_falls(run.out, experiment, usable_cores())
         run.write(FallsDocument.of(experiment))

@@ -6,7 +6,11 @@ import click
 
 from mjbench.cli.group import cli
 from mjbench.cli.releases import HISTORY
+from mjbench.cli.shared import Share
 from mjbench.errors import writing
+
+# The largest change that can be left out of the page: a time 100 times as long.
+MAX_THRESHOLD = 100.0
 
 
 @cli.command()
@@ -25,10 +29,9 @@ from mjbench.errors import writing
 )
 @click.option(
     "--threshold",
-    default=5.0,
+    default="5%",
     show_default=True,
-    type=click.FloatRange(min=0.1),
-    metavar="PERCENT",
+    type=Share(below=MAX_THRESHOLD),
     help="List changes above this.",
 )
 @click.option(
@@ -65,7 +68,7 @@ def history(
     release_bundle = history or bundle.default_path()
     measured = asv_results.load(results, release_bundle, machine)
     known_causes = load_causes(causes or release_bundle.with_name("causes.toml"))
-    text = page(measured, known_causes, threshold / 100)
+    text = page(measured, known_causes, threshold)
     if output is None:
         click.echo(text, nl=False)
         return

@@ -4,7 +4,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, SEED, Seconds, with_options
+from mjbench.cli.shared import COUNT, JSON, SEED, Seconds, with_options
 
 
 @cli.command()
@@ -18,7 +18,7 @@ from mjbench.cli.shared import JSON, SEED, Seconds, with_options
 )
 @click.option(
     "--top",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=10,
     show_default=True,
     help="List this many functions.",

@@ -40,6 +40,8 @@ def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     for name in names:
         if name not in list(Finding):
             raise click.BadParameter(f"{name!r} is not one of {', '.join(Finding)}")
+    if value is not None and not names:
+        raise click.BadParameter(f"no finding given; name one or more of {', '.join(Finding)}")
     return [Finding(name) for name in names]
 
 

@@ -9,14 +9,14 @@ import click
 from mjbench.cli import paired_options
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JUDGING, STORING, Shares, with_options
+from mjbench.cli.shared import COUNT, JUDGING, STORING, Shares, with_options
 
 
 @cli.command()
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @click.option(
     "--trials",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=20,
     show_default=True,
     help="Comparisons for each model and slowdown.",

@@ -7,27 +7,40 @@ from typing import Any
 
 import click
 
-from mjbench.errors import InputError
+from mjbench.errors import InputError, one_line
+from mjbench.instrument.machine import MAX_COUNT
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
+# JSON documents hold integers of 64 bits.
+MAX_SEED = 2**63 - 1
+# The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
+# compiler may take several times its limit.
+MAX_SECONDS = 86_400.0
+# The largest slowdown to inject: every simulation is done this many times more.
+MAX_SLOWDOWN = 10.0
 
 
 class Numbers(click.ParamType[list[int]]):
-    """Comma-separated whole numbers, each at least 1."""
+    """Comma-separated whole numbers, each at least 1 and at most `most`."""
 
     name = "N,N,…"
 
+    def __init__(self, most: int = MAX_COUNT) -> None:
+        self.most = most
+
     def convert(self, value: Any, param: Any, ctx: Any) -> list[int]:
-        """Return the numbers of a list such as `1,2,4`."""
+        """Return the numbers of a list such as `1,2,4`, each once."""
         if isinstance(value, list):
             return value
         try:
             numbers = [int(word) for word in value.split(",")]
         except ValueError:
-            self.fail(f"{value!r} is not a list of whole numbers such as 1,2,4", param, ctx)
+            self.fail(f"{_quoted(value)} is not a list of whole numbers such as 1,2,4", param, ctx)
         if min(numbers) < 1:
-            self.fail(f"{min(numbers)} is below 1", param, ctx)
+            self.fail(f"{one_line(min(numbers), 30)} is below 1", param, ctx)
+        if max(numbers) > self.most:
+            self.fail(f"{one_line(max(numbers), 30)} is above {self.most}", param, ctx)
         return list(dict.fromkeys(numbers))
 
 
@@ -47,9 +60,12 @@ class Names(click.ParamType[list[str]]):
 
 
 class Share(click.ParamType[float]):
-    """A percentage such as `1%` or `0.5`, as a share."""
+    """A percentage such as `1%` or `0.5`, as a share above 0 and below `below`."""
 
     name = "PERCENT"
+
+    def __init__(self, below: float = 1.0) -> None:
+        self.below = below
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Return a percentage as a share."""
@@ -58,44 +74,75 @@ class Share(click.ParamType[float]):
         try:
             share = _share(value)
         except ValueError:
-            self.fail(f"{value!r} is not a percentage such as 1%", param, ctx)
-        if not 0 < share < 1:
-            self.fail(f"{value} is not between 0% and 100%", param, ctx)
+            self.fail(f"{_quoted(value)} is not a percentage such as 1%", param, ctx)
+        if not 0 < share < self.below:
+            self.fail(f"{_quoted(value)} is not between 0% and {100 * self.below:g}%", param, ctx)
         return share
 
 
 class Shares(click.ParamType[list[float]]):
-    """Comma-separated percentages such as `0,0.5%`, each at least 0, as shares."""
+    """Comma-separated percentages such as `0,0.5%`, as shares from 0 to `most`."""
 
     name = "PERCENT,…"
 
+    def __init__(self, most: float = MAX_SLOWDOWN) -> None:
+        self.most = most
+
     def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
-        """Return a list of percentages as shares."""
+        """Return a list of percentages as shares, each once."""
         if isinstance(value, list):
             return value
         try:
             shares = [_share(word) for word in value.split(",")]
         except ValueError:
-            self.fail(f"{value!r} is not a list of percentages such as 0,0.5,1", param, ctx)
-        if not all(0 <= share < math.inf for share in shares):
-            self.fail(f"{value}: each must be at least 0%, and finite", param, ctx)
-        return shares
+            self.fail(f"{_quoted(value)} is not a list of percentages such as 0,0.5,1", param, ctx)
+        if not all(0 <= share <= self.most for share in shares):
+            self.fail(f"{_quoted(value)}: each must be from 0% to {100 * self.most:g}%", param, ctx)
+        return list(dict.fromkeys(abs(share) for share in shares))  # abs: -0 is 0
 
 
 class Seconds(click.ParamType[float]):
-    """A time above 0, such as `60s` or `0.5`, in seconds."""
+    """A time such as `60s` or `0.5`, in seconds: at most a day, and above 0 unless `zero`."""
 
     name = "SECONDS"
+
+    def __init__(self, zero: bool = False) -> None:
+        self.zero = zero
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Return a time in seconds."""
         try:
-            seconds = float(str(value).removesuffix("s"))
+            seconds = float(str(value).strip().removesuffix("s"))
         except ValueError:
-            self.fail(f"{value!r} is not a time such as 60s", param, ctx)
-        if not 0 < seconds < math.inf:
-            self.fail(f"{value} is not above 0 and finite", param, ctx)
-        return seconds
+            self.fail(f"{_quoted(value)} is not a time such as 60s", param, ctx)
+        if not (0 < seconds <= MAX_SECONDS or (self.zero and seconds == 0)):
+            least = "at least 0" if self.zero else "above 0"
+            self.fail(
+                f"{_quoted(value)} is not {least} and at most {MAX_SECONDS:.0f}s, a day", param, ctx
+            )
+        return abs(seconds)  # -0 is 0
+
+
+class Angles(click.ParamType[tuple[float, ...]]):
+    """Comma-separated angles in rad, none beyond a full turn."""
+
+    name = "RAD,…"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, ...]:
+        """Return the angles of a list such as `0,0.1,0.2`, each once."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            angles = [float(word) for word in value.split(",")]
+        except ValueError:
+            self.fail(f"{_quoted(value)} is not a list of angles such as 0,0.1,0.2", param, ctx)
+        if not all(abs(angle) <= math.tau for angle in angles):
+            self.fail(
+                f"{_quoted(value)}: each must be from {-math.tau:.2f} to {math.tau:.2f} rad",
+                param,
+                ctx,
+            )
+        return tuple(dict.fromkeys(angle + 0.0 for angle in angles))  # -0.0 + 0.0 is 0.0
 
 
 def _share(word: str) -> float:
@@ -104,7 +151,12 @@ def _share(word: str) -> float:
     Raises:
       ValueError: it is not a number.
     """
-    return float(word.removesuffix("%")) / 100
+    return float(word.strip().removesuffix("%")) / 100
+
+
+def _quoted(value: object) -> str:
+    """Return what the user wrote in quotes, on one line, cut short where it is long."""
+    return one_line(repr(value), 60)
 
 
 def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -128,6 +180,8 @@ def check_sizes(nstep: int | None, hold: int) -> None:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
 
+COUNT = click.IntRange(1, MAX_COUNT)
+SEED_NUMBER = click.IntRange(0, MAX_SEED)
 JSON = click.option(
     "--json", "json_file", metavar="FILE|-", help="Write results as JSON to FILE, or - for stdout."
 )
@@ -158,14 +212,14 @@ WAIT = click.option(
 )
 HOLD = click.option(
     "--hold",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=1,
     show_default=True,
     help="Steps for which each control is held.",
 )
 SEED = click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=SEED_NUMBER,
     default=0,
     show_default=True,
     help="Seed of start states and controls.",
@@ -203,8 +257,8 @@ JUDGING = (
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)
 SIZES = (
-    click.option("--nbatch", type=click.IntRange(min=1), help="Simulations of a block."),
-    click.option("--nstep", type=click.IntRange(min=1), help="Steps of each simulation."),
+    click.option("--nbatch", type=COUNT, help="Simulations of a block."),
+    click.option("--nstep", type=COUNT, help="Steps of each simulation."),
     HOLD,
     SEED,
 )

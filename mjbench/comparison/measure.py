@@ -45,8 +45,9 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     channel.doing(f"loading {name}")
     model = models.load(request.source)
     channel.doing(f"stepping {name}")
-    sizes = choose_sizes(model, plan.size_request(request.workload_file is not None))
-    check_memory(model, sizes)
+    size_request = plan.size_request(request.workload_file is not None)
+    sizes = choose_sizes(model, size_request)
+    check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread)
     patience_s = PATIENCE * sizes.nbatch * sizes.nstep * work.step_s(model)
     channel.allow_silence(patience_s)
     workload, observation, spread = work.stable_workload(

@@ -80,8 +80,14 @@ def choose_sizes(model: mujoco.MjModel, request: SizeRequest) -> BlockSizes:
     return BlockSizes(nbatch, nstep, reduced=(nbatch, nstep) != usual)
 
 
-def check_memory(model: mujoco.MjModel, sizes: BlockSizes) -> None:
+def check_memory(model: mujoco.MjModel, nbatch: int, nstep: int, nthread: int = 1) -> None:
     """Refuse sizes whose states, controls and outputs would not fit into memory.
+
+    Args:
+      model: to step.
+      nbatch: simulations.
+      nstep: steps of each.
+      nthread: threads, which have an MjData each.
 
     Raises:
       InputError: they would not.
@@ -90,11 +96,13 @@ def check_memory(model: mujoco.MjModel, sizes: BlockSizes) -> None:
     nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
     per_step = 2 * model.nu + nphysics + model.nsensordata
     # five copies of the start states: the workload's, the paths' inputs, and their outputs
-    bytes_needed = 8 * sizes.nbatch * (5 * nstate + sizes.nstep * per_step)
+    workload_bytes = 8 * nbatch * (5 * nstate + nstep * per_step)
+    bytes_needed = workload_bytes + nthread * machine.data_bytes(model)
     available_bytes = machine.available_memory_bytes()
     if bytes_needed > MEMORY_SHARE * available_bytes:
+        threads = f" on {nthread} threads" if nthread > 1 else ""
         raise InputError(
-            f"{sizes.nbatch} simulations of {sizes.nstep} steps need about"
+            f"{nbatch} simulations of {nstep} steps{threads} need about"
             f" {bytes_needed / 2**30:.1f} GiB, {available_bytes / 2**30:.1f} GiB are available:"
-            " reduce --nbatch or --nstep"
+            f" reduce --nbatch or --nstep{', or the threads' if threads else ''}"
         )

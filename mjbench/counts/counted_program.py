@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 
 from mjbench import paths
+from mjbench.comparison.sizes import check_memory
 from mjbench.counts import messages
 from mjbench.counts.messages import CountedWork, ModelAnswer, ModelRequest
 from mjbench.errors import Failure, MjbenchError, failure_of
@@ -68,6 +69,7 @@ def _workload(model: mujoco.MjModel, request: ModelRequest) -> workload.Workload
     """Return the workload of a request; create its file where it is missing."""
     file = request.workload_file
     if not file.is_file():
+        check_memory(model, request.nbatch, request.nstep)
         created, _, _ = work.stable_workload(
             model, request.nbatch, request.nstep, request.hold, request.seed
         )

@@ -52,6 +52,11 @@ _SPINNER = (
     "<geom size='.1' contype='0' conaffinity='0'/></body></worldbody></mujoco>"
 )
 _CALIBRATION_STEPS = 5000
+# The most threads or worker processes that can be asked for: more than cores can use, and about as
+# many as a system lets one user start.
+MAX_THREADS = 1024
+# The most of anything else that can be asked for, such as steps: MuJoCo counts in 32 bits.
+MAX_COUNT = 2**31 - 1
 
 
 def usable_cores(cgroup: Path = _CGROUP) -> int:

@@ -7,21 +7,25 @@ only then are their times compared.
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, MachineError, one_line
+from mjbench.instrument import machine
+from mjbench.loop import pole_paths
 from mjbench.simulation import compat, models
 
-FALLEN_RAD, WITHIN_S = 0.5, 1.0
+WITHIN_S = 1.0
 # Standard deviations of the random starts: positions in m and rad, velocities per second.
 POSITION_SD, VELOCITY_SD = 0.02, 0.2
 ANGLES_RAD = tuple(round(0.05 * i, 2) for i in range(9))
 CONFIDENCE = 0.95
+# Share of the available memory that the simulations may take.
+MEMORY_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -116,20 +120,28 @@ def measure(
       seed: of the random starts.
 
     Raises:
-      InputError: no angle, or no sample.
-      MachineError: two paths count differently.
+      InputError: no angle, one that is not finite, no sample, or more than fit into memory.
+      MachineError: two paths count differently, or threads cannot be started.
     """
-    if not angles_rad or samples < 1:
-        raise InputError("give at least one angle and one sample")
+    if not angles_rad or not np.isfinite(angles_rad).all() or samples < 1:
+        raise InputError("give at least one sample and one angle, and finite angles alone")
     model = models.load(models.resolve("cartpole"))
-    simulations = _Simulations(
+    nstep = round(WITHIN_S / model.opt.timestep)
+    _check_memory(model, len(angles_rad) * samples, nstep, max(threads))
+    simulations = pole_paths.Simulations(
         model,
         _starts(model, angles_rad, samples, seed),
-        nstep=round(WITHIN_S / model.opt.timestep),
+        nstep=nstep,
         hinge=int(model.joint("hinge").qposadr[0]),
     )
+    try:
+        counters = pole_paths.counters(simulations, threads)
+    except (RuntimeError, MemoryError) as error:  # the system starts no further thread
+        raise MachineError(
+            f"cannot prepare {max(threads)} threads: {one_line(error)}; reduce --threads"
+        ) from error
     paths: list[PathFalls] = []
-    for counter in _counters(simulations, threads):
+    for counter in counters:
         paths.append(_path_falls(counter, samples, paths[0] if paths else None))
     angles = zip(angles_rad, paths[0].counts, strict=True)
     return FallExperiment(
@@ -139,7 +151,26 @@ def measure(
     )
 
 
-def _path_falls(counter: "_Counter", samples: int, loop: PathFalls | None) -> PathFalls:
+def _check_memory(model: mujoco.MjModel, nbatch: int, nstep: int, threads: int) -> None:
+    """Refuse more simulations than the outputs of all paths have memory for.
+
+    Raises:
+      InputError: they have not.
+    """
+    nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+    nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+    # start states, also as rollout and Batch take them; what both return of every step
+    per_simulation = 3 * nstate + nstep * (nphysics + model.nsensordata + model.nq)
+    bytes_needed = 8 * nbatch * per_simulation + threads * machine.data_bytes(model)
+    available_bytes = machine.available_memory_bytes()
+    if bytes_needed > MEMORY_SHARE * available_bytes:
+        raise InputError(
+            f"{nbatch} simulations need about {bytes_needed / 2**30:.1f} GiB,"
+            f" {available_bytes / 2**30:.1f} GiB are available: reduce --samples or --angles"
+        )
+
+
+def _path_falls(counter: pole_paths.Counter, samples: int, loop: PathFalls | None) -> PathFalls:
     """Count the falls by one path, and time it.
 
     Args:
@@ -181,108 +212,3 @@ def _starts(
         data.qpos[hinge] += angles_rad[i // samples]
         compat.get_state(model, data, row, spec)
     return rows
-
-
-@dataclass(frozen=True, eq=False)
-class _Simulations:
-    """What every path steps.
-
-    Attributes:
-      model: the cart-pole.
-      initial: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
-      nstep: steps of each.
-      hinge: index in qpos of the pole's angle.
-    """
-
-    model: mujoco.MjModel
-    initial: np.ndarray
-    nstep: int
-    hinge: int
-
-
-@dataclass(frozen=True)
-class _Counter:
-    """One path.
-
-    Attributes:
-      path: its name, with its threads.
-      threads: that it uses.
-      has_fallen: steps all simulations; returns (nbatch,) whether the pole fell in each.
-    """
-
-    path: str
-    threads: int
-    has_fallen: Callable[[], np.ndarray]
-
-
-def _counters(simulations: _Simulations, threads: Sequence[int]) -> list[_Counter]:
-    """Return every path that this MuJoCo has; the Python loop first."""
-    counters = [_Counter("python_loop", 1, _loop(simulations))]
-    if compat.rollout_unavailable() is None:
-        counters += [
-            _Counter(f"rollout, {n} threads", n, _rollout(simulations, n))
-            for n in (threads if compat.rollout_threads() else [1])
-        ]
-    if compat.batch_unavailable() is None:
-        counters += [_Counter(f"Batch, {n} threads", n, _batch(simulations, n)) for n in threads]
-    return counters
-
-
-def _loop(simulations: _Simulations) -> Callable[[], np.ndarray]:
-    model, initial, nstep = simulations.model, simulations.initial, simulations.nstep
-    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
-    qpos, hinge, mj_step = data.qpos, simulations.hinge, mujoco.mj_step
-
-    def has_fallen() -> np.ndarray:
-        fallen = np.zeros(len(initial), dtype=bool)
-        for i, row in enumerate(initial):
-            mujoco.mj_resetData(model, data)
-            mujoco.mj_setState(model, data, row, spec)
-            for _ in range(nstep):
-                mj_step(model, data)
-                fallen[i] |= abs(qpos[hinge]) > FALLEN_RAD
-        return fallen
-
-    return has_fallen
-
-
-def _rollout(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray]:
-    from mujoco import rollout
-
-    model, nstep = simulations.model, simulations.nstep
-    start = np.ascontiguousarray(simulations.initial[:, compat.physics_entries(model)])
-    physics = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
-    hinge_column = physics["qpos"].start + simulations.hinge
-    datas = [mujoco.MjData(model) for _ in range(threads)]
-    if compat.rollout_threads():
-        call = rollout.Rollout(nthread=threads if threads > 1 else 0).rollout
-    else:
-        call, datas = rollout.rollout, datas[0]
-    state = np.empty((len(start), nstep, start.shape[1]))
-    sensordata = np.empty((len(start), nstep, model.nsensordata))
-
-    def has_fallen() -> np.ndarray:
-        call(model, datas, start, nstep=nstep, state=state, sensordata=sensordata)
-        return _passed_limit(state[:, :, hinge_column])
-
-    return has_fallen
-
-
-def _batch(simulations: _Simulations, threads: int) -> Callable[[], np.ndarray]:
-    from mujoco import batch
-
-    model, initial = simulations.model, simulations.initial
-    stepper = batch.Batch(model, len(initial), threads)
-    out = {"qpos": np.empty((len(initial), simulations.nstep, model.nq))}
-
-    def has_fallen() -> np.ndarray:
-        stepper.state[:] = initial
-        stepper.rollout(simulations.nstep, None, record=("qpos",), out=out)
-        return _passed_limit(out["qpos"][:, :, simulations.hinge])
-
-    return has_fallen
-
-
-def _passed_limit(angles_rad: np.ndarray) -> np.ndarray:
-    """Return (nbatch,) whether (nbatch, nstep) angles passed the limit at any step."""
-    return np.asarray((np.abs(angles_rad) > FALLEN_RAD).any(axis=1))

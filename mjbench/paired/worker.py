@@ -133,8 +133,10 @@ class Worker:
         return work.step_s(self.model)
 
     def _make_workload(self, request: requests.MakeWorkload) -> "PortableWorkload":
+        from mjbench.comparison.sizes import check_memory
         from mjbench.simulation import work, workload
 
+        check_memory(self.model, request.nbatch, request.nstep)
         stable, _, _ = work.stable_workload(
             self.model, request.nbatch, request.nstep, request.hold, request.seed
         )

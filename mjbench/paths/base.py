@@ -16,7 +16,8 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError
+from mjbench.errors import InputError, one_line
+from mjbench.instrument.machine import MAX_COUNT, MAX_THREADS
 from mjbench.paths.parallelism import PARALLEL_OPTIONS
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
@@ -57,11 +58,16 @@ class Option:
         try:
             value = self.parse(text)
         except ValueError as error:
-            raise InputError(f"{self.name}: {error}") from error
+            raise InputError(f"{self.name}: {one_line(error)}") from error
         if self.allowed and value not in self.allowed:
-            raise InputError(f"{self.name} is one of {', '.join(self.allowed)}, not {text}")
-        if self.parse is int and value < 1:
-            raise InputError(f"{self.name} must be at least 1, not {text}")
+            raise InputError(
+                f"{self.name} is one of {', '.join(self.allowed)}, not {one_line(text, 30)}"
+            )
+        most = MAX_THREADS if self.is_parallel else MAX_COUNT
+        if self.parse is int and not 1 <= value <= most:
+            raise InputError(
+                f"{self.name} must be at least 1 and at most {most}, not {one_line(text, 30)}"
+            )
         return value
 
 

@@ -18,6 +18,8 @@ def test_changed_work_can_fail_the_command(tmp_path: Path) -> None:
         (("path=nothing", "path=rollout"), "no path 'nothing'"),
         (("speed=1", "path=rollout"), "no 'speed'"),
         (("threads", "path=rollout"), "is not KEY=VALUE"),
+        (("", "solver=cg", "--fail-on", ""), "no finding given"),
+        (("path=rollout,threads=100000", ""), "at most 1024"),
     ],
 )
 def test_bad_arguments_are_reported_in_one_line(

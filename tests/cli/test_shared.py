@@ -1,12 +1,26 @@
 """The types of option values that several commands share."""
 
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import click
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjbench.cli.group import cli
-from mjbench.cli.shared import Names, Numbers, Seconds, Share, Shares
+from mjbench.cli.shared import (
+    MAX_COUNT,
+    MAX_SECONDS,
+    Angles,
+    Names,
+    Numbers,
+    Seconds,
+    Share,
+    Shares,
+)
+from mjbench.instrument.machine import MAX_THREADS
 
 
 @pytest.mark.parametrize(
@@ -17,11 +31,15 @@ from mjbench.cli.shared import Names, Numbers, Seconds, Share, Shares
         (Names(), "rollout, mjx", ["rollout", "mjx"]),
         (Share(), "1%", 0.01),
         (Share(), "0.5", 0.005),
+        (Share(below=math.inf), "250", 2.5),
         (Shares(), "0,0.5%,2", [0.0, 0.005, 0.02]),
+        (Shares(), "1,1%,0,-0", [0.01, 0.0]),
         (Shares(), "150", [1.5]),
         (Seconds(), "60s", 60.0),
         (Seconds(), "0.5", 0.5),
         (Seconds(), 600.0, 600.0),
+        (Seconds(zero=True), "0", 0.0),
+        (Angles(), "0,-0,0.1", (0.0, 0.1)),
     ],
 )
 def test_words_become_values(kind: click.ParamType[Any], words: Any, value: Any) -> None:
@@ -39,13 +57,19 @@ def test_words_become_values(kind: click.ParamType[Any], words: Any, value: Any)
         (Share(), "100%", "not between 0% and 100%"),
         (Share(), "nan", "not between 0% and 100%"),
         (Shares(), "0,tea", "not a list of percentages"),
-        (Shares(), "-1", "at least 0%"),
-        (Shares(), "inf", "at least 0%"),
-        (Shares(), "nan", "at least 0%"),
+        (Shares(), "-1", "from 0% to 1000%"),
+        (Shares(), "inf", "from 0% to 1000%"),
+        (Shares(), "1e300", "from 0% to 1000%"),
+        (Shares(), "nan", "from 0% to 1000%"),
         (Seconds(), "soon", "not a time such as 60s"),
         (Seconds(), "0s", "not above 0"),
         (Seconds(), "-1", "not above 0"),
-        (Seconds(), "inf", "not above 0 and finite"),
+        (Seconds(), "inf", "at most 86400s, a day"),
+        (Seconds(), "1e300", "at most 86400s, a day"),
+        (Seconds(zero=True), "-1", "not at least 0"),
+        (Numbers(8), "1,9", "9 is above 8"),
+        (Numbers(), str(10**30), "is above"),
+        (Angles(), "inf", "from -6.28 to 6.28"),
         (Seconds(), "nan", "not above 0"),
     ],
 )
@@ -70,3 +94,85 @@ def test_every_command_reads_a_time_limit_alike() -> None:
     options = options_of_commands("--time-limit")
     assert {"compare", "instructions", "versions"} <= set(options)
     assert {name for name, o in options.items() if not isinstance(o.type, Seconds)} == set()
+
+
+def test_a_budget_is_a_time_as_a_limit_is() -> None:
+    assert isinstance(options_of_commands("--budget")["compare"].type, Seconds)
+
+
+def number_options() -> Iterator[tuple[str, click.Option]]:
+    """Return every option of every command that takes numbers."""
+    text_types = (click.types.StringParamType, click.Path, click.Choice, Names)
+    for name, command in cli.commands.items():
+        for parameter in command.params:
+            if not isinstance(parameter, click.Option) or parameter.is_flag:
+                continue
+            if not isinstance(parameter.type, text_types):
+                yield f"{name} {parameter.opts[0]}", parameter
+
+
+@pytest.mark.parametrize(
+    "text", ["nan", "inf", "-inf", "-7", "1e300", "1" + 30 * "0", "9" * 5000, "", " ", "abc"]
+)
+def test_no_option_takes_a_number_that_makes_no_sense(text: str) -> None:
+    for name, option in number_options():
+        with pytest.raises(click.BadParameter) as refusal:
+            option.type_cast_value(click.Context(cli), text)
+            pytest.fail(f"{name} takes {text!r}")
+        assert "\n" not in refusal.value.message
+
+
+def numbers_of(value: Any) -> list[float]:
+    return list(value) if isinstance(value, list | tuple) else [value]
+
+
+# What people type, and what they mistype: numbers of any size, units, commas, anything else.
+TEXTS = st.one_of(
+    st.text(max_size=12),
+    st.floats().map(str),
+    st.integers().map(str),
+    st.lists(st.one_of(st.floats(), st.integers(-5, 5000)), max_size=4).map(
+        lambda values: ",".join(map(str, values))
+    ),
+    st.floats().map(lambda value: f"{value}%"),
+    st.floats().map(lambda value: f"{value}s"),
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "low", "high"),
+    [
+        (Numbers(), 1, MAX_COUNT),
+        (Numbers(MAX_THREADS), 1, MAX_THREADS),
+        (Share(), 0, 1),
+        (Share(below=100.0), 0, 100),
+        (Shares(), 0, 10),
+        (Seconds(), 0, MAX_SECONDS),
+        (Seconds(zero=True), 0, MAX_SECONDS),
+        (Angles(), -math.tau, math.tau),
+    ],
+)
+@settings(deadline=None)
+@given(text=TEXTS)
+def test_any_text_is_a_value_within_bounds_or_bad_usage(
+    kind: click.ParamType[Any], low: float, high: float, text: str
+) -> None:
+    try:
+        numbers = numbers_of(kind.convert(text, None, None))
+    except click.BadParameter as refusal:
+        assert "\n" not in refusal.message
+        return
+    assert numbers
+    assert len(set(numbers)) == len(numbers)
+    assert all(low <= number <= high for number in numbers)
+
+
+@settings(deadline=None)
+@given(text=TEXTS)
+def test_any_text_is_names_or_bad_usage(text: str) -> None:
+    try:
+        names = Names().convert(text, None, None)
+    except click.BadParameter:
+        return
+    assert names
+    assert all(name and name == name.strip() and "," not in name for name in names)

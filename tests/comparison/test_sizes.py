@@ -57,5 +57,7 @@ def test_every_shipped_model_gets_sizes_from_its_own_step(name: str) -> None:
 def test_sizes_beyond_the_memory_are_refused_with_the_way_out() -> None:
     model: mujoco.MjModel = MODEL
     with pytest.raises(InputError, match="reduce --nbatch"):
-        check_memory(model, BlockSizes(10**9, 200, reduced=False))
-    check_memory(model, BlockSizes(1, 1, reduced=False))
+        check_memory(model, 10**9, 200)
+    with pytest.raises(InputError, match="or the threads"):
+        check_memory(model, 1, 1, nthread=10**9)
+    check_memory(model, 1, 1, nthread=1)

@@ -1,9 +1,11 @@
 """The falling pole: the same counts by every path, and Wilson's interval."""
 
+import math
+
 import pytest
 
 from mjbench.errors import InputError, MachineError
-from mjbench.loop import pole_example
+from mjbench.loop import pole_example, pole_paths
 
 
 def test_every_path_counts_the_same_falls() -> None:
@@ -16,7 +18,7 @@ def test_every_path_counts_the_same_falls() -> None:
 
 
 def test_a_path_that_counts_differently_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pole_example, "_passed_limit", lambda angles: abs(angles[:, 0]) < 0)
+    monkeypatch.setattr(pole_paths, "_passed_limit", lambda angles: abs(angles[:, 0]) < 0)
     with pytest.raises(MachineError, match="the Python loop"):
         pole_example.measure(angles_rad=(0.1, 0.2), samples=50, threads=(1,))
 
@@ -45,6 +47,23 @@ def test_impossible_counts_are_refused(successes: int, trials: int) -> None:
         pole_example.wilson(successes, trials)
 
 
-def test_no_angle_is_bad_input() -> None:
-    with pytest.raises(InputError):
-        pole_example.measure(angles_rad=())
+@pytest.mark.parametrize("angles_rad", [(), (0.1, math.nan), (math.inf,)])
+def test_no_angle_or_one_that_is_not_finite_is_bad_input(angles_rad: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="finite angles"):
+        pole_example.measure(angles_rad=angles_rad)
+
+
+def test_more_samples_than_fit_into_memory_are_refused_before_any_is_drawn() -> None:
+    with pytest.raises(InputError, match="reduce --samples"):
+        pole_example.measure(samples=10**12)
+
+
+def test_threads_that_the_system_does_not_start_are_an_error_of_the_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_thread(*_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(pole_paths, "_batch", no_thread)
+    with pytest.raises(MachineError, match="reduce --threads"):
+        pole_example.measure(angles_rad=(0.1,), samples=1, threads=(1,))
