@@ -86,11 +86,15 @@ def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[An
         for name in [*paths.registry(), *names]
         for option in paths.find(name).options
     }
-    values_by_name = {}
+    values_by_name: dict[str, list[Any]] = {}
     for argument in arguments:
         name, equals, values = argument.partition("=")
         if not equals or name not in options:
             known = ", ".join(options)
-            raise InputError(f"--option {argument}: give NAME=VALUE, NAME one of {known}")
+            raise InputError(f"--option {argument!r}: give NAME=VALUE, NAME one of {known}")
+        if name in ("threads", "processes"):
+            raise InputError(f"--option {argument!r}: give the number of {name} with --threads")
+        if name in values_by_name:
+            raise InputError(f"--option {argument!r}: {name} is given twice; name values V,V")
         values_by_name[name] = [options[name].value(value) for value in values.split(",")]
     return values_by_name

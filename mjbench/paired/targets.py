@@ -12,30 +12,9 @@ from mjbench.errors import InputError
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
 from mjbench.releases import installs
-from mjbench.simulation import models
+from mjbench.simulation import model_options, models
 
 _DEFAULTS = {"model": "cartpole", "path": paths.BASE, "release": installs.INSTALLED}
-# Fields of MjOption that a target may set by name, to a number or to an enum's value such as `cg`.
-OPTION_FIELDS = (
-    "timestep",
-    "integrator",
-    "solver",
-    "cone",
-    "jacobian",
-    "iterations",
-    "tolerance",
-    "ls_iterations",
-    "ls_tolerance",
-    "noslip_iterations",
-    "noslip_tolerance",
-    "ccd_iterations",
-    "ccd_tolerance",
-    "impratio",
-    "density",
-    "viscosity",
-    "disableflags",
-    "enableflags",
-)
 
 
 @dataclass(frozen=True)
@@ -112,6 +91,8 @@ def _settings(text: str) -> dict[str, str]:
             key, value = _split(value.replace(":", "="))
         if not key or not value:
             raise InputError(f"{text!r}: {setting!r} is not KEY=VALUE")
+        if key in settings:
+            raise InputError(f"{text!r}: {key} is given twice")
         settings[key] = value
     return settings
 
@@ -126,31 +107,40 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
     path = find_path(settings["path"])
     path_options = {option.name: option for option in path.options}
     options: dict[str, Any] = {}
-    model_options: dict[str, str] = {}
+    fields: dict[str, str] = {}
     for key, value in settings.items():
         if key in _DEFAULTS:
             continue
         if key in path_options:
             options[key] = _option_value(text, path_options[key], value)
-        elif key in OPTION_FIELDS:
-            model_options[key] = value
+        elif key in model_options.FIELDS:
+            _check_model_option(text, key, value)
+            fields[key] = value
         else:
             raise InputError(
                 f"{text!r}: no {key!r}; path {path.name} has"
                 f" {', '.join(path_options) or 'no options'}; other keys are"
-                f" {', '.join(_DEFAULTS)}, and the fields {', '.join(OPTION_FIELDS)} of MjOption"
+                f" {', '.join(_DEFAULTS)}, and the fields of MjOption"
+                f" {', '.join(model_options.FIELDS)}"
             )
     return Target(
         installs.parse_release(settings["release"]),
         models.resolve(settings["model"]),
         path.name,
         path.complete(options),
-        model_options,
+        fields,
     )
 
 
 def _option_value(text: str, option: paths.Option, value: str) -> Any:
     try:
         return option.value(value)
+    except InputError as error:
+        raise InputError(f"{text!r}: {error}") from None
+
+
+def _check_model_option(text: str, field: str, value: str) -> None:
+    try:
+        model_options.check(field, value)
     except InputError as error:
         raise InputError(f"{text!r}: {error}") from None

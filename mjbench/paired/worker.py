@@ -24,7 +24,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mjbench.errors import InputError, MachineError, failure_of, one_line
+from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import child, platforms
 from mjbench.paired import requests
 from mjbench.paired.requests import BLOCK, NANOSECONDS, Done, Request
@@ -43,13 +43,6 @@ _LARGE, _LARGE_BYTES = 8, 1 << 21
 _DEPTH = 24
 # Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these.
 _MAPS, _MAP_PAGES = 8, 512
-# Fields of MjOption that hold an enum, and what the names of its values begin with.
-_ENUM_PREFIXES = {
-    "integrator": "mjINT_",
-    "solver": "mjSOL_",
-    "cone": "mjCONE_",
-    "jacobian": "mjJAC_",
-}
 
 
 class Worker:
@@ -116,11 +109,11 @@ class Worker:
             raise MachineError(problem)
 
     def _load_model(self, request: requests.LoadModel) -> None:
-        from mjbench.simulation import models
+        from mjbench.simulation import model_options, models
 
         self.model = models.load(models.ModelSource(request.name, request.file))
-        for option, text in request.options.items():
-            _set_option(self.model, option, text)
+        for field, text in request.options.items():
+            model_options.set_option(self.model, field, text)
 
     def _save_model(self, request: requests.SaveModel) -> None:
         import mujoco
@@ -241,38 +234,6 @@ class Worker:
         begin = clock()
         run()
         return clock() - begin
-
-
-def _set_option(model: "mujoco.MjModel", option: str, text: str) -> None:
-    """Set a field of `model.opt` to a number, or to an enum's value by name, such as `cg`.
-
-    Raises:
-      InputError: there is no such field, or it cannot have this value.
-    """
-    if not hasattr(model.opt, option) or callable(getattr(model.opt, option)):
-        raise InputError(f"no option {option!r}: name a number field of MjOption, such as solver")
-    try:
-        if option in _ENUM_PREFIXES and not text.isdigit():
-            number = _enum_value(option, text)
-        else:
-            number = type(getattr(model.opt, option))(float(text))
-        setattr(model.opt, option, number)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"option {option}: cannot be {text!r}: {one_line(error)}") from error
-
-
-def _enum_value(option: str, text: str) -> int:
-    """Return the number that the name of an enum's value stands for, in any case."""
-    import mujoco
-
-    prefix = _ENUM_PREFIXES[option]
-    enum = getattr(mujoco, f"mjt{option.capitalize()}")
-    names = {name.lower(): name for name in dir(enum) if name.startswith(prefix)}
-    name = names.get(f"{prefix}{text}".lower())
-    if name is None:
-        allowed = ", ".join(sorted(n.removeprefix(prefix) for n in names.values()))
-        raise InputError(f"option {option}: {text!r} is not one of {allowed}")
-    return int(getattr(enum, name))
 
 
 def _mapped() -> mmap.mmap:

@@ -131,14 +131,18 @@ def _speed_cells(result: PathResult) -> list[str]:
         if result.speedup.low is not None and result.speedup.high is not None:
             low, high = tables.factor(result.speedup.low), tables.factor(result.speedup.high)
             interval = f"{low}–{high}"
-    realtime = result.realtime_factor or 0.0
+    realtime = result.realtime_factor
+    if realtime is None:
+        simulated = ""
+    else:
+        simulated = f"{realtime:,.0f}" if realtime >= 10 else tables.plain(realtime, 2)
     return [
         f"{result.steps_per_s:,.0f}",
         f"{result.step_ns.median:,.0f}",
         f"{result.step_ns.min:,.0f}",
         factor,
         interval,
-        f"{realtime:,.0f}" if realtime >= 10 else tables.plain(realtime, 2),
+        simulated,
     ]
 
 

@@ -3,6 +3,7 @@
 A speed is derived only for a measurement whose final states agree.
 """
 
+import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -144,7 +145,7 @@ class ModelResults:
 def derive(model: ModelRecord, measurements: Sequence[MeasurementRecord]) -> ModelResults:
     """Return the results of one model at one size from its records."""
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
-    timestep = model.facts.timestep if model.facts else None
+    timestep = model.facts.timestep if model.facts else 0.0
     return ModelResults(model, tuple(_result(m, base, timestep) for m in measurements))
 
 
@@ -159,7 +160,7 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
 
 
 def _result(
-    record: MeasurementRecord, base: MeasurementRecord | None, timestep: float | None
+    record: MeasurementRecord, base: MeasurementRecord | None, timestep: float
 ) -> PathResult:
     shared = {name: value for name, value in vars(record).items() if name in _RESULT_FIELDS}
     untimed = PathResult(**shared, rounds=len(record.samples_s))
@@ -171,7 +172,8 @@ def _result(
         untimed,
         steps_per_s=1.0 / step_s,
         step_ns=StepTime(1e9 * step_s, 1e9 * min(record.samples_s) / steps),
-        realtime_factor=timestep / step_s if timestep else None,
+        # a stored timestep may be one by which no time passes
+        realtime_factor=timestep / step_s if 0 < timestep < math.inf else None,
         speedup=_speedup(record, base) if base else None,
         overtakes_after_steps=_break_even_steps(record, base) if base else None,
     )

@@ -38,6 +38,9 @@ _SUFFIXES = tuple(suffix for group in _SUFFIX_GROUPS for suffix in group)
 # What a model can be, beside a shipped one, for messages.
 FORMS = "a path to .xml, .urdf or .mjb, or PACKAGE:NAME such as gymnasium:ant"
 
+# Timesteps between the engine's mjMINVAL and mjMAXVAL, in seconds: time passes by no other.
+MIN_TIMESTEP_S, MAX_TIMESTEP_S = 1e-15, 1e10
+
 
 class UnknownModelError(InputError):
     """A name that is neither a shipped model, nor a path, nor PACKAGE:NAME."""
@@ -100,7 +103,8 @@ def load(source: ModelSource) -> "mujoco.MjModel":
     """Return the compiled model of `source`.
 
     Raises:
-      InputError: MuJoCo rejects the file, or the model has no degree of freedom to step.
+      InputError: MuJoCo rejects the file, or the model has no degree of freedom to step or no
+        timestep to step by.
     """
     import mujoco
 
@@ -120,6 +124,11 @@ def load(source: ModelSource) -> "mujoco.MjModel":
         ) from error
     if model.nv == 0:
         raise InputError(f"{source.name}: nothing to step, the model has no degree of freedom")
+    timestep_s = float(model.opt.timestep)
+    if not MIN_TIMESTEP_S <= timestep_s <= MAX_TIMESTEP_S:
+        raise InputError(
+            f"{source.name}: its timestep is {timestep_s:g} s; it must be above 0 and finite"
+        )
     return model
 
 

@@ -28,6 +28,8 @@ QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
         (["compare", "empty.xml"], 2, "empty.xml is empty"),
         (["compare", "still.xml"], 2, "nothing to step"),
         (["compare", "notes.txt"], 2, "ends in .xml, .urdf or .mjb"),
+        (["compare", "timeless.xml"], 2, "its timestep is 0 s"),
+        (["profile", "timeless.xml"], 2, "its timestep is 0 s"),
         (["compare", "."], 2, "is a folder"),
         (["compare", "no_such_package:ant"], 2, "no package 'no_such_package' is installed here"),
         (["compare", "cartpole", "--paths", "rolout"], 2, "did you mean rollout"),
@@ -54,6 +56,9 @@ def test_bad_input_ends_in_one_clear_line(
     (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
     (tmp_path / "empty.xml").write_text("")
     (tmp_path / "still.xml").write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    (tmp_path / "timeless.xml").write_text(
+        CONTACT_XML.replace("<mujoco>", "<mujoco><option timestep='0'/>")
+    )
     (tmp_path / "notes.txt").write_text("not a run\n")
     done = mjbench(*words, cwd=tmp_path)
     assert done.returncode == code

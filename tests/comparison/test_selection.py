@@ -1,6 +1,8 @@
 """What the words of a command line select."""
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjbench import paths
 from mjbench.comparison import selection
@@ -39,3 +41,42 @@ def test_option_values_are_parsed_by_their_option() -> None:
     for word in ("pool=warm", "colour=red", "pool"):
         with pytest.raises(InputError):
             selection.choices([word], [])
+
+
+def test_an_option_that_would_be_ignored_is_bad_input() -> None:
+    with pytest.raises(InputError, match="with --threads"):
+        selection.choices(["threads=2"], [])
+    with pytest.raises(InputError, match="pool is given twice"):
+        selection.choices(["pool=new", "pool=kept"], [])
+
+
+@settings(deadline=None)
+@given(
+    argument=st.one_of(
+        st.text(max_size=12),
+        st.tuples(
+            st.sampled_from(["pool", "chunk", "threads", "record", "data", "stage"]),
+            st.one_of(st.text(max_size=8), st.integers().map(str), st.floats().map(str)),
+        ).map("=".join),
+    )
+)
+def test_any_text_is_option_values_or_bad_input(argument: str) -> None:
+    try:
+        values_by_name = selection.choices([argument], [])
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    for values in values_by_name.values():
+        assert values
+        assert all(isinstance(value, str) or 1 <= value < 2**31 for value in values)
+
+
+@settings(deadline=None)
+@given(names=st.lists(st.one_of(st.text(max_size=12), st.sampled_from(["c", "mjx"])), max_size=3))
+def test_any_names_are_variants_or_bad_input(names: list[str]) -> None:
+    try:
+        variants = selection.variants(names, [1])
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    assert variants[0].path == paths.BASE

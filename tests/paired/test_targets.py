@@ -1,9 +1,12 @@
 """Targets as a user writes them."""
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjbench.errors import InputError
 from mjbench.paired import targets
+from mjbench.simulation import model_options
 
 
 def test_a_model_or_path_that_one_target_leaves_out_is_the_others() -> None:
@@ -43,8 +46,49 @@ def test_option_names_a_field_of_mjoption_too() -> None:
         ("path=nothing", "no path 'nothing'"),
         ("path=rollout,threads=none", "threads"),
         ("path=mjx", "cannot alternate"),
+        ("path=rollout,threads=100000", "at least 1 and at most 1024"),
+        ("path=rollout,chunk=1e3", "chunk"),
+        ("timestep=0", "'timestep=0': option timestep: '0' is not a number from 1e-15"),
+        ("solver=cg,iterations=-5", "'-5' is not a whole number from 0"),
+        ("solver=cg,solver=newton", "solver is given twice"),
     ],
 )
 def test_a_target_that_means_nothing_is_bad_input(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         targets.parse(text, "")
+
+
+KEYS = st.sampled_from(
+    [
+        "model",
+        "path",
+        "release",
+        "threads",
+        "chunk",
+        "pool",
+        "data",
+        "option",
+        *model_options.FIELDS,
+    ]
+)
+VALUES = st.one_of(
+    st.text(max_size=8),
+    st.floats().map(str),
+    st.integers().map(str),
+    st.sampled_from(["rollout", "threads", "humanoid", "cg", "solver:cg", "3.3.0", "~nobody"]),
+)
+SETTINGS = st.lists(st.tuples(KEYS, VALUES).map("=".join), max_size=3).map(",".join)
+
+
+@settings(deadline=None)
+@given(baseline=st.one_of(SETTINGS, st.text(max_size=12)), candidate=SETTINGS)
+def test_any_text_is_two_targets_or_bad_input(baseline: str, candidate: str) -> None:
+    try:
+        pair = targets.parse(baseline, candidate)
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    for target in pair:
+        assert 1 <= target.nthread <= 1024
+        for field, value in target.model_options.items():
+            model_options.check(field, value)

@@ -1,11 +1,15 @@
 """Results are derived from records; here the records are invented and the truth is known."""
 
+import dataclasses
+import io
+import math
 from typing import Any
 
 import pytest
-from example_records import measurement, model_record
+from example_records import FACTS, measurement, model_record
+from rich.console import Console
 
-from mjbench.report import results
+from mjbench.report import comparison, results
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
@@ -24,6 +28,18 @@ def test_speed_follows_from_samples_and_steps() -> None:
     assert base.realtime_factor == pytest.approx(1000)
     assert base.speedup is not None
     assert (base.speedup.median, base.speedup.low, base.speedup.high) == (1.0, None, None)
+
+
+@pytest.mark.parametrize("timestep", [0.0, -0.002, math.nan, math.inf])
+def test_a_stored_timestep_by_which_no_time_passes_gives_no_real_time_factor(
+    timestep: float,
+) -> None:
+    facts = dataclasses.replace(FACTS, timestep=timestep)
+    model_results = results.derive(model_record(facts=facts), [measurement(samples_s=[0.001])])
+    assert model_results.results[0].realtime_factor is None
+    out = Console(file=io.StringIO(), width=200)
+    comparison.print_model(out, model_results)
+    assert "1,000,000" in out.file.getvalue()  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

@@ -292,3 +292,17 @@ def test_a_broken_file_is_an_error_of_one_line(tmp_path: Path, text: str, messag
     with pytest.raises(InputError, match=message) as raised:
         models.load(models.resolve(str(tmp_path / "bad.xml")))
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("timestep", ["0", "-0.002", "nan", "inf", "1e-20"])
+def test_a_timestep_by_which_no_time_passes_is_bad_input(tmp_path: Path, timestep: str) -> None:
+    file = tmp_path / "still.xml"
+    file.write_text(XML.replace("<mujoco>", f"<mujoco><option timestep='{timestep}'/>"))
+    with pytest.raises(InputError, match="it must be above 0 and finite"):
+        models.load(models.resolve(str(file)))
+
+
+@pytest.mark.parametrize("name", ["~no_such_user", "~no_such_user/a.xml", "a" * 5000])
+def test_a_name_that_no_file_can_have_is_bad_input(name: str) -> None:
+    with pytest.raises(InputError, match="no model"):
+        models.resolve(name)
