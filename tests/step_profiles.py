@@ -14,6 +14,7 @@ def step_profile(clock_ns: float | None = 500.0) -> StepProfile:
         clock_ns=clock_ns,
         work=Work(contacts=4.0, constraints=0.0, solver_iterations=2.5),
         stages={"kinematics": 0.25, "other": 0.75, "actuation": 0.0},
+        warnings={},
     )
     frames = [FrameTime("egl", 0.01), FrameTime("osmesa", None, "it needs libosmesa6")]
     return StepProfile("pole", steps, frames)

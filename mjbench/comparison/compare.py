@@ -269,6 +269,7 @@ class _ModelMeasurement:
             hold=model.hold,
             seed=model.seed,
             diverged=model.diverged,
+            warnings=model.warnings,
             workload_digest=model.workload_digest,
             state_digest=model.state_digest,
             work=model.work,

@@ -88,6 +88,7 @@ def _model_ready(case: ReferenceCase, sizes: BlockSizes, spread: float) -> Model
         reduced=sizes.reduced,
         diverged=sizes.nbatch - workload.nbatch,
         divergence=observation.diagnosis(),
+        warnings=observation.other_warnings(),
         spread=spread,
         workload_digest=workload.digest(),
         state_digest=agreement.digest(observation.final_state),

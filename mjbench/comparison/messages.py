@@ -70,7 +70,8 @@ class ModelReady:
       seed: of start states and controls.
       reduced: whether the sizes were reduced to keep a block short.
       diverged: simulations left out because they diverged.
-      divergence: the warnings they raised, such as `BADQACC in 3`.
+      divergence: why, such as `BADQACC in 3`.
+      warnings: how many of the simulations that did not diverge raised each other warning.
       spread: factor by which starts and controls were narrowed; 1 unless more would diverge.
       workload_digest: names start states, controls and hold, bit by bit.
       state_digest: names the reference run's final states, bit by bit.
@@ -86,6 +87,7 @@ class ModelReady:
     reduced: bool
     diverged: int
     divergence: str
+    warnings: Mapping[str, int]
     spread: float
     workload_digest: str
     state_digest: str

@@ -42,6 +42,7 @@ class ModelRecord:
       spread: factor on the spread of starts and controls; below 1 where more diverges.
       diverged: simulations left out because they diverged.
       divergence: the warnings they raised.
+      warnings: how many of the simulations that did not diverge raised each other warning.
       workload_digest: names start states, controls and hold.
       state_digest: names the reference run's final states.
       start_contacts: contacts at the first simulation's start.
@@ -63,6 +64,7 @@ class ModelRecord:
     reduced: bool | None = None
     diverged: NonNegativeInt | None = None
     divergence: str | None = None
+    warnings: Mapping[str, NonNegativeInt] | None = None
     spread: float | None = None
     workload_digest: str | None = None
     state_digest: str | None = None
@@ -92,6 +94,7 @@ class MeasurementRecord:
       hold: steps per control.
       seed: of start states and controls.
       diverged: simulations left out because they diverged.
+      warnings: how many of the others raised each other warning.
       workload_digest: names start states, controls and hold.
       state_digest: names the reference run's final states.
       work: contacts, constraints and solver iterations per step.
@@ -121,6 +124,7 @@ class MeasurementRecord:
     hold: PositiveInt | None = None
     seed: int | None = None
     diverged: NonNegativeInt | None = None
+    warnings: Mapping[str, NonNegativeInt] | None = None
     workload_digest: str | None = None
     state_digest: str | None = None
     work: Work | None = None

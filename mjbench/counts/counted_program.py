@@ -61,6 +61,7 @@ def _step_between_markers(request: ModelRequest) -> CountedWork:
         steps=shared.steps,
         work=observation.work,
         diverged=int((~observation.healthy).sum()),
+        warnings=observation.other_warnings(),
         after=work.one_step(model, shared.initial_state),
     )
 

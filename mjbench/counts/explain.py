@@ -9,6 +9,7 @@ from mjbench.paired.records import (
     Ratio,
     TargetRow,
     VerdictRow,
+    WarningsPair,
     WorkPair,
 )
 from mjbench.simulation import agreement
@@ -138,6 +139,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         work=work,
         drift=drift(baseline, candidate),
         diverged=DivergedPair(baseline.diverged, candidate.diverged),
+        warnings=WarningsPair(baseline.warnings or {}, candidate.warnings or {}),
         seconds=baseline.seconds + candidate.seconds,
     )
 

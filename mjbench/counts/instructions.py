@@ -276,6 +276,7 @@ def _model_count(
         work=counted.work,
         repeats=abs(repeated.inclusive(ENGINE) / engine - 1),
         diverged=counted.diverged,
+        warnings=counted.warnings,
         after=counted.after,
     )
 

@@ -59,12 +59,14 @@ class CountedWork:
       steps: number of steps of one pass.
       work: contacts, constraints, solver iterations per step.
       diverged: number of simulations that diverged.
+      warnings: how many of the others raised each warning, by its name.
       after: qpos, qvel and act, each (nbatch, size), one step after each start, in SI units.
     """
 
     steps: int
     work: Work
     diverged: int
+    warnings: Mapping[str, int]
     after: Mapping[str, np.ndarray]
 
 

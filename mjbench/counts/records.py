@@ -45,6 +45,7 @@ class InstructionsRow:
       work: contacts, constraints, solver iterations per step.
       repeats: how much a second pass over the same work differed, as a share.
       diverged: number of simulations that diverged.
+      warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
       seconds: time of counting, divided equally among the models counted together.
     """
 
@@ -60,6 +61,7 @@ class InstructionsRow:
     work: Work | None = None
     repeats: float | None = None
     diverged: int = 0
+    warnings: Mapping[str, int] | None = None
     seconds: float = 0.0
 
 

@@ -57,6 +57,7 @@ class StepTimes:
         default.
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
+      warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
     """
 
     timestep: float
@@ -65,6 +66,7 @@ class StepTimes:
     clock_ns: float | None
     work: Work
     stages: Mapping[str, float]
+    warnings: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ class ProfileRow:
     clock_ns: float | None = None
     work: Work | None = None
     stages: Mapping[str, float] | None = None
+    warnings: Mapping[str, int] | None = None
     frames: Sequence[FrameTime] | None = None
     simulated_second: Mapping[str, float] | None = None
 
@@ -180,6 +183,7 @@ def step(source: ModelSource, channel: Channel) -> None:
             clock_ns=clock_ns,
             work=observation.work,
             stages=stages,
+            warnings=observation.other_warnings(),
         )
     )
 

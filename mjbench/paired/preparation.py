@@ -4,7 +4,7 @@ Both targets get the same simulations wherever their models have the same size. 
 the plain way; simulations that diverge in either are left out, and the work is compared.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +60,8 @@ class WorkCheck:
         None where the models differ in size.
       diverged: simulations that diverged in the baseline, and in the candidate; none of those is
         timed.
+      warnings: how many other simulations raised each warning, in the baseline, and in the
+        candidate.
       nbatch: simulations of a block.
       nstep: steps of each.
     """
@@ -68,6 +70,7 @@ class WorkCheck:
     candidate: Work
     drift: float | None
     diverged: tuple[int, int]
+    warnings: tuple[Mapping[str, int], Mapping[str, int]]
     nbatch: int
     nstep: int
 
@@ -158,6 +161,7 @@ def _prepare(
         candidate=candidate.work,
         drift=_drift(baseline, candidate, rows[0]) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
+        warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(nbatch, nsim),
         nstep=nstep,
     )

@@ -65,6 +65,14 @@ class DivergedPair:
     new: NonNegativeInt
 
 
+@dataclass(frozen=True)
+class WarningsPair:
+    """How many simulations raised each warning, of the baseline and of the candidate."""
+
+    old: Mapping[str, NonNegativeInt]
+    new: Mapping[str, NonNegativeInt]
+
+
 @dataclass(frozen=True, kw_only=True)
 class VerdictRow:
     """One paired comparison, as people and programs read it; None is what cannot be said.
@@ -84,6 +92,7 @@ class VerdictRow:
       work: contacts, constraints, solver iterations per step.
       drift: largest difference of qpos, qvel and act one step after the same states, in SI units.
       diverged: simulations that diverged; none of them is timed.
+      warnings: how many of the others raised each warning of MuJoCo.
       nbatch: simulations of a block.
       nstep: steps of each.
       launches: that the verdict rests on.
@@ -105,6 +114,7 @@ class VerdictRow:
     work: WorkPair | None = None
     drift: float | None = None
     diverged: DivergedPair | None = None
+    warnings: WarningsPair | None = None
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     launches: NonNegativeInt = 0

@@ -165,8 +165,9 @@ class Observed:
 
     Attributes:
       work: contacts, constraints and solver iterations per step.
-      healthy: (nbatch,) whether a simulation stayed finite and raised no warning.
-      diagnosis: the warnings raised, such as `BADQACC in 3`; empty without any.
+      healthy: (nbatch,) whether a simulation did not diverge.
+      diagnosis: why others diverged, such as `BADQACC in 3`; empty without any.
+      warnings: how many healthy simulations raised each other warning, by its name.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       after_one_step: qpos, qvel and act, each (nbatch, size), one step after each start.
     """
@@ -174,5 +175,6 @@ class Observed:
     work: "Work"
     healthy: "np.ndarray"
     diagnosis: str
+    warnings: Mapping[str, int]
     final_state: "np.ndarray"
     after_one_step: Mapping[str, "np.ndarray"]

@@ -22,6 +22,7 @@ from mjbench.paired.records import (
     Ratio,
     VerdictRecord,
     VerdictRow,
+    WarningsPair,
     WorkPair,
 )
 from mjbench.paired.targets import Target
@@ -167,6 +168,7 @@ class PairedResult:
             work=WorkPair(check.baseline, check.candidate) if check else None,
             drift=check.drift if check else None,
             diverged=DivergedPair(*check.diverged) if check else None,
+            warnings=WarningsPair(*check.warnings) if check else None,
             nbatch=check.nbatch if check else None,
             nstep=check.nstep if check else None,
             launches=len(self.launches),

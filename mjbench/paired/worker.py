@@ -147,6 +147,7 @@ class Worker:
             work=observation.work,
             healthy=observation.healthy,
             diagnosis=observation.diagnosis(),
+            warnings=observation.other_warnings(),
             final_state=observation.final_state,
             after_one_step=work.one_step(self.model, self.workload.initial_state),
         )

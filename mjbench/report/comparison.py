@@ -99,6 +99,9 @@ def _heading(model: ModelRecord) -> list[str | Text]:
         )
     if model.diverged:
         lines.append(f"{model.diverged} simulations diverged and are left out ({model.divergence})")
+    lines += tables.warning_lines(model.warnings)
+    if model.warnings:
+        lines.append("mujoco.rollout and Batch.rollout stop a simulation at its first warning")
     if model.status not in (Status.OK, Status.INTERRUPTED):
         lines.append(f"{model.status}: {detail}")
     return lines

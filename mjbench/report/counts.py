@@ -37,6 +37,8 @@ def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
 
 def _print_functions(out: Console, count: ModelCount, total: float, top: int) -> None:
     out.print(f"\n{count.model}, MuJoCo {count.release}")
+    for line in tables.warning_lines(count.warnings):
+        out.print(line, soft_wrap=True)
     out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
     table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))
     for function in count.functions[:top]:
@@ -67,7 +69,10 @@ def print_explanation(
         if count.status != Status.OK:
             out.print(f"MuJoCo {count.release}: {count.detail}", soft_wrap=True)
             return
-    for line in explain.summary(baseline, candidate, time):
+    lines = [*explain.summary(baseline, candidate, time)]
+    for count in (baseline, candidate):
+        lines += [f"MuJoCo {count.release}: {w}" for w in tables.warning_lines(count.warnings)]
+    for line in lines:
         out.print(line, soft_wrap=True)
     _print_stage_changes(out, baseline, candidate)
     _print_function_changes(out, baseline, candidate, top)

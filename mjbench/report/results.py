@@ -44,6 +44,7 @@ class PathResult:
       nstep: steps of each.
       hold: steps per control.
       diverged: simulations left out because they diverged.
+      warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
       step_ns: nanoseconds of one step of one simulation.
       realtime_factor: simulated seconds per second, all simulations together.
@@ -75,6 +76,7 @@ class PathResult:
     nstep: int | None = None
     hold: int | None = None
     diverged: int | None = None
+    warnings: Mapping[str, int] | None = None
     steps_per_s: float | None = None
     step_ns: StepTime | None = None
     realtime_factor: float | None = None

@@ -1,6 +1,6 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
@@ -12,6 +12,8 @@ from mjbench.errors import printable
 from mjbench.status import ExitCode
 
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 116
+# Values of mjtWarning by which MuJoCo says that memory was full and it left something out.
+_MEMORY_WARNINGS = ("CONTACTFULL", "CNSTRFULL", "VGEOMFULL")
 
 
 class _Console(Console):
@@ -58,6 +60,33 @@ def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> T
             overflow="fold",
         )
     return table
+
+
+def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
+    """Return what MuJoCo's warnings mean for a measurement, a line each.
+
+    Args:
+      warnings: how many simulations, none of which diverged, raised each; by its name.
+    """
+    counts = warnings or {}
+    full = {name: count for name, count in counts.items() if name in _MEMORY_WARNINGS}
+    other = {name: count for name, count in counts.items() if name not in _MEMORY_WARNINGS}
+    lines = []
+    if full:
+        lines.append(
+            f"The model's memory was full ({_simulations(full)}), so MuJoCo left out contacts or"
+            ' constraints: enlarge it with <size memory="…"/>'
+        )
+    if other:
+        lines.append(f"MuJoCo warned ({_simulations(other)}) but the simulations did not diverge")
+    return lines
+
+
+def _simulations(counts: Mapping[str, int]) -> str:
+    """Return numbers of simulations by warning, such as `CNSTRFULL in 64 simulations`."""
+    return ", ".join(
+        f"{name} in {count} simulation{'s' * (count > 1)}" for name, count in counts.items()
+    )
 
 
 def factor(ratio: float) -> str:

@@ -23,6 +23,8 @@ def print_table(out: Console, rows: Sequence[VerdictRow]) -> None:
     out.print(table)
     for row in rows:
         out.print(describe_verdict(row), soft_wrap=True)
+        for line in _warning_lines(row):
+            out.print(line, soft_wrap=True)
 
 
 def describe_verdict(row: VerdictRow) -> str:
@@ -33,6 +35,22 @@ def describe_verdict(row: VerdictRow) -> str:
     work = f"changed work: {describe_work(row)}" if row.changed_work else "same work"
     detail = f"; {row.detail}" if row.detail else ""
     return f"{name}: {_describe_ratio(row.verdict, row.ratio)}, {work}{detail}"
+
+
+def _warning_lines(row: VerdictRow) -> list[str]:
+    """Return what MuJoCo's warnings mean for a comparison; once if both targets have the same."""
+    if row.warnings is None:
+        return []
+    baseline, candidate = (
+        tables.warning_lines(warnings) for warnings in (row.warnings.old, row.warnings.new)
+    )
+    if baseline == candidate:
+        return [f"  {line}" for line in baseline]
+    return [
+        f"  {role}: {line}"
+        for role, lines in (("baseline", baseline), ("candidate", candidate))
+        for line in lines
+    ]
 
 
 def describe_targets(row: VerdictRow) -> str:

@@ -31,6 +31,11 @@ _FIELD_OF_STATE = {
 }
 
 
+# Warnings after which a simulation is no longer the one asked for: numbers were huge or not finite,
+# so the engine started it anew, or ignored its controls.
+_DIVERGENCE = ("BADQPOS", "BADQVEL", "BADQACC", "BADCTRL")
+
+
 @functools.cache
 def state_spec(name: str) -> int:
     """Return the value of `mjtState.mjSTATE_<name>` in this release."""
@@ -157,6 +162,11 @@ def warning_names() -> list[str]:
         if name.startswith("mjWARN_")
     }
     return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
+
+
+def means_divergence() -> np.ndarray:
+    """Return (nwarning,) bool: which warnings mean that a simulation diverged."""
+    return np.array([name in _DIVERGENCE for name in warning_names()])
 
 
 def known(function: Callable[..., Any], **keywords: Any) -> dict[str, Any]:

@@ -63,27 +63,32 @@ class Observation:
     Attributes:
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       warnings: (nbatch, nwarning) how often each simulation raised each mjtWarning.
-      work: of a step, averaged over the simulations without warnings.
+      healthy: (nbatch,) bool: the simulations that raised no warning of a bad state and ended in a
+        finite one; the others are called diverged.
+      work: of a step, averaged over the healthy simulations.
       peaks: maxima over all steps of all simulations.
       start_contacts: contacts at the first simulation's start.
     """
 
     final_state: np.ndarray
     warnings: np.ndarray
+    healthy: np.ndarray
     work: Work
     peaks: Peaks
     start_contacts: int
 
-    @property
-    def healthy(self) -> np.ndarray:
-        """(nbatch,) bool: the simulations without a warning; the others are called diverged."""
-        return np.logical_not(self.warnings.any(axis=1))
-
     def diagnosis(self) -> str:
-        """Return the warnings by name and number of simulations, such as `BADQACC in 3`."""
-        counts = (self.warnings > 0).sum(axis=0)
-        names = compat.warning_names()
-        return ", ".join(f"{names[i]} in {n}" for i, n in enumerate(counts) if n)
+        """Return why simulations diverged and how many, such as `BADQACC in 3`."""
+        bad = self.warnings[:, compat.means_divergence()].any(axis=1)
+        counts = _raised(self.warnings[bad], compat.means_divergence())
+        not_finite = int((~self.healthy & ~bad).sum())
+        if not_finite:
+            counts["a final state that is not finite"] = not_finite
+        return ", ".join(f"{name} in {count}" for name, count in counts.items())
+
+    def other_warnings(self) -> dict[str, int]:
+        """Return the warnings of healthy simulations: how many raised each, by its name."""
+        return _raised(self.warnings[self.healthy], ~compat.means_divergence())
 
 
 @dataclass(frozen=True)
@@ -129,12 +134,14 @@ def observe(workload: Workload) -> Observation:
         sums[i], maxima[i] = counters.sum(axis=0), counters.max(axis=0)
         warnings[i] = compat.warning_counts(data)
         compat.get_state(model, data, final_state[i], spec)
-    healthy = ~warnings.any(axis=1)
+    bad = warnings[:, compat.means_divergence()].any(axis=1)
+    healthy = ~bad & np.isfinite(final_state).all(axis=1)
     mean = sums[healthy].sum(axis=0) / max(1, int(healthy.sum()) * workload.nstep)
     contacts, constraints, _ = maxima.max(axis=0)
     return Observation(
         final_state,
         warnings,
+        healthy,
         Work(*map(float, mean)),
         Peaks(int(contacts), int(constraints)),
         _start_contacts(workload),
@@ -144,7 +151,7 @@ def observe(workload: Workload) -> Observation:
 def observe_healthy(workload: Workload) -> tuple[Workload, Observation]:
     """Return a workload and its reference run, both without the simulations that diverge.
 
-    The observation's warnings are still those of all simulations.
+    The observation's warnings, and which simulations are healthy, are still those of all.
     """
     observation = observe(workload)
     final_state = np.ascontiguousarray(observation.final_state[observation.healthy])
@@ -244,6 +251,18 @@ def _count_steps(
             mujoco.mj_step(model, data)
             counters.append((int(data.ncon), int(data.nefc), compat.solver_iterations(data)))
     return np.array(counters)
+
+
+def _raised(warnings: np.ndarray, which: np.ndarray) -> dict[str, int]:
+    """Return how many simulations raised each warning, by its name; only those that any raised.
+
+    Args:
+      warnings: (nbatch, nwarning) how often each simulation raised each.
+      which: (nwarning,) bool: the warnings to look at.
+    """
+    counts = (warnings > 0).sum(axis=0)
+    names = compat.warning_names()
+    return {names[i]: int(counts[i]) for i in np.flatnonzero(which) if counts[i]}
 
 
 def _start_contacts(workload: Workload) -> int:

@@ -22,7 +22,7 @@ def test_a_request_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 def test_a_program_killed_while_it_writes_loses_its_last_answer_alone(tmp_path: Path) -> None:
     file = tmp_path / "answers"
-    work = CountedWork(100, Work(1.0, 4.0, 2.0), 0, {"qpos": np.arange(6.0).reshape(2, 3)})
+    work = CountedWork(100, Work(1.0, 4.0, 2.0), 0, {}, {"qpos": np.arange(6.0).reshape(2, 3)})
     with file.open("wb") as stream:
         messages.append_answer(stream, ModelAnswer("broken", Failure(Status.INPUT, "no joint")))
         first_end = stream.tell()

@@ -65,3 +65,13 @@ def test_numbers_are_written_without_exponents() -> None:
     assert [tables.factor(ratio) for ratio in (1.234, 0.1, 0.04, 0.00004)] == [
         *("1.23", "0.10", "0.04", "0.00004")
     ]
+
+
+def test_full_memory_is_said_apart_from_other_warnings() -> None:
+    full, other = tables.warning_lines({"CNSTRFULL": 64, "INERTIA": 1})
+    assert full.startswith("The model's memory was full (CNSTRFULL in 64 simulations)")
+    assert other == "MuJoCo warned (INERTIA in 1 simulation) but the simulations did not diverge"
+
+
+def test_no_warning_is_no_line() -> None:
+    assert tables.warning_lines({}) == tables.warning_lines(None) == []
