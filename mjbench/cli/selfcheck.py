@@ -3,13 +3,19 @@
 import contextlib
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli import paired_options
 from mjbench.cli.context import RunContext, Storage
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import COUNT, JUDGING, STORING, Shares, with_options
+from mjbench.errors import MjbenchError
+from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
@@ -64,6 +70,7 @@ def selfcheck(
     paired_options.warn_if_unpinned()
     arguments = {**asdict(plan), "trials": trials, "busy": busy, "slowdowns": slowdowns}
     storage = Storage(results, arguments, resume, trial_records)
+    failures: list[Status] = []
     files = [source.path for source in sources]
     with RunContext("selfcheck", json_file, files, storage, wait) as run:
         records = trial_records(run.finished)
@@ -78,11 +85,17 @@ def selfcheck(
                 records.append(record)
                 advance(len(records), f"{record.model} {100 * record.slowdown:g} %", 0.0)
 
+            def on_failure(model: "ModelSource", error: MjbenchError) -> None:
+                report_line(f"{model.name}: {error}")
+                failures.append(error.status)
+
             try:
-                checks.run(pool, checks.remaining(cases, trials, records), plan, on_trial)
+                checks.run(
+                    pool, checks.remaining(cases, trials, records), plan, on_trial, on_failure
+                )
             except KeyboardInterrupt:
                 run.interrupt()
         rows = checks.summary(records)
         run.out.print(verdicts.selfcheck_table(rows))
         run.write(SelfcheckDocument(machine=run.machine, busy=busy, results=rows))
-    run.exit([])
+    run.exit(failures)

@@ -14,7 +14,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from mjbench.errors import InputError, MachineError
+from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.instrument import child, platforms
 from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
@@ -110,22 +110,33 @@ def run(
     cases: Iterable[Case],
     plan: verdict.VerdictPlan,
     on_trial: Callable[[TrialRecord], None],
+    on_failure: Callable[[ModelSource, MjbenchError], None],
 ) -> None:
     """Run a trial of each case, one after the other.
+
+    A model that cannot do the work, or whose target failed, is not tried again; others are.
 
     Args:
       pool: starts the processes.
       cases: of the trials.
       plan: of every verdict; its sizes are replaced by those of the case.
       on_trial: called after each trial.
+      on_failure: called with each model that is not tried again, and why.
 
     Raises:
-      InputError: a target cannot do the work.
-      MachineError: a target failed.
       KeyboardInterrupt: interrupted.
     """
+    failed: set[ModelSource] = set()
     for case in cases:
-        on_trial(trial(pool, case, plan))
+        if case.model in failed:
+            continue
+        try:
+            record = trial(pool, case, plan)
+        except (InputError, MachineError) as error:
+            failed.add(case.model)
+            on_failure(case.model, error)
+        else:
+            on_trial(record)
 
 
 def summary(trials: Sequence[TrialRecord]) -> list[SelfcheckRow]:

@@ -39,7 +39,7 @@ def _print_step(out: Console, profile: StepProfile) -> None:
         soft_wrap=True,
     )
     for line in tables.warning_lines(steps.warnings):
-        out.print(escape(line), soft_wrap=True)
+        out.print(line, soft_wrap=True)
     if clock_ns / loop_ns >= _LEAST_CLOCK_SHARE:
         out.print(
             f"The engine's own clock, which these timers need, is {100 * clock_ns / loop_ns:.0f} %"

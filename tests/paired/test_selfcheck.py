@@ -1,5 +1,7 @@
 """Selfcheck: slowdowns that are possible, and what its trials say."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from paired_examples import CARTPOLE
@@ -10,6 +12,9 @@ from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.records import TrialRecord
 from mjbench.paired.selfcheck import Case
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.simulation.models import ModelSource
 
 
 def trial(verdict: Verdict, slowdown: float, estimate: float, half_width: float) -> TrialRecord:
@@ -47,6 +52,28 @@ def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
     assert slowed.error == pytest.approx(np.mean([0.0, -0.04, -0.02, 0.004]))
     assert (slowed.seconds, slowed.launches) == (2.0, 2.0)
     assert slowed.launch_sd == pytest.approx(np.std([0.01, 0.03], ddof=1))
+
+
+def test_a_model_that_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = Case(ModelSource("broken", Path("broken.xml")), 0.0, Sizes())
+    sound = Case(CARTPOLE.model, 0.0, Sizes())
+    tried, done, failed = [], [], []
+
+    def try_once(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
+        tried.append(case)
+        if case is broken:
+            raise InputError("its timestep is 0 s")
+        return trial(Verdict.SAME, 0.0, 1.0, 0.002)
+
+    monkeypatch.setattr(selfcheck, "trial", try_once)
+    with WorkerPool() as pool:
+        selfcheck.run(
+            *(pool, [broken, sound], 3, VerdictPlan(), done.append),
+            lambda model, error: failed.append((model.name, str(error))),
+        )
+    assert tried == [broken, sound, sound, sound]
+    assert len(done) == 3
+    assert failed == [("broken", "its timestep is 0 s")]
 
 
 def test_a_trial_with_too_few_launches_has_no_interval_and_covers_the_truth() -> None:
