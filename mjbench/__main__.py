@@ -19,10 +19,22 @@ def main() -> None:
     if missing:
         _fail(f'the command line needs {", ".join(missing)}: python -m pip install "mjbench[cli]"')
     try:
-        from mjbench.cli import cli
+        from mjbench.cli import cli, interrupts
     except Exception as error:  # a broken package, too few file descriptors
         _fail(f"cannot start: {type(error).__name__}: {error}")
-    cli(prog_name="mjbench")
+    try:
+        cli(prog_name="mjbench")
+    finally:
+        interrupts.disable()
+        _end_processes()
+
+
+def _end_processes() -> None:
+    """End what a command has left running, such as a process that was interrupted as it started."""
+    if "mjbench.instrument.child" in sys.modules:
+        from mjbench.instrument import child
+
+        child.end_descendants()
 
 
 def _fail(line: str) -> NoReturn:

@@ -45,13 +45,23 @@ class Failure:
     detail: str
 
 
-def failure_of(error: Exception) -> Failure:
+def failure_of(error: BaseException) -> Failure:
     """Return the status and the line by which an exception is reported."""
     if isinstance(error, MjbenchError):
         return Failure(error.status, str(error))
     if isinstance(error, MemoryError):
         return Failure(Status.FAILED, "out of memory")
-    return Failure(Status.FAILED, f"{type(error).__name__}: {one_line(error)}")
+    return Failure(Status.FAILED, describe(error))
+
+
+def describe(error: BaseException) -> str:
+    """Return an exception's type and message in one line, whatever its message is."""
+    name = type(error).__name__
+    try:
+        message = one_line(error)
+    except Exception:  # an exception of the user's own whose __str__ raises
+        message = ""
+    return f"{name}: {message}" if message else name
 
 
 def printable(text: object) -> str:

@@ -2,8 +2,10 @@
 
 import os
 import signal
+import struct
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,3 +115,76 @@ def wait_for_file(request: WaitRequest, channel: Channel) -> None:
     while not request.file.exists():
         time.sleep(0.01)
     channel.send(Text("done"))
+
+
+def send_garbage(request: Any, channel: Channel) -> None:
+    channel.doing("something strange")
+    os.write(channel._out.fileno(), b"\x02\x00\x00\x00garbage of a library")
+    time.sleep(600)
+
+
+def close_every_descriptor(request: Any, channel: Channel) -> None:
+    channel.doing("something strange")
+    os.closerange(3, 256)
+
+
+def print_everywhere(request: Any, channel: Channel) -> None:
+    channel.send(Text("before"))
+    print("to the output")
+    os.write(1, b"to descriptor 1")
+    os.write(2, b"to descriptor 2")
+    subprocess.run([sys.executable, "-c", "print('of a child')"], check=True, close_fds=False)
+    channel.send(Text("after"))
+
+
+def close_outputs(request: Any, channel: Channel) -> None:
+    channel.send(Text("before"))
+    os.close(1)
+    os.close(2)
+    sys.stdout.close()
+    channel.doing("without an output")
+    channel.send(Text("after"))
+
+
+def change_folder(request: Any, channel: Channel) -> None:
+    channel.send(Text("before"))
+    Path("other").mkdir()
+    os.chdir("other")
+    channel.doing("elsewhere")
+    assert not list(Path.cwd().iterdir())
+    channel.send(Text("after"))
+
+
+def fork(request: Any, channel: Channel) -> None:
+    channel.send(Text("before"))
+    pid = os.fork()
+    if pid == 0:
+        channel.send(Text("of the fork"))
+        os.abort()  # not reached
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 1
+    channel.send(Text("after"))
+
+
+def raise_exception(request: Text, channel: Channel) -> None:
+    threading.Thread(target=time.sleep, args=(600,)).start()
+    raise {"SystemExit": SystemExit, "KeyboardInterrupt": KeyboardInterrupt}[request.text](3)
+
+
+def start_a_session(request: Any, channel: Channel) -> None:
+    command = [sys.executable, "-c", "import time; time.sleep(600)"]
+    channel.send(Process(subprocess.Popen(command, start_new_session=True).pid))
+    time.sleep(600)
+
+
+def leave_a_daemon(request: Any, channel: Channel) -> None:
+    """Fork twice, each time into a session of its own."""
+    reader, writer = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.setsid()
+        if os.fork() == 0:
+            os.write(writer, struct.pack("q", os.getpid()))
+            time.sleep(600)
+        os._exit(0)
+    os.waitpid(pid, 0)
+    channel.send(Process(struct.unpack("q", os.read(reader, 8))[0]))

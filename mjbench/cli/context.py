@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import signal
 import stat
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mjbench.cli import interrupts
 from mjbench.cli.group import report_line
 from mjbench.errors import InputError, printable, writing
 from mjbench.instrument import neighbours
@@ -68,7 +68,8 @@ class RunContext:
     """The frame of one command, used as a context manager.
 
     The JSON target and the run file are opened before the work begins, so that a folder that cannot
-    be written costs nothing. From then on Ctrl-C and SIGTERM end the command through its cleanup.
+    be written costs nothing. From then on Ctrl-C, SIGTERM and a closed terminal end the command
+    through its cleanup (see `interrupts`).
 
     Attributes:
       out: console for people; standard error while JSON goes to standard output.
@@ -117,7 +118,7 @@ class RunContext:
           InputError: the run to continue is not one of this command and this machine.
           MachineError: an output cannot be written.
         """
-        interruptible()
+        interrupts.enable()
         with contextlib.ExitStack() as closing:
             closing.callback(self._json.close)
             self._json.open()
@@ -319,13 +320,3 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-def interruptible() -> None:
-    """Turn Ctrl-C and SIGTERM into KeyboardInterrupt, so that cleanup runs."""
-    signal.signal(signal.SIGTERM, _interrupt)
-    signal.signal(signal.SIGINT, _interrupt)
-
-
-def _interrupt(signum: int, frame: Any) -> None:
-    raise KeyboardInterrupt

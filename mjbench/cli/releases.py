@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from mjbench.cli.context import RunContext, interruptible
+from mjbench.cli import interrupts
+from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON
 from mjbench.errors import InputError, MachineError
@@ -93,7 +94,7 @@ def install_releases(names: tuple[str, ...]) -> None:
     """
     from mjbench.releases import installs
 
-    interruptible()
+    interrupts.enable()
     for release in [installs.parse_release(name) for name in names]:
         click.echo(installs.install(release))
 

@@ -9,6 +9,7 @@ without taking instructions.
 """
 
 import contextlib
+import os
 import shutil
 import subprocess
 import time
@@ -22,7 +23,7 @@ from mjbench.counts import callgrind, counted_program, messages
 from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
 from mjbench.counts.records import FunctionCount, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
-from mjbench.errors import Failure, MachineError
+from mjbench.errors import Failure, MachineError, writing
 from mjbench.instrument import child, platforms
 from mjbench.paired import release_python
 from mjbench.paired.preparation import Sizes
@@ -174,33 +175,34 @@ def _run_program(
     """
     core, request_file = folder / "core", folder / "request.pickle"
     output_file, answers_file = folder / "output.txt", _answers_file(folder)
-    core.mkdir()
-    release_python.link_mjbench(core)
-    messages.write_request(request_file, request)
+    with writing(folder):
+        core.mkdir()
+        release_python.link_mjbench(core)
+        messages.write_request(request_file, request)
     main = f"main({str(request_file)!r}, {str(answers_file)!r})"
     with installs.use(release) as install, output_file.open("wb") as output:
         program = release_python.command(
             f"from mjbench.counts.counted_program import main; {main}", core, install
         )
-        process = subprocess.Popen(
+        parent = os.getpid()
+        process = child.Child(
             [*_callgrind(folder), *program],
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
             cwd=folder,
             env=_environment(install, folder),
-            start_new_session=True,
-            preexec_fn=child.die_with_parent,
+            preexec_fn=lambda: child.die_with_parent(parent),
         )
         try:
-            code = _wait(process, answers_file, limit_s)
+            code = _wait(process.process, answers_file, limit_s)
         except subprocess.TimeoutExpired:
             return Failure(Status.TIMEOUT, f"no answer within {limit_s:g} s, killed")
         finally:
-            child.end_group(process)
+            process.end()
     if code == 0:
         return None
-    last_line = child.last_line(child.text(output_file))
+    last_line = child.last_line(output_file)
     return Failure(Status.CRASHED, child.describe_exit(code) + last_line)
 
 

@@ -1,5 +1,9 @@
 """Child processes that die with their parent, end with all their children, and leave no files.
 
+A child is found with everything that it started: by its process group, by who started whom, and by
+a mark in the environment, which a process that left its group and its parent still has. A process
+that also cleared its environment is ended when `mjbench` ends.
+
 Every process that starts a child or is one imports this module, so it imports little at first.
 """
 
@@ -8,26 +12,187 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from mjbench.errors import MachineError, one_line
 from mjbench.instrument import platforms
 
-_PR_SET_PDEATHSIG = 1
+if TYPE_CHECKING:
+    import psutil
+
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
+# The environment variable that marks a child and what it starts; each child has its own value.
+_MARK = "MJBENCH_CHILD"
+# Descendants may start others while they are ended: they are looked for at most so often, and
+# awaited for so many seconds.
+_SEARCHES, _DEATH_S = 10, 5.0
+# The end of a log in which its last line is looked for, in bytes.
+_TAIL_BYTES = 1 << 16
 # Names of temporary directories are this, `_pid_namespace()`, the owner's process id, and a
 # random ending.
 _SCRATCH = "mjbench-"
 
 
-def die_with_parent() -> None:
-    """Have this process end with its parent; on Linux, with the thread that started it."""
+class Child:
+    """A process that leads a session of its own, and all that it starts.
+
+    Attributes:
+      process: the child itself.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        *,
+        env: Mapping[str, str] | None = None,
+        preexec_fn: Callable[[], None] | None = None,
+        **arguments: Any,
+    ):
+        """Start the command.
+
+        Args:
+          command: program and arguments.
+          env: its environment variables; None for those of this process.
+          preexec_fn: called in the child before the program starts.
+          arguments: further arguments of `subprocess.Popen`.
+
+        Raises:
+          MachineError: no process can be started.
+        """
+        _adopt_orphans()
+        self._mark = uuid.uuid4().hex
+        self._has_ended = False
+        environment = os.environ if env is None else env
+        try:
+            self.process: subprocess.Popen[bytes] = subprocess.Popen(
+                command,
+                env={**environment, _MARK: self._mark},
+                start_new_session=True,
+                preexec_fn=preexec_fn,
+                **arguments,
+            )
+        except OSError as error:
+            raise MachineError(f"cannot start a process: {one_line(error)}") from error
+
+    def end(self) -> int:
+        """Kill the child with everything that it started; return its exit code.
+
+        Further calls return the exit code again.
+        """
+        if self._has_ended:
+            return self.process.wait()
+        offspring = _below(self.process.pid)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        _kill(offspring)
+        code = self.process.wait()
+        _collect(offspring)
+        for _ in range(_SEARCHES):
+            orphans = [process for process in _below(os.getpid()) if self._has_started(process)]
+            if not orphans:
+                break
+            _kill(orphans)
+            _collect(orphans)
+        self._has_ended = True
+        return code
+
+    def _has_started(self, process: "psutil.Process") -> bool:
+        import psutil
+
+        try:
+            return process.environ().get(_MARK) == self._mark
+        except (psutil.Error, OSError):  # it has ended, or is another user's
+            return False
+
+
+def end_descendants() -> None:
+    """Kill everything below this process; for when it ends itself."""
+    for _ in range(_SEARCHES):
+        descendants = _below(os.getpid())
+        if not descendants:
+            return
+        _kill(descendants)
+        _collect(descendants)
+
+
+def _below(pid: int) -> "list[psutil.Process]":
+    """Return all descendants of a process that have not ended; none where psutil is missing."""
+    try:
+        import psutil
+    except ImportError:
+        return []
+    try:
+        descendants = psutil.Process(pid).children(recursive=True)
+    except psutil.Error:
+        return []
+    return [process for process in descendants if _is_alive(process)]
+
+
+def _is_alive(process: "psutil.Process") -> bool:
+    import psutil
+
+    try:
+        return bool(process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.Error:
+        return False
+
+
+def _kill(processes: "Sequence[psutil.Process]") -> None:
+    """Kill processes, without waiting until they have ended."""
+    for process in processes:
+        with contextlib.suppress(Exception):  # it has ended, or is another user's
+            process.kill()
+
+
+def _collect(processes: "Sequence[psutil.Process]") -> None:
+    """Wait until killed processes have ended, and leave no zombie of those that are adopted.
+
+    It may take a process some time to end, but not for ever: it could hang in a driver.
+    """
+    deadline = time.monotonic() + _DEATH_S
+    while (processes := [p for p in processes if not _has_ended(p)]) and (
+        time.monotonic() < deadline
+    ):
+        time.sleep(0.001)
+
+
+def _has_ended(process: "psutil.Process") -> bool:
+    try:
+        return os.waitpid(process.pid, os.WNOHANG)[0] != 0
+    except ChildProcessError:  # another process's child: that one collects it
+        return not _is_alive(process)
+
+
+def _adopt_orphans() -> None:
+    """Have orphans below this process become its children (Linux).
+
+    Without it, a process that outlives the child that started it is out of reach.
+    """
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def die_with_parent(parent: int | None = None) -> None:
+    """Have this process end with its parent; on Linux, with the thread that started it.
+
+    Args:
+      parent: process id of the parent; where it has already ended, this process ends now. None
+        leaves that unknown.
+    """
     if sys.platform == "linux":
         import ctypes
 
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     else:
         platforms.end_with_parent()
+    if parent is not None and os.getppid() != parent:
+        os._exit(1)
 
 
 @contextlib.contextmanager
@@ -86,13 +251,6 @@ def _pid_namespace() -> str:
     ).hexdigest()
 
 
-def end_group(child: "subprocess.Popen[bytes]") -> int:
-    """Kill a child that leads its own session, and all its children; return its exit code."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(child.pid, signal.SIGKILL)
-    return child.wait()
-
-
 def describe_exit(code: int) -> str:
     """Describe how a process ended.
 
@@ -123,8 +281,14 @@ def memory_bytes(pid: int) -> int:
         return 0
 
 
-def last_line(output: str) -> str:
-    """Return the last line that a process wrote, as the end of a sentence; empty if it has none."""
+def last_line(log: Path) -> str:
+    """Return the last line of a log, as the end of a sentence; empty if it has none."""
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - _TAIL_BYTES))
+            output = file.read(_TAIL_BYTES).decode(errors="replace")
+    except OSError:
+        return ""
     lines = output.strip().splitlines()
     return f"; its last output: {one_line(lines[-1], 160)}" if lines else ""
 

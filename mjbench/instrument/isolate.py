@@ -2,8 +2,8 @@
 
 The parent calls `run`; the child calls `child_main`. The request and the messages
 that the child sends back are frozen dataclasses, pickled; both sides are the same code. The child
-works in an empty folder (MuJoCo writes log files into the current one), its output goes to a log,
-and it dies with the parent.
+works in an empty folder (MuJoCo writes log files into the current one), and it dies with the
+parent. Messages have a pipe of their own: all that the child writes to its output goes to a log.
 """
 
 import contextlib
@@ -22,18 +22,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.errors import InputError, MachineError, failure_of, one_line, writing
 from mjbench.instrument import child
 from mjbench.status import Status
 
 _ACTIVITY = "activity.json"
-_STDERR = "stderr.txt"
-# A message is its length in bytes, then its pickle.
-_LENGTH = struct.Struct("<I")
-# The child's program; its argument is the task.
-_CHILD = "import sys; from mjbench.instrument.isolate import child_main; child_main(sys.argv[1])"
+_LOG = "output.txt"
+# A message is this header and its pickle. The header holds a fixed word, which other bytes in the
+# pipe hardly have, and the length of the pickle in bytes.
+_HEADER, _WORD = struct.Struct("<4sI"), b"mjb\n"
+# No message is nearly as long.
+_MAX_MESSAGE_BYTES = 1 << 26
+# The child's program; its arguments are the task, the pipe for messages, and the parent.
+_CHILD = "import sys; from mjbench.instrument.isolate import child_main; child_main(*sys.argv[1:])"
 # How often a child's memory is checked, in seconds.
 _MEMORY_CHECK_S = 0.2
+# A child that has closed its pipe has ended, or does within this many seconds.
+_EXIT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -83,16 +88,24 @@ class _SilenceAllowed:
     seconds: float
 
 
+class _GarbageError(Exception):
+    """What came through the pipe is not a message."""
+
+
 class Channel:
     """The child's side of the conversation."""
 
     def __init__(self, descriptor: int):
         self._out = os.fdopen(descriptor, "wb")
+        self._pid = os.getpid()
+        self._activity_file = Path.cwd() / _ACTIVITY  # the task may change the folder
 
     def send(self, message: object) -> None:
         """Send a message, a frozen dataclass, to the parent."""
+        if os.getpid() != self._pid:  # a fork that the task did not end, and that runs on
+            os._exit(1)
         content = pickle.dumps(message)
-        self._out.write(_LENGTH.pack(len(content)) + content)
+        self._out.write(_HEADER.pack(_WORD, len(content)) + content)
         self._out.flush()
 
     def allow_silence(self, seconds: float) -> None:
@@ -102,9 +115,12 @@ class Channel:
     def doing(self, text: str, index: int | None = None) -> None:
         """Record what is being done now, for the parent to read if this process dies.
 
-        It goes to a file rather than to the parent, which would wake up beside a timed block.
+        It goes to a file rather than to the parent, which would wake up beside a timed block. A
+        full disk costs this record, not the work.
         """
-        Path(_ACTIVITY).write_text(json.dumps({"text": text, "index": index}), encoding="utf-8")
+        with contextlib.suppress(OSError):
+            content = json.dumps({"text": text, "index": index})
+            self._activity_file.write_text(content, encoding="utf-8")
 
 
 def run(
@@ -128,32 +144,53 @@ def run(
       memory_bytes: the child is killed when it takes more memory than this.
 
     Returns:
-      How the child ended. The child and its own children are gone by then, also when an
+      How the child ended. The child and all that it started are gone by then, also when an
       exception (Ctrl-C) passes through.
+
+    Raises:
+      MachineError: no process can be started, or its files cannot be written.
     """
     with child.scratch() as folder:
-        with (folder / _STDERR).open("wb") as errors:
-            process = subprocess.Popen(
-                [sys.executable, "-c", _CHILD, task],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                cwd=folder,
-                env=_environment(import_from, environment or {}),
-                start_new_session=True,
-            )
+        reader, process = _start(task, folder, _environment(import_from, environment or {}))
         try:
-            end = _converse(process, request, on_message, limit_s, memory_bytes)
+            end = _converse(process.process, reader, request, on_message, limit_s, memory_bytes)
         finally:
-            child.end_group(process)
-            for stream in filter(None, (process.stdin, process.stdout)):
-                with contextlib.suppress(OSError):  # a request that was never read
-                    stream.close()
+            process.end()
+            os.close(reader)
+            with contextlib.suppress(OSError):  # a request that was never read
+                assert process.process.stdin is not None
+                process.process.stdin.close()
         return end if end.status in (Status.OK, Status.INPUT) else _located(end, folder)
+
+
+def _start(task: str, folder: Path, environment: Mapping[str, str]) -> tuple[int, child.Child]:
+    """Start the child in a folder; return the pipe that its messages come from, and the child."""
+    try:
+        reader, writer = os.pipe()
+    except OSError as error:
+        raise MachineError(f"cannot start a process: {one_line(error)}") from error
+    try:
+        with writing(folder / _LOG), (folder / _LOG).open("wb") as log:
+            process = child.Child(
+                [sys.executable, "-c", _CHILD, task, str(writer), str(os.getpid())],
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                cwd=folder,
+                env=environment,
+                pass_fds=[writer],
+            )
+    except BaseException:
+        os.close(reader)
+        raise
+    finally:
+        os.close(writer)
+    return reader, process
 
 
 def _converse(
     process: "subprocess.Popen[bytes]",
+    reader: int,
     request: object,
     on_message: Callable[[Any], None],
     limit_s: float,
@@ -163,24 +200,29 @@ def _converse(
     with contextlib.suppress(BrokenPipeError):
         process.stdin.write(pickle.dumps(request))
         process.stdin.close()
-    for message in _messages(process, limit_s, memory_bytes):
-        if isinstance(message, Ended):
-            return message
-        on_message(message)
-    return Ended(Status.CRASHED, child.describe_exit(process.wait()))
+    try:
+        for message in _messages(process.pid, reader, limit_s, memory_bytes):
+            if isinstance(message, Ended):
+                return message
+            on_message(message)
+        return Ended(Status.CRASHED, child.describe_exit(process.wait(_EXIT_S)))
+    except _GarbageError as error:
+        return Ended(Status.CRASHED, f"sent what is no message ({error}), killed")
+    except subprocess.TimeoutExpired:
+        return Ended(Status.CRASHED, "closed the pipe for its messages, killed")
 
 
-def _messages(
-    process: "subprocess.Popen[bytes]", limit_s: float, memory_bytes: int | None
-) -> Iterator[Any]:
+def _messages(pid: int, reader: int, limit_s: float, memory_bytes: int | None) -> Iterator[Any]:
     """Yield the child's messages as they come; the last is an `Ended`, unless the child died.
 
     A child that is silent for too long, or takes too much memory, is an end of its own.
+
+    Raises:
+      _GarbageError: something else than a message came.
     """
-    assert process.stdout is not None
-    pending, descriptor, limit = b"", process.stdout.fileno(), limit_s
+    pending, limit = b"", limit_s
     with selectors.DefaultSelector() as selector:
-        selector.register(descriptor, selectors.EVENT_READ)
+        selector.register(reader, selectors.EVENT_READ)
         deadline, memory_checked = time.monotonic() + limit, 0.0
         while True:
             wait = max(0.0, deadline - time.monotonic())
@@ -188,7 +230,7 @@ def _messages(
             now = time.monotonic()
             if memory_bytes is not None and now - memory_checked >= _MEMORY_CHECK_S:
                 memory_checked = now
-                if child.memory_bytes(process.pid) > memory_bytes:
+                if child.memory_bytes(pid) > memory_bytes:
                     detail = f"took more than {memory_bytes / 2**30:.1f} GiB of memory, killed"
                     yield Ended(Status.FAILED, detail)
                     return
@@ -198,7 +240,7 @@ def _messages(
                 detail = f"no answer within {limit:.3g} s, killed (--time-limit)"
                 yield Ended(Status.TIMEOUT, detail)
                 return
-            chunk = os.read(descriptor, 1 << 16)
+            chunk = os.read(reader, 1 << 16)
             if not chunk:
                 return
             messages, pending = _split(pending + chunk)
@@ -211,15 +253,29 @@ def _messages(
 
 
 def _split(content: bytes) -> tuple[list[Any], bytes]:
-    """Return the whole messages at the beginning of `content`, and the bytes after them."""
+    """Return the whole messages at the beginning of `content`, and the bytes after them.
+
+    Raises:
+      _GarbageError: it begins with something else.
+    """
     messages = []
-    while len(content) >= _LENGTH.size:
-        end = _LENGTH.size + _LENGTH.unpack_from(content)[0]
+    while len(content) >= _HEADER.size:
+        word, length = _HEADER.unpack_from(content)
+        if word != _WORD or length > _MAX_MESSAGE_BYTES:
+            raise _GarbageError(one_line(repr(content[:20])))
+        end = _HEADER.size + length
         if len(content) < end:
             break
-        messages.append(pickle.loads(content[_LENGTH.size : end]))
+        messages.append(_unpickled(content[_HEADER.size : end]))
         content = content[end:]
     return messages, content
+
+
+def _unpickled(content: bytes) -> Any:
+    try:
+        return pickle.loads(content)
+    except Exception as error:  # damaged bytes raise whatever they spell
+        raise _GarbageError(f"{type(error).__name__}: {one_line(error, 100)}") from error
 
 
 def _located(end: Ended, folder: Path) -> Ended:
@@ -230,7 +286,7 @@ def _located(end: Ended, folder: Path) -> Ended:
         activity = None
     detail = end.detail + (f" while {activity.text}" if activity else "")
     if end.status == Status.CRASHED:
-        detail += child.last_line(child.text(folder / _STDERR))
+        detail += child.last_line(folder / _LOG)
     return Ended(end.status, detail, activity)
 
 
@@ -242,19 +298,29 @@ def _environment(import_from: str | None, others: Mapping[str, str | None]) -> d
     return {name: value for name, value in variables.items() if value is not None}
 
 
-def child_main(task: str) -> None:
-    """Be the child: call the task, and say how it ended."""
-    child.die_with_parent()
+def child_main(task: str, descriptor: str, parent: str) -> None:
+    """Be the child: call the task, and say how it ended.
+
+    Args:
+      task: what to call.
+      descriptor: of the pipe for messages.
+      parent: process id of the parent.
+    """
+    child.die_with_parent(int(parent))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    channel = Channel(os.dup(1))
-    os.dup2(2, 1)  # what the task prints goes to the log
+    os.set_inheritable(int(descriptor), False)
+    channel = Channel(int(descriptor))
     try:
         request = pickle.load(sys.stdin.buffer)
         module, _, function = task.partition(":")
         getattr(importlib.import_module(module), function)(request, channel)
         end = Ended(Status.OK)
-    except Exception as error:
+    except BaseException as error:  # a path of the user's own may raise SystemExit
         failure = failure_of(error)
         end = Ended(failure.status, failure.detail)
-    channel.send(end)
+    try:
+        channel.send(end)
+    except OSError as error:
+        print(failure_of(error).detail, file=sys.stderr, flush=True)  # noqa: T201  the log
+        os._exit(1)
     os._exit(0)  # nothing here needs a tidy shutdown, and some engines hang in theirs

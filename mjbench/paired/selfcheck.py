@@ -186,9 +186,13 @@ def busy_neighbour_core() -> Iterator[None]:
         raise MachineError("--busy cannot work here: this system cannot keep a process on one core")
     core = max(allowed)
     code = f"import os\nos.sched_setaffinity(0, [{core}])\nwhile True: sum(range(100000))"
-    spinner = subprocess.Popen([sys.executable, "-c", code], preexec_fn=child.die_with_parent)
+    parent = os.getpid()
+    spinner = child.Child(  # in a session of its own: Ctrl-C is not for it
+        [sys.executable, "-c", code],
+        stdin=subprocess.DEVNULL,
+        preexec_fn=lambda: child.die_with_parent(parent),
+    )
     try:
         yield
     finally:
-        spinner.kill()
-        spinner.wait()
+        spinner.end()

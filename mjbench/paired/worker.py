@@ -91,7 +91,7 @@ class Worker:
             answer: Any
             try:
                 answer = Done(self._handlers[type(request)](request))
-            except Exception as error:
+            except BaseException as error:  # a path of the user's own may raise SystemExit
                 answer = failure_of(error)
             try:
                 self.connection.send(answer)
@@ -119,6 +119,10 @@ class Worker:
         import mujoco
 
         mujoco.mj_saveModel(self.model, str(request.file), None)
+        # mj_saveModel does not report a disk that is full
+        size = request.file.stat().st_size if request.file.exists() else 0
+        if size < mujoco.mj_sizeModel(self.model):
+            raise MachineError(f"cannot write {request.file}: is the disk full?")
 
     def _measure_step_cost(self, request: requests.MeasureStepCost) -> float:
         from mjbench.simulation import work
@@ -260,8 +264,9 @@ def _call_deeper(levels: int, function: Callable[[], None]) -> None:
         list(map(lambda _: _call_deeper(levels - 1, function), (None,)))  # noqa: C417
 
 
-def main(descriptor: int) -> None:
-    """Answer requests on the inherited socket."""
-    child.die_with_parent()
+def main(descriptor: int, parent: int) -> None:
+    """Answer requests on the inherited socket, for the process `parent`."""
+    child.die_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.set_inheritable(descriptor, False)  # what a path starts must not hold or write to it
     Worker(Connection(descriptor)).serve()

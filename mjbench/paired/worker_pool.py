@@ -1,23 +1,29 @@
 """Processes in the environment of any release, each answering requests (see `requests`)."""
 
 import contextlib
+import os
 import pickle
 import socket
+import struct
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mjbench.errors import Failure, InputError, MachineError, one_line, writing
-from mjbench.instrument import child
+from mjbench.instrument import child, machine
 from mjbench.paired import release_python, requests
 from mjbench.paired.requests import Request
 from mjbench.releases import installs
 from mjbench.status import Status
 
 _T = TypeVar("_T")
+# A worker that has closed its connection has ended, or does within this many seconds.
+_EXIT_S = 5.0
+# A failure is no longer than this.
+_MAX_FAILURE_BYTES = 1 << 16
 
 
 class TargetError(MachineError):
@@ -39,10 +45,11 @@ class WorkerProcess:
         connection: Connection,
         name: str,
         limit_s: float,
-        process: "subprocess.Popen[bytes]",
+        process: child.Child,
         output_file: Path,
     ):
-        self.connection, self.name, self.limit_s, self.pid = connection, name, limit_s, process.pid
+        self.connection, self.name, self.limit_s = connection, name, limit_s
+        self.pid = process.process.pid
         self._process, self._output_file = process, output_file
         self._pending: deque[Request[Any]] = deque()
 
@@ -81,9 +88,9 @@ class WorkerProcess:
         """
         with contextlib.suppress(OSError):
             self.connection.send_bytes(requests.BLOCK)
-        content = self._receive(self.connection.recv_bytes)
+        content = self._receive(requests.NANOSECONDS.size + _MAX_FAILURE_BYTES)
         if len(content) != requests.NANOSECONDS.size:  # the block failed, and ended `TimeBlocks`
-            raise TargetError(f"{self.name}: {pickle.loads(content).detail}")
+            raise TargetError(f"{self.name}: {self._unpickled(content, Failure).detail}")
         ns = int(requests.NANOSECONDS.unpack(content)[0])
         if ns <= 0:
             raise TargetError(f"{self.name}: reports that a block took {ns} ns")
@@ -98,29 +105,58 @@ class WorkerProcess:
     def end(self) -> None:
         """End the process, whatever it is doing."""
         self.connection.close()
-        child.end_group(self._process)
+        self._process.end()
         self._output_file.unlink(missing_ok=True)
 
     def _answer(self) -> Any:
         """Return the answer to the oldest pending request."""
-        answer: requests.Done[Any] | Failure = self._receive(self.connection.recv)
+        content = self._receive(machine.available_memory_bytes())
+        answer: requests.Done[Any] | Failure = self._unpickled(content, requests.Done, Failure)
         self._pending.popleft()
         if isinstance(answer, requests.Done):
             return answer.value
         kind = InputError if answer.status == Status.INPUT else TargetError
         raise kind(f"{self.name}: {answer.detail}")
 
-    def _receive(self, receive: Callable[[], Any]) -> Any:
+    def _receive(self, max_bytes: int) -> bytes:
+        """Return the bytes of the next answer, `max_bytes` at most."""
         activity = self._pending[0].activity
         if not self.connection.poll(self.limit_s):
-            child.end_group(self._process)
+            self._process.end()
             raise TargetError(f"{self.name}: no answer within {self.limit_s:g} s while {activity}")
         try:
-            return receive()
+            return self.connection.recv_bytes(max_bytes)
         except (EOFError, OSError):
-            cause = child.describe_exit(self._process.wait())
-            output = child.last_line(child.text(self._output_file))
+            cause = self._describe_end()
+            output = child.last_line(self._output_file)
             raise TargetError(f"{self.name}: {cause} while {activity}{output}") from None
+
+    def _describe_end(self) -> str:
+        """Describe how the process ended; one that goes on sent an answer that is too long."""
+        try:
+            return child.describe_exit(self._process.process.wait(_EXIT_S))
+        except subprocess.TimeoutExpired:
+            self._process.end()
+            return "sent what is no answer, killed"
+
+    def _unpickled(self, content: bytes, *kinds: type) -> Any:
+        """Return the answer that bytes stand for.
+
+        Raises:
+          TargetError: they stand for nothing of these kinds.
+        """
+        try:
+            answer = pickle.loads(content)
+        except Exception as error:  # damaged bytes raise whatever they spell
+            answer = error
+        if not isinstance(answer, kinds):
+            self._process.end()
+            activity = self._pending[0].activity
+            raise TargetError(
+                f"{self.name}: sent what is no answer, killed while {activity}"
+                f" ({one_line(repr(content[:20]))})"
+            )
+        return answer
 
 
 class WorkerPool:
@@ -144,9 +180,10 @@ class WorkerPool:
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
             self._core = closing.enter_context(child.scratch())
-            release_python.link_mjbench(self._core)
             self._work = self._core / "work"
-            self._work.mkdir()
+            with writing(self._core):
+                release_python.link_mjbench(self._core)
+                self._work.mkdir()
             self._closing = closing.pop_all()
         return self
 
@@ -194,10 +231,7 @@ class WorkerPool:
             install = self._closing.enter_context(installs.use(release))
             self._installs[release.key] = install
         install, output_file = self._installs[release.key], self.new_file(".output")
-        try:
-            connection, process = self._spawn(install, output_file)
-        except OSError as error:
-            raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        connection, process = self._spawn(install, output_file)
         name = name or f"MuJoCo {release.version}"
         worker = WorkerProcess(connection, name, self.limit_s, process, output_file)
         self._processes.append(worker)
@@ -221,18 +255,19 @@ class WorkerPool:
             process.end()
             self._processes.remove(process)
 
-    def _spawn(
-        self, install: Path | None, output_file: Path
-    ) -> tuple[Connection, "subprocess.Popen[bytes]"]:
-        parent, worker = socket.socketpair()
+    def _spawn(self, install: Path | None, output_file: Path) -> tuple[Connection, child.Child]:
+        try:
+            parent, worker = socket.socketpair()
+        except OSError as error:
+            raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        # of an answer that has begun; `poll` waits for its beginning
+        parent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(self.limit_s))
         connection = Connection(parent.detach())
-        with worker, output_file.open("wb") as output:
-            worker.set_inheritable(True)
-            process = subprocess.Popen(
+        with worker, writing(output_file), output_file.open("wb") as output:
+            main = f"main({worker.fileno()}, {os.getpid()})"
+            process = child.Child(
                 release_python.command(
-                    f"from mjbench.paired.worker import main; main({worker.fileno()})",
-                    self._core,
-                    install,
+                    f"from mjbench.paired.worker import main; {main}", self._core, install
                 ),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -240,6 +275,11 @@ class WorkerPool:
                 cwd=self._work,
                 env=release_python.environment(install),
                 pass_fds=[worker.fileno()],
-                start_new_session=True,
             )
         return connection, process
+
+
+def _timeval(seconds: float) -> bytes:
+    """Return a time as the `struct timeval` of C."""
+    whole = int(seconds)
+    return struct.pack("@ll", whole, int(1e6 * (seconds - whole)))

@@ -92,26 +92,34 @@ def _limit_file_size(size: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
-@pytest.mark.parametrize("when", ["at once", "while a path hangs"])
-def test_ctrl_c_is_one_line_and_saves_what_was_measured(
-    tmp_path: Path, contact_file: str, when: str
+@pytest.mark.parametrize(
+    ("when", "number"),
+    [
+        ("at once", signal.SIGINT),
+        ("while a path hangs", signal.SIGINT),
+        ("while a path hangs", signal.SIGHUP),
+    ],
+)
+def test_an_interrupt_is_one_line_and_saves_what_was_measured(
+    tmp_path: Path, contact_file: str, when: str, number: signal.Signals
 ) -> None:
     words = ["--paths", "python_loop_hold,wrong_paths:Tells,wrong_paths:Hangs", *QUICK]
     os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "scratch").mkdir()
     process = subprocess.Popen(
         [sys.executable, "-m", "mjbench", "compare", contact_file, *words],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": PYTHONPATH,
-             "MJBENCH_TEST_PIPE": str(tmp_path / "pipe")},
+             "MJBENCH_TEST_PIPE": str(tmp_path / "pipe"), "TMPDIR": str(tmp_path / "scratch")},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     if when == "while a path hangs":
         (tmp_path / "pipe").read_text()  # returns when the path before it was prepared
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     try:
         out, err = process.communicate(timeout=30)
     except subprocess.TimeoutExpired:  # an interpreter that starts may lose the first one
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, err = process.communicate(timeout=120)
     assert "Traceback" not in out + err
     if when == "at once":
@@ -122,6 +130,7 @@ def test_ctrl_c_is_one_line_and_saves_what_was_measured(
     (file,) = (tmp_path / "runs").glob("*.jsonl")
     statuses = [json.loads(line).get("status") for line in file.read_text().splitlines()]
     assert statuses == [None, *["interrupted"] * 5]
+    assert list((tmp_path / "scratch").iterdir()) == []
 
 
 def test_a_closed_output_is_no_traceback(tmp_path: Path, contact_file: str) -> None:

@@ -1,3 +1,4 @@
+import errno
 import os
 import pickle
 import select
@@ -52,9 +53,9 @@ def test_messages_around_and_above_the_size_of_a_chunk_arrive_whole_and_in_order
 
 
 def encoded(message: object) -> bytes:
-    """Return a message as it travels: its length, then its pickle."""
+    """Return a message as it travels: its header, then its pickle."""
     content = pickle.dumps(message)
-    return isolate._LENGTH.pack(len(content)) + content
+    return isolate._HEADER.pack(isolate._WORD, len(content)) + content
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 64, 1000, CHUNK])
@@ -74,6 +75,59 @@ def test_a_message_that_is_not_whole_yet_is_kept_for_later() -> None:
     whole, cut = encoded(Text("whole")), encoded(Text("cut"))[:-1]
     assert isolate._split(whole + cut) == ([Text("whole")], cut)
     assert isolate._split(whole[:3]) == ([], whole[:3])
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"printed by a path\n",
+        isolate._HEADER.pack(isolate._WORD, isolate._MAX_MESSAGE_BYTES + 1),
+        isolate._HEADER.pack(isolate._WORD, 4) + b"oops",
+        isolate._HEADER.pack(isolate._WORD, 17) + pickle.dumps(Text("damaged"))[:17],
+    ],
+)
+def test_bytes_that_are_no_message_are_noticed_at_once(garbage: bytes) -> None:
+    with pytest.raises(isolate._GarbageError) as caught:
+        isolate._split(garbage)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("task", "detail"),
+    [
+        ("send_garbage", "sent what is no message"),
+        ("close_every_descriptor", "Bad file descriptor"),
+    ],
+)
+def test_a_task_that_breaks_the_pipe_of_messages_ends_in_one_line(task: str, detail: str) -> None:
+    ended, _ = run(task)
+    assert ended.status == Status.CRASHED
+    assert detail in ended.detail
+    assert "\n" not in ended.detail
+    assert ended.activity == Activity("something strange")
+
+
+@pytest.mark.parametrize("task", ["print_everywhere", "close_outputs", "change_folder", "fork"])
+def test_what_a_task_does_to_its_process_leaves_the_messages_whole(task: str) -> None:
+    ended, messages = run(task)
+    assert ended == Ended(Status.OK)
+    assert messages == [Text("before"), Text("after")]
+
+
+def test_what_a_program_prints_when_it_starts_is_no_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("print('welcome')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    ended, messages = run("echo", Text("1, 2.5"))
+    assert ended == Ended(Status.OK)
+    assert messages == [Text("1, 2.5")]
+
+
+@pytest.mark.parametrize("name", ["SystemExit", "KeyboardInterrupt"])
+def test_a_task_that_ends_its_interpreter_fails_and_says_how(name: str) -> None:
+    ended, _ = run("raise_exception", Text(name))
+    assert ended == Ended(Status.FAILED, f"{name}: 3")
 
 
 # how a child ends
@@ -130,6 +184,31 @@ def test_a_silent_child_is_killed_with_its_own_children() -> None:
     assert ends(grandchild)
 
 
+@pytest.mark.parametrize("task", ["start_a_session", "leave_a_daemon"])
+def test_what_a_child_started_in_another_session_ends_with_it(task: str) -> None:
+    started: list[int] = []
+
+    def watch(message: Process) -> None:
+        started.append(os.pidfd_open(message.pid))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        isolate.run(f"isolated_tasks:{task}", None, watch, 60.0, str(TESTS))
+    (process,) = started
+    assert ends(process)
+
+
+def test_a_process_that_cannot_be_started_is_an_error_of_the_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*arguments: object, **named: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    with pytest.raises(MachineError, match="cannot start a process"):
+        run("echo", Text(""))
+
+
 def test_allowed_silence_is_no_message_for_the_parent(tmp_path: Path) -> None:
     messages: list[Any] = []
 
@@ -150,7 +229,6 @@ class SimulatedChild:
         self.now, self.arrivals = 0.0, list(arrivals)
         reader, writer = os.pipe()
         self.reader, self.writer = os.fdopen(reader, "rb"), os.fdopen(writer, "wb", buffering=0)
-        self.process: Any = SimpleNamespace(pid=os.getpid(), stdout=self.reader)
         selectors = SimpleNamespace(DefaultSelector=lambda: self, EVENT_READ=1)
         monkeypatch.setattr(isolate, "time", SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(isolate, "selectors", selectors)
@@ -182,7 +260,8 @@ class SimulatedChild:
 
 def received(simulated: SimulatedChild, limit_s: float) -> list[Any]:
     """Return what the parent receives; a child that is killed is `timeout`."""
-    messages = isolate._messages(simulated.process, limit_s, memory_bytes=None)
+    reader = simulated.reader.fileno()
+    messages = isolate._messages(os.getpid(), reader, limit_s, memory_bytes=None)
     return [m.status.value if isinstance(m, Ended) else m.text for m in messages]
 
 
