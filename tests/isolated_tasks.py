@@ -1,5 +1,6 @@
 """Tasks that the tests of `isolate` run in child processes, with their requests and messages."""
 
+import multiprocessing
 import os
 import signal
 import struct
@@ -188,3 +189,19 @@ def leave_a_daemon(request: Any, channel: Channel) -> None:
         os._exit(0)
     os.waitpid(pid, 0)
     channel.send(Process(struct.unpack("q", os.read(reader, 8))[0]))
+
+
+def step_with_processes(request: Any, channel: Channel) -> None:
+    """Start the workers of the path `processes`, and wait for ever."""
+    from mjbench import paths
+    from mjbench.paths.processes import Processes
+    from mjbench.simulation import models, workload
+
+    small = workload.make(models.load(models.resolve("cartpole")), nbatch=2, nstep=1)
+    resources = paths.Resources(small)
+    Processes().prepare(small, {"processes": 2}, resources)
+    for process in multiprocessing.active_children():
+        assert process.pid is not None
+        channel.send(Process(process.pid))
+    channel.allow_silence(3600.0)
+    time.sleep(600)

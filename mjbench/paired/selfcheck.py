@@ -5,6 +5,7 @@ the simulations twice. Whatever a verdict says beyond that is an error of the in
 """
 
 import contextlib
+import os
 import subprocess
 import sys
 from collections import Counter

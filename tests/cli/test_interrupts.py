@@ -12,7 +12,7 @@ from mjbench.cli import interrupts
 from mjbench.instrument import child
 
 
-class Exited(Exception):
+class ExitedError(Exception):
     """Stands for the end of the process."""
 
 
@@ -56,7 +56,7 @@ def test_a_cleanup_that_hangs_is_ended_with_all_processes(
 
     def leave(code: int) -> None:
         done.append(f"exit {code}")
-        raise Exited
+        raise ExitedError
 
     monkeypatch.setattr(child, "end_descendants", lambda: done.append("ended processes"))
     monkeypatch.setattr(os, "_exit", leave)
@@ -64,7 +64,7 @@ def test_a_cleanup_that_hangs_is_ended_with_all_processes(
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
     clock.now += interrupts.CLEANUP_S + 1
-    with pytest.raises(Exited):
+    with pytest.raises(ExitedError):
         signal.raise_signal(signal.SIGINT)
     assert done == ["ended processes", "exit 130"]
 

@@ -303,12 +303,13 @@ def test_an_exception_in_the_parent_leaves_no_process() -> None:
     assert ends(grandchild)
 
 
-def test_children_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("task", "count"), [("wait_for_file", 1), ("step_with_processes", 2)])
+def test_children_die_with_a_parent_that_is_killed(tmp_path: Path, task: str, count: int) -> None:
     program = (
         "from pathlib import Path\n"
         "from isolated_tasks import WaitRequest\n"
         "from mjbench.instrument import isolate\n"
-        "isolate.run('isolated_tasks:wait_for_file', WaitRequest(Path('/nonexistent')),"
+        f"isolate.run('isolated_tasks:{task}', WaitRequest(Path('/nonexistent')),"
         f" lambda message: print(message.pid, flush=True), 60.0, {str(TESTS)!r})"
     )
     parent = subprocess.Popen(
@@ -319,11 +320,21 @@ def test_children_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": PYTHONPATH},
     )
     assert parent.stdout is not None
-    process = os.pidfd_open(int(parent.stdout.readline()))
+    processes = [os.pidfd_open(int(parent.stdout.readline())) for _ in range(count)]
     parent.kill()
     parent.wait()
     parent.stdout.close()
-    assert ends(process)
+    assert all(map(ends, processes))
+
+
+def test_a_child_whose_parent_has_ended_before_it_could_ask_to_die_with_it_ends() -> None:
+    program = "from mjbench.instrument import child; child.die_with_parent(1 << 22); print('on')"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
 
 
 def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(

@@ -1,8 +1,10 @@
 """Selfcheck: slowdowns that are possible, and what its trials say."""
 
+import os
 from pathlib import Path
 
 import numpy as np
+import process_tree
 import pytest
 from paired_examples import CARTPOLE
 
@@ -81,3 +83,12 @@ def test_a_trial_with_too_few_launches_has_no_interval_and_covers_the_truth() ->
     (row,) = selfcheck.summary([record])
     assert row.covered == 1.0
     assert row.launch_sd is None
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no affinity on this system")
+def test_the_process_that_keeps_a_core_busy_is_out_of_reach_of_ctrl_c_and_ends() -> None:
+    before = process_tree.descendants()
+    with selfcheck.busy_neighbour_core():
+        (pid,) = process_tree.descendants() - before
+        assert os.getsid(pid) == pid  # a terminal sends Ctrl-C to its own session
+    assert process_tree.descendants() <= before
