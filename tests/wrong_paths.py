@@ -3,9 +3,12 @@
 import dataclasses
 import os
 import signal
+import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -195,3 +198,126 @@ def _with_late_fault(prepared: paths.Prepared, fault: Callable[[], None]) -> pat
         prepared.run()
 
     return dataclasses.replace(prepared, run=run)
+
+
+class RaisesWhenTimed(Right):
+    """Right when verified; its third run, the first of a timed round, raises."""
+
+    name = "wrong_paths:RaisesWhenTimed"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        return _with_late_fault(super().prepare(workload, options, resources), _exit)
+
+
+def _exit() -> None:
+    sys.exit("enough")
+
+
+class Exits(Right):
+    name = "wrong_paths:Exits"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        os._exit(0)
+
+
+class UnsuitedRaises(Right):
+    name = "wrong_paths:UnsuitedRaises"
+
+    def unsuited(self, workload: Workload, options: paths.Options) -> str | None:
+        raise RuntimeError("cannot\ntell")
+
+
+class UnsuitedIsNoText(Right):
+    name = "wrong_paths:UnsuitedIsNoText"
+
+    def unsuited(self, workload: Workload, options: paths.Options) -> str | None:
+        return 7  # type: ignore[return-value]
+
+
+class PrepareInterrupts(Right):
+    name = "wrong_paths:PrepareInterrupts"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        raise KeyboardInterrupt
+
+
+class SnippetRaises(Right):
+    name = "wrong_paths:SnippetRaises"
+
+    def snippet(self, workload: Workload, options: paths.Options) -> str:
+        raise LookupError("none")
+
+
+class MessageRaises(Right):
+    """Raises an exception that cannot be printed."""
+
+    name = "wrong_paths:MessageRaises"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        raise UnprintableError
+
+
+class UnprintableError(Exception):
+    def __str__(self) -> str:
+        raise ZeroDivisionError
+
+
+class Untidy(Right):
+    """Right, but it changes its process: folder, output, signals, threads."""
+
+    name = "wrong_paths:Untidy"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        print("to the output")
+        os.write(1, b"to descriptor 1")
+        os.chdir("/")
+        os.closerange(0, 3)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        threading.Thread(target=time.sleep, args=(600,)).start()
+        return super().prepare(workload, options, resources)
+
+
+class VariantsRaise(Right):
+    name = "wrong_paths:VariantsRaise"
+
+    def variants(self, choices: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+        raise RuntimeError("no variants")
+
+
+class NameIsNoText(Right):
+    name = 7  # type: ignore[assignment]
+
+
+class OptionsAreNoOptions(Right):
+    name = "wrong_paths:OptionsAreNoOptions"
+    options = ("threads",)  # type: ignore[assignment]
+
+
+class CompilesWithoutInterface(Right):
+    name = "wrong_paths:CompilesWithoutInterface"
+    compiles = True
+
+
+class AttributeRaises(Right):
+    name = "wrong_paths:AttributeRaises"
+
+    @property
+    def summary(self) -> str:  # type: ignore[override]
+        raise RuntimeError("no summary")
+
+
+class ConstructorExits(Right):
+    name = "wrong_paths:ConstructorExits"
+
+    def __init__(self) -> None:
+        sys.exit(5)

@@ -96,7 +96,7 @@ def versions(
             raise InputError(f"instructions are counted of {BASE} alone: leave out --paths")
         comparison = _InstructionComparison(baseline, candidates, sources, plan)
         sys.exit(_compare_instructions(comparison, gate, output))
-    options = {name: targets.find_path(name).complete({}) for name in path_names}
+    options = {name: targets.complete_options(targets.find_path(name), {}) for name in path_names}
     pairs = [
         (
             Target(baseline, source, name, options[name]),

@@ -25,6 +25,7 @@ from mjbench.comparison.messages import (
 )
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
+from mjbench.errors import failure_of
 from mjbench.instrument import child, isolate, machine
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
@@ -151,7 +152,8 @@ class _ModelMeasurement:
 
     def _culprit(self, ended: isolate.Ended) -> int | None:
         """Return the variant that ended the child, if one did and the others can go on."""
-        if ended.status not in (Status.CRASHED, Status.TIMEOUT) or ended.activity is None:
+        fatal = (Status.CRASHED, Status.TIMEOUT, Status.FAILED)
+        if ended.status not in fatal or ended.activity is None:
             return None
         index = ended.activity.index
         if index is None or self.plan.variants[index].path == paths.BASE:
@@ -207,15 +209,19 @@ class _ModelMeasurement:
     def _run_accelerated(self, index: int, workload_file: Path) -> None:
         """Measure one accelerated path alone; whatever becomes of it costs its own row."""
         variant, state = self.plan.variants[index], self.variants[index]
-        ended = accelerated_run.run(
-            self.source,
-            variant,
-            workload_file,
-            lambda message: self._receive_accelerated(index, message),
-            is_named=variant.path in self.plan.named,
-            limit_s=self.plan.limit_s,
-            import_from=self.plan.import_from,
-        )
+        try:
+            ended = accelerated_run.run(
+                self.source,
+                variant,
+                workload_file,
+                lambda message: self._receive_accelerated(index, message),
+                is_named=variant.path in self.plan.named,
+                limit_s=self.plan.limit_s,
+                import_from=self.plan.import_from,
+            )
+        except Exception as error:  # a path's own `environment` may raise anything
+            failure = failure_of(error)
+            ended = isolate.Ended(failure.status, failure.detail)
         state.is_finished = True
         assert self.ready is not None
         digest = self.ready.workload_digest

@@ -4,10 +4,11 @@ The order is: load, choose sizes, reference run, then prepare and verify each va
 time those that agree. Every block's final states are compared again.
 """
 
+import contextlib
 import functools
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench import paths
@@ -20,6 +21,7 @@ from mjbench.comparison.messages import (
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.verification import ReferenceCase, verify
+from mjbench.errors import MachineError, describe
 from mjbench.instrument import machine, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
@@ -108,6 +110,7 @@ def _time(
     round_s = timer.warm_up()
     end = time.perf_counter() + plan.budget_s
     timer.run(list(prepared_by_index), plan.budget_s / 2, MIN_ROUNDS, MAX_ROUNDS)
+    channel.doing("choosing what to time further")
     closed_loop = [i for i in prepared_by_index if paths.find(plan.variants[i].path).closed_loop]
     base = [i for i in prepared_by_index if plan.variants[i].path == paths.BASE]
     remaining = finalists(timer.rounds, [list(prepared_by_index), closed_loop], base)
@@ -158,7 +161,8 @@ class _RoundTimer:
     def warm_up(self) -> float:
         """Time each contender once; return the seconds of all blocks together."""
         contenders = [*self._contenders.values(), *self._calibration_contenders()]
-        round_s = sum(timing.block_s(contender) for contender in contenders)
+        with _own_failures():
+            round_s = sum(timing.block_s(contender) for contender in contenders)
         self._patience_s = PATIENCE * round_s
         self.channel.allow_silence(self._patience_s)
         return round_s
@@ -169,7 +173,12 @@ class _RoundTimer:
         """Time rounds of these variants; send each, and add it to `rounds`."""
         contenders = [*(self._contenders[i] for i in indices), *self._calibration_contenders()]
         seed = self.plan.seed + len(self.rounds)
-        for seconds in timing.rounds(contenders, budget_s, min_rounds, max_rounds, seed):
+        rounds = timing.rounds(contenders, budget_s, min_rounds, max_rounds, seed)
+        while True:
+            with _own_failures():
+                seconds = next(rounds, None)
+            if seconds is None:
+                return
             cores = 1.0
             if self._calibration:
                 cores = self._calibration.cores(single_s=seconds[-2], together_s=seconds[-1])
@@ -182,7 +191,10 @@ class _RoundTimer:
         if self._calibration is None:
             return []
         runs = (self._calibration.single, self._calibration.together)
-        return [timing.Contender(run) for run in runs]
+        return [timing.Contender(run, before=self._before_calibration) for run in runs]
+
+    def _before_calibration(self) -> None:
+        self.channel.doing("counting cores")
 
     def _before(self, index: int, prepared: paths.Prepared) -> None:
         self.channel.doing(f"timing {self.plan.variants[index]}", index)
@@ -192,6 +204,15 @@ class _RoundTimer:
         difference = self.case.difference(prepared.final_states())
         if difference:
             self.differences.setdefault(index, difference)
+
+
+@contextlib.contextmanager
+def _own_failures() -> Iterator[None]:
+    """Report whatever a timed path raises as a failure, which costs its own row."""
+    try:
+        yield
+    except BaseException as error:  # it may be SystemExit
+        raise MachineError(describe(error)) from error
 
 
 def finalists(

@@ -5,7 +5,7 @@ from typing import Any
 
 from mjbench import paths
 from mjbench.comparison.plan import Variant
-from mjbench.errors import InputError
+from mjbench.errors import InputError, describe
 from mjbench.instrument import machine
 
 # Names that stand for several paths.
@@ -42,7 +42,10 @@ def variants(
         values = dict(choices or {})
         values["threads"] = workers if name == "threads" else counts
         values["processes"] = workers
-        selected += [Variant(name, options) for options in path.variants(values)]
+        try:
+            selected += [Variant(name, options) for options in path.variants(values)]
+        except Exception as error:  # a path of the user's own may raise anything
+            raise InputError(f"path {name}: {describe(error)}") from error
     return tuple(selected)
 
 

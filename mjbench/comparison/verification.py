@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from mjbench import paths
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.errors import one_line
+from mjbench.errors import describe, one_line
 from mjbench.simulation import agreement, compat, models, work, workload
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.work import Observation
@@ -111,20 +111,19 @@ def verify(
     Returns:
       The report, and the prepared run if it may be timed.
     """
-    path = paths.find(variant.path)
-    reason = path.unavailable() or path.unsuited(case.workload, variant.options)
-    if reason:
-        return AgreementReport(index, Status.UNAVAILABLE, reason), None
     try:
+        path = paths.find(variant.path)
+        reason = path.unavailable() or path.unsuited(case.workload, variant.options)
+        if reason:
+            return AgreementReport(index, Status.UNAVAILABLE, one_line(reason)), None
         prepared, difference = case.verify(variant)
         place = ""
         if difference is None and contact_case is not None:
             _, difference = contact_case.verify(variant)
             place = f", on {contact_case.label}"
-    except Exception as error:  # a path's own failure costs its own row
-        detail = f"{type(error).__name__}: {one_line(error, 200)}"
-        return AgreementReport(index, Status.FAILED, detail), None
-    snippet = path.snippet(case.workload, variant.options)
+        snippet = str(path.snippet(case.workload, variant.options))
+    except BaseException as error:  # a path's own failure costs its own row; it may be SystemExit
+        return AgreementReport(index, Status.FAILED, describe(error)), None
     if difference:
         detail = f"{difference}{place}"
         report = AgreementReport(index, Status.DISAGREES, detail, False, detail, snippet)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mjbench import paths
-from mjbench.errors import InputError
+from mjbench.errors import InputError, describe
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
 from mjbench.releases import installs
@@ -82,6 +82,18 @@ def find_path(name: str) -> paths.SteppingPath:
     return path
 
 
+def complete_options(path: paths.SteppingPath, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a full option set of a path.
+
+    Raises:
+      InputError: the path is the user's own, and fails.
+    """
+    try:
+        return path.complete(options)
+    except Exception as error:
+        raise InputError(f"path {path.name}: {describe(error)}") from error
+
+
 def _settings(text: str) -> dict[str, str]:
     """Return the keys and values of `KEY=VALUE,KEY=VALUE`."""
     settings = {}
@@ -127,7 +139,7 @@ def _target(text: str, settings: Mapping[str, str]) -> Target:
         installs.parse_release(settings["release"]),
         models.resolve(settings["model"]),
         path.name,
-        path.complete(options),
+        complete_options(path, options),
         fields,
     )
 

@@ -4,9 +4,14 @@
 command line stands for, including `module:Class` for a path of the user's own.
 """
 
+import contextlib
 import importlib
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 
-from mjbench.errors import InputError, one_line, suggestion
+from mjbench.errors import InputError, describe, one_line, suggestion
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
 
 # The path that every speed-up is relative to.
@@ -46,7 +51,7 @@ def find(name: str) -> SteppingPath:
     """Return the path called `name`, or an object of the class that `module:Class` names.
 
     Raises:
-      InputError: no such path; the message lists the known ones.
+      InputError: no such path (the message lists the known ones), or the user's own is not one.
     """
     paths = registry()
     if name in paths:
@@ -56,9 +61,52 @@ def find(name: str) -> SteppingPath:
         hint = suggestion(name, paths)
         raise InputError(f"no path {name!r}{hint}; the paths are {', '.join(paths)}")
     try:
-        path_class = getattr(importlib.import_module(module), attribute)
+        with _own_code():
+            path_class = getattr(importlib.import_module(module), attribute)
+            if not (isinstance(path_class, type) and issubclass(path_class, SteppingPath)):
+                raise InputError(f"path {name}: not a subclass of mjbench.paths.SteppingPath")
+            path = path_class()
+            problem = _problem(path)
+    except (InputError, KeyboardInterrupt):
+        raise
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(f"path {name}: {one_line(error)}") from error
-    if isinstance(path_class, type) and issubclass(path_class, SteppingPath):
-        return path_class()
-    raise InputError(f"path {name}: not a subclass of mjbench.paths.SteppingPath")
+    except BaseException as error:  # the module may do anything, such as sys.exit()
+        raise InputError(f"path {name}: {describe(error)}") from error
+    if problem:
+        raise InputError(f"path {name}: {problem}")
+    return path
+
+
+@contextlib.contextmanager
+def _own_code() -> Iterator[None]:
+    """Run code of the user's own, which may print, or change the folder."""
+    folder = Path.cwd()
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.chdir(folder)
+
+
+def _problem(path: SteppingPath) -> str:
+    """Return what is wrong with a path of the user's own, in one line; empty if nothing is."""
+    from mjbench.paths.accelerated import AcceleratedPath
+    from mjbench.simulation.accelerated_limits import Precision
+
+    kinds = {"name": str, "summary": str, "closed_loop": bool, "compiles": bool, "options": tuple}
+    if isinstance(path, AcceleratedPath):
+        kinds["precision"] = Precision
+    for attribute, kind in kinds.items():
+        value = getattr(path, attribute, None)
+        if not isinstance(value, kind):
+            return f"its {attribute} must be a {kind.__name__}, not {one_line(repr(value), 80)}"
+    for option in path.options:
+        if not isinstance(option, Option):
+            return f"its options must be of mjbench.paths.Option, not {one_line(repr(option), 80)}"
+    if path.compiles != isinstance(path, AcceleratedPath):
+        return (
+            "compiles must be True for a subclass of mjbench.paths.accelerated.AcceleratedPath,"
+            " and False for any other path"
+        )
+    return ""

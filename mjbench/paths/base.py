@@ -57,7 +57,7 @@ class Option:
         """
         try:
             value = self.parse(text)
-        except ValueError as error:
+        except Exception as error:  # a path of the user's own has a parser of its own
             raise InputError(f"{self.name}: {one_line(error)}") from error
         if self.allowed and value not in self.allowed:
             raise InputError(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from commands import TESTS
+from pretender import Pretender
 
 from mjbench.comparison import compare
 from mjbench.comparison.plan import ComparisonPlan, Variant
@@ -31,6 +32,8 @@ def measured(contact_file: str, *names: str, limit_s: float = 60.0) -> dict[str,
         ("CrashesWhenTimed", Status.CRASHED, "SIGSEGV) while timing wrong_paths:CrashesWhenTimed"),
         ("HangsWhenTimed", Status.TIMEOUT, "while timing wrong_paths:HangsWhenTimed"),
         ("Crashes", Status.CRASHED, "SIGSEGV) while preparing wrong_paths:Crashes"),
+        ("Exits", Status.CRASHED, "exit code 0 while preparing wrong_paths:Exits"),
+        ("RaisesWhenTimed", Status.FAILED, "SystemExit: enough while timing wrong_paths:Raises"),
     ],
 )
 def test_a_path_that_ends_the_child_costs_its_own_row_alone(
@@ -58,3 +61,21 @@ def test_a_model_that_cannot_be_loaded_has_rows_that_say_so(tmp_path: Path) -> N
     rows = measured(str(tmp_path / "broken.xml"), "python_loop_hold")
     assert {row.status for row in rows.values()} == {Status.INPUT}
     assert all("cannot load" in row.detail for row in rows.values())
+
+
+def test_a_path_that_changes_its_process_is_measured_all_the_same(contact_file: str) -> None:
+    rows = measured(contact_file, "wrong_paths:Untidy", "python_loop_hold")
+    assert all(row.is_timed for row in rows.values()), [row.detail for row in rows.values()]
+
+
+def test_an_accelerated_path_that_fails_in_the_parent_costs_its_own_row(
+    contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: object) -> dict[str, str | None]:
+        raise RuntimeError("no environment")
+
+    monkeypatch.setattr(Pretender, "environment", fail)
+    rows = measured(contact_file, "pretender:Pretender")
+    assert rows["pretender:Pretender"].status == Status.FAILED
+    assert rows["pretender:Pretender"].detail == "RuntimeError: no environment"
+    assert rows["python_loop"].is_timed

@@ -80,3 +80,8 @@ def test_any_names_are_variants_or_bad_input(names: list[str]) -> None:
         assert "\n" not in str(error)
         return
     assert variants[0].path == paths.BASE
+
+
+def test_a_path_of_the_users_own_whose_variants_fail_is_bad_input() -> None:
+    with pytest.raises(InputError, match="VariantsRaise: RuntimeError: no variants"):
+        selection.variants(["wrong_paths:VariantsRaise"])

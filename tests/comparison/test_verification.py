@@ -52,3 +52,28 @@ def test_a_path_that_raises_fails_by_itself(case: ReferenceCase) -> None:
     assert prepared is None
     assert (report.status, report.detail) == (Status.FAILED, "RuntimeError: out of luck")
     assert wrong_paths.Raises.name == "wrong_paths:Raises"
+
+
+@pytest.mark.parametrize(
+    ("name", "detail"),
+    [
+        ("UnsuitedRaises", "RuntimeError: cannot tell"),
+        ("PrepareInterrupts", "KeyboardInterrupt"),
+        ("SnippetRaises", "LookupError: none"),
+        ("MessageRaises", "UnprintableError"),
+        ("NameIsNoText", "InputError: path wrong_paths:NameIsNoText: its name must be a str"),
+    ],
+)
+def test_whatever_a_path_raises_costs_its_own_row(
+    case: ReferenceCase, name: str, detail: str
+) -> None:
+    report, prepared = verify(0, Variant(f"wrong_paths:{name}", {}), case, None)
+    assert prepared is None
+    assert report.status == Status.FAILED
+    assert report.detail.startswith(detail)
+    assert "\n" not in report.detail
+
+
+def test_a_reason_that_is_no_text_is_reported_as_text(case: ReferenceCase) -> None:
+    report, _ = verify(0, Variant("wrong_paths:UnsuitedIsNoText", {}), case, None)
+    assert (report.status, report.detail) == (Status.UNAVAILABLE, "7")

@@ -214,6 +214,59 @@ def test_an_unknown_path_is_an_error_that_suggests_another(name: str, message: s
         paths.find(name)
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("NameIsNoText", "its name must be a str, not 7"),
+        ("OptionsAreNoOptions", "must be of mjbench.paths.Option, not 'threads'"),
+        ("CompilesWithoutInterface", "compiles must be True for a subclass of"),
+        ("AttributeRaises", "RuntimeError: no summary"),
+        ("ConstructorExits", "SystemExit: 5"),
+    ],
+)
+def test_a_path_of_the_users_own_that_is_not_whole_is_bad_input(name: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        paths.find(f"wrong_paths:{name}")
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(f"path wrong_paths:{name}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("def broken(:\n", "SyntaxError: invalid syntax"),
+        ("1 / 0\n", "ZeroDivisionError"),
+        ("import sys; sys.exit(3)\n", "SystemExit: 3"),
+        ("class E(BaseException): pass\nraise E('two\\nlines')\n", "E: two lines"),
+        ("import no_such_module\n", "No module named 'no_such_module'"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_bad_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, message: str
+) -> None:
+    name = f"broken_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError) as caught:
+        paths.find(f"{name}:MyPath")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_importing_a_users_own_path_leaves_output_and_folder_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = "import os\nfrom wrong_paths import Right\nprint('welcome')\nos.chdir('/')\n"
+    name = f"untidy_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    folder = Path.cwd()
+    assert paths.find(f"{name}:Right").name == "wrong_paths:Right"
+    assert Path.cwd() == folder
+    assert capsys.readouterr().out == ""
+
+
 def test_shares_cover_everything_once() -> None:
     for count, workers, size in [(7, 2, None), (7, 3, None), (8, 2, 3), (1, 4, None)]:
         parts = shares(count, workers, size)
