@@ -1,6 +1,7 @@
 """The group of all commands, and how an error becomes one line and an exit code."""
 
 import contextlib
+import errno
 import io
 import sys
 import tempfile
@@ -11,9 +12,15 @@ from typing import Any
 import click
 
 import mjbench
-from mjbench.errors import MjbenchError, one_line, printable
+from mjbench.errors import MjbenchError, describe, one_line, printable
 from mjbench.instrument import platforms
 from mjbench.status import ExitCode
+
+# What the operating system says when the machine, or a limit of this process, is used up.
+_EXHAUSTED = (
+    *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
+    *(errno.EIO, errno.EFBIG),
+)
 
 
 class Cli(click.Group):
@@ -80,21 +87,30 @@ def describe_unforeseen(error: Exception) -> str:
     A module that cannot be imported, memory that is short and what the operating system refuses
     are the environment's fault; anything else is a defect of mjbench.
     """
-    is_defect = False
-    match error:
-        case ImportError():
-            line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
-        case OSError():
-            line = one_line(error)
-        case MemoryError():
-            line = "out of memory"
-        case _:
-            is_defect = True
-            line = f"unexpected {type(error).__name__}: {one_line(error)}".removesuffix(": ")
+    line, is_defect = _exhausted(error), False
+    if not line:
+        match error:
+            case ImportError():
+                line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
+            case OSError():
+                line = one_line(error)
+            case _:
+                line, is_defect = f"unexpected {describe(error)}", True
     file = _write_details(error)
     if file is None:
         return line
     return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
+
+
+def _exhausted(error: BaseException | None) -> str:
+    """Return what the machine ran out of, in one line; empty if an error has another cause."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return "out of memory"
+        if isinstance(error, OSError) and error.errno in _EXHAUSTED:
+            return one_line(error)
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 def _write_details(error: Exception) -> str | None:

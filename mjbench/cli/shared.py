@@ -252,7 +252,8 @@ JUDGING = (
         type=Seconds(),
         default="60s",
         show_default=True,
-        help="Time for each verdict; after it, an uncertain one is `inconclusive`.",
+        help="Time for each verdict, once the models are loaded; after it, an uncertain one is"
+        " `inconclusive`.",
     ),
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)

@@ -13,6 +13,7 @@ import numpy as np
 from mjbench.errors import InputError
 from mjbench.paired import requests
 from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.simulation import agreement
 from mjbench.simulation.work import Work
@@ -111,14 +112,23 @@ def describe(targets: Sequence[Target]) -> tuple[str, str]:
     return baseline, candidate
 
 
-def prepare(pool: WorkerPool, targets: tuple[Target, Target], sizes: Sizes) -> Preparation:
+def prepare(
+    pool: WorkerPool, targets: tuple[Target, Target], sizes: Sizes, time_limit: TimeLimit
+) -> Preparation:
     """Load both models, draw the workload, and see what each target does with it.
 
     The files of the result last as long as the pool.
 
+    Args:
+      pool: starts the processes.
+      targets: baseline and candidate.
+      sizes: of a block.
+      time_limit: starts when the models are loaded.
+
     Raises:
       InputError: a target cannot do this work.
       TargetError: a target crashed, hung or failed.
+      OutOfTimeError: the limit does not allow a launch.
     """
     processes: list[WorkerProcess] = []
     try:
@@ -126,28 +136,70 @@ def prepare(pool: WorkerPool, targets: tuple[Target, Target], sizes: Sizes) -> P
             processes.append(pool.start(target.release, name))
         for process, target in zip(processes, targets, strict=True):
             pool.wait_for(process, target.release)
-        return _prepare(pool, targets, sizes, processes)
+        models = _load(pool, targets, processes)
+        time_limit.start()
+        nbatch, request = _choose_sizes(targets, sizes, processes, time_limit)
+        workloads = _draw(pool, targets, processes, request)
+        size = (nbatch, request.nstep)
+        return _prepared(pool, targets, processes, models, workloads, size)
     finally:
         pool.end(processes)
 
 
-def _prepare(
-    pool: WorkerPool,
-    targets: tuple[Target, Target],
-    sizes: Sizes,
-    processes: Sequence[WorkerProcess],
-) -> Preparation:
+def _load(
+    pool: WorkerPool, targets: Sequence[Target], processes: Sequence[WorkerProcess]
+) -> tuple[Path, Path]:
+    """Load both models, set their options, and save them; return the files."""
     models = (pool.new_file(".mjb"), pool.new_file(".mjb"))
     for process, target, file in zip(processes, targets, models, strict=True):
         source, options = target.model, dict(target.model_options)
         process.call(requests.LoadModel(source.name, source.path, options))
         process.call(requests.SaveModel(file))
-    nthread = max(target.nthread for target in targets)
-    step_s = max([process.call(requests.MeasureStepCost()) for process in processes])
-    nbatch, nstep = _block_size(sizes, nthread, step_s)
-    drawn_nbatch = nbatch if sizes.nbatch or nthread > 1 else DRAWN_PER_BLOCK * nbatch
-    request = requests.MakeWorkload(drawn_nbatch, nstep, sizes.hold, sizes.seed)
-    workloads = _draw(pool, targets, processes, request)
+    return models
+
+
+def _choose_sizes(
+    targets: Sequence[Target],
+    sizes: Sizes,
+    processes: Sequence[WorkerProcess],
+    time_limit: TimeLimit,
+) -> tuple[int, requests.MakeWorkload]:
+    """Return the simulations of a block, and the request that draws the workload.
+
+    Raises:
+      OutOfTimeError: the limit does not allow to draw it, and to launch once.
+    """
+    nthread, step_s = max(target.nthread for target in targets), 0.0
+    for process in processes:
+        step_s = max(step_s, process.call(requests.MeasureStepCost()))
+        nbatch, nstep = _block_size(sizes, nthread, step_s)
+        drawn = nbatch if sizes.nbatch or nthread > 1 else DRAWN_PER_BLOCK * nbatch
+        time_limit.check_first_launch(
+            launch_s(2 * nbatch * nstep * step_s / nthread),
+            # a step to start from and one run to draw them; a run and a step for each target
+            preparation_s=drawn * (3 * nstep + 3) * step_s,
+        )
+    return nbatch, requests.MakeWorkload(drawn, nstep, sizes.hold, sizes.seed)
+
+
+def _prepared(
+    pool: WorkerPool,
+    targets: tuple[Target, Target],
+    processes: Sequence[WorkerProcess],
+    models: tuple[Path, Path],
+    workloads: tuple[PortableWorkload, PortableWorkload],
+    size: tuple[int, int],
+) -> Preparation:
+    """See what each target does with its workload; save what is to be timed.
+
+    Args:
+      pool: holds the files.
+      targets: baseline and candidate.
+      processes: of the targets.
+      models: files of the models.
+      workloads: of the targets.
+      size: nbatch and nstep of a block.
+    """
     shared = workloads[0] is workloads[1]
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
@@ -162,8 +214,8 @@ def _prepare(
         drift=_drift(baseline, candidate, rows[0]) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
-        nbatch=min(nbatch, nsim),
-        nstep=nstep,
+        nbatch=min(size[0], nsim),
+        nstep=size[1],
     )
     files = (
         pool.save(workloads[0].only(rows[0], baseline.final_state)),

@@ -20,13 +20,8 @@ from mjbench.paired import cores, preparation, requests
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import LAYOUTS, TimeLimit, launch_s, quad_count
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-
-# How often a launch lays out its memory anew. Layouts of one program differ about as much as
-# programs do, and take less time.
-LAYOUTS = 3
-# Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
-LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.1, 2, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,20 +77,36 @@ class TargetPair:
     """
 
     def __init__(
-        self, pool: WorkerPool, baseline: Target, candidate: Target, sizes: Sizes | None = None
+        self,
+        pool: WorkerPool,
+        baseline: Target,
+        candidate: Target,
+        sizes: Sizes | None = None,
+        time_limit: TimeLimit | None = None,
     ):
         """Load the models, and make sure that both targets can do the same work.
+
+        Args:
+          pool: starts the processes.
+          baseline: the one target.
+          candidate: the other.
+          sizes: of a block; None for the usual ones.
+          time_limit: starts when the models are loaded; None for no limit.
 
         Raises:
           InputError: a target cannot do it.
           TargetError: a target crashed, hung or failed.
+          OutOfTimeError: the limit does not allow a launch.
         """
         self._pool, self._targets = pool, (baseline, candidate)
         self._nthread = max(baseline.nthread, candidate.nthread)
         # Processes that were started ahead, for the next launch: baseline and candidate.
         self._next: list[WorkerProcess] = []
         self._calibrator: WorkerProcess | None = None
-        self._prepared = preparation.prepare(pool, self._targets, sizes or Sizes())
+        self._time_limit, self._has_launched = time_limit or TimeLimit(), False
+        self._prepared = preparation.prepare(
+            pool, self._targets, sizes or Sizes(), self._time_limit
+        )
         self.work_check = self._prepared.work_check
         self.baseline_workload: Path = self._prepared.workloads[0]
 
@@ -105,6 +116,7 @@ class TargetPair:
         Raises:
           InputError: a target cannot run its path.
           TargetError: a target crashed, hung or failed.
+          OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
         if not self._next:
             self._start_ahead(cores.USABLE)
@@ -125,6 +137,7 @@ class TargetPair:
             cores.confine([process.pid for process in self._next], cores.USABLE)
         finally:
             self._pool.end(processes)
+        self._has_launched = True
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         return Launch(core, calibrated, orders, np.concatenate([ns for _, ns in layouts]))
 
@@ -172,8 +185,9 @@ class TargetPair:
                     simulations=rows + repeated,
                 )
             )
-        quads = int(1e9 * LAYOUT_S / (2 * warm_ns))
-        return _time_quads(processes[0], processes[1], min(max(quads, MIN_QUADS), MAX_QUADS))
+        if not self._has_launched:  # steps may have become heavier than those at the start
+            self._time_limit.check_first_launch(launch_s(1e-9 * warm_ns))
+        return _time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
 
     def _calibrate(self) -> float:
         """Return how many cores as many threads as the targets have get now."""

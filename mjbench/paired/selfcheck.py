@@ -76,6 +76,8 @@ def trial(pool: WorkerPool, case: Case, plan: verdict.VerdictPlan) -> TrialRecor
     result = verdict.decide(pool, baseline, candidate, replace(plan, sizes=case.sizes))
     if result.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
+    if result.status == Status.OK and result.judgement is None:
+        raise MachineError(f"{case.model.name}: {result.detail}")
     if result.status != Status.OK or result.judgement is None:
         raise (InputError if result.status == Status.INPUT else MachineError)(result.detail)
     ratio = verdict.ratio_of(result.judgement)

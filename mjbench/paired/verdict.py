@@ -26,6 +26,7 @@ from mjbench.paired.records import (
     WorkPair,
 )
 from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
 
@@ -113,7 +114,8 @@ class VerdictPlan:
       min_effect: smallest change of time that matters, such as 0.01.
       confidence: that a verdict is right, such as 0.99.
       precision: half-width of the interval at which to stop in any case.
-      time_limit_s: seconds of launches after which to stop in any case.
+      time_limit_s: seconds from when the models are loaded, after which no launch begins; see
+        `time_limit`.
       sizes: of a block's work.
     """
 
@@ -132,7 +134,7 @@ class PairedResult:
       baseline: the one target.
       candidate: the other.
       status: `OK`, `INPUT`, `FAILED` or `INTERRUPTED`.
-      detail: one line, empty when ok.
+      detail: one line; empty when ok, unless time ran out before there were enough launches.
       work_check: whether it was the same work; None where the comparison ended before that.
       workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None where
         the comparison ended before that.
@@ -162,7 +164,7 @@ class PairedResult:
             sides=(self.baseline.row(), self.candidate.row()),
             status=self.status,
             detail=self.detail,
-            verdict=judgement.verdict if judgement else None,
+            verdict=self._verdict(),
             ratio=ratio_of(judgement) if judgement else None,
             changed_work=check.changed if check else None,
             work=WorkPair(check.baseline, check.candidate) if check else None,
@@ -175,6 +177,12 @@ class PairedResult:
             pairs=2 * sum(len(launch.orders) for launch in self.launches),
             seconds=self.seconds,
         )
+
+    def _verdict(self) -> Verdict | None:
+        """Return the verdict; time may run out before the first launch."""
+        if self.judgement is not None:
+            return self.judgement.verdict
+        return Verdict.INCONCLUSIVE if self.status == Status.OK else None
 
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
@@ -220,12 +228,15 @@ def decide(
       clock: returns seconds.
     """
     begin = clock()
+    time_limit = TimeLimit(plan.time_limit_s, MIN_LAUNCHES, clock)
     launches: list[Launch] = []
     pair: TargetPair | None = None
     status, detail = Status.OK, ""
     try:
-        pair = TargetPair(pool, baseline, candidate, plan.sizes)
-        _launch_until_enough(pair, plan, launches, on_launch, clock)
+        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit)
+        _launch_until_enough(pair, plan, time_limit, launches, on_launch)
+    except OutOfTimeError as error:
+        detail = str(error)
     except (InputError, MachineError) as error:
         failure = failure_of(error)
         status, detail = failure.status, failure.detail
@@ -250,18 +261,21 @@ def decide(
 def _launch_until_enough(
     pair: TargetPair,
     plan: VerdictPlan,
+    time_limit: TimeLimit,
     launches: list[Launch],
     on_launch: Callable[[Judgement], None],
-    clock: Callable[[], float],
 ) -> None:
-    """Add launches to a list until they are enough, or time is up; see `decide`."""
-    ready = clock()
+    """Add launches to a list until they are enough, or time is up; see `decide`.
+
+    Raises:
+      OutOfTimeError: time is up before there are enough launches for a verdict.
+    """
+    before_s = time_limit.spent_s()
     while True:
         launches.append(pair.launch())
         judgement = _judge_launches(launches, plan)
         on_launch(judgement)
-        spent = clock() - ready
-        if judgement.enough or spent + spent / len(launches) > plan.time_limit_s:
+        if judgement.enough or not time_limit.allows_another(len(launches), before_s):
             return
 
 

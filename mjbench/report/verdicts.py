@@ -31,7 +31,8 @@ def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
     name = f"{row.model}, {describe_targets(row)}"
     if row.verdict is None or row.ratio is None:
-        return f"{name}: {row.detail or 'not measured'}"
+        outcome = f"{row.verdict}: " if row.verdict else ""
+        return f"{name}: {outcome}{row.detail or 'not measured'}"
     work = f"changed work: {describe_work(row)}" if row.changed_work else "same work"
     detail = f"; {row.detail}" if row.detail else ""
     return f"{name}: {_describe_ratio(row.verdict, row.ratio)}, {work}{detail}"

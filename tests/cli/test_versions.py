@@ -7,7 +7,7 @@ import broken_worker
 import pytest
 from commands import mjbench
 
-from mjbench.paired import protocol
+from mjbench.paired import time_limit
 
 
 def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -> None:
@@ -23,7 +23,7 @@ def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -
     assert row["drift"] == 0.0
     assert row["work"]["old"]["contacts"] > 0
     assert row["launches"] >= 1
-    assert row["pairs"] >= 2 * protocol.LAYOUTS * protocol.MIN_QUADS
+    assert row["pairs"] >= 2 * time_limit.LAYOUTS * time_limit.MIN_QUADS
     assert "cube_table" in done.stdout
     assert "same work" in done.stdout
     (file,) = (tmp_path / "results/runs").glob("*.jsonl")

@@ -11,6 +11,7 @@ from mjbench.paired import preparation
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
 
@@ -46,7 +47,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
 
 
 def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool) -> None:
-    prepared = preparation.prepare(pool, (CUBES, CUBES), Sizes())
+    prepared = preparation.prepare(pool, (CUBES, CUBES), Sizes(), TimeLimit())
     check = prepared.work_check
     assert check.baseline == check.candidate
     assert check.baseline.contacts > 0
@@ -57,7 +58,7 @@ def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool
 
 def test_changed_work_is_reported(pool: WorkerPool) -> None:
     candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
-    check = preparation.prepare(pool, (CUBES, candidate), Sizes()).work_check
+    check = preparation.prepare(pool, (CUBES, candidate), Sizes(), TimeLimit()).work_check
     assert check.changed
     assert any(change.startswith("solver iterations") for change in check.changes)
 
@@ -71,7 +72,7 @@ def test_an_option_that_does_not_exist_is_bad_input(
 ) -> None:
     baseline = replace(CARTPOLE, model_options=options)
     with pytest.raises(InputError) as caught:
-        preparation.prepare(pool, (baseline, CARTPOLE), Sizes())
+        preparation.prepare(pool, (baseline, CARTPOLE), Sizes(), TimeLimit())
     assert message in str(caught.value).lower()
 
 

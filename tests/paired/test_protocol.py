@@ -10,7 +10,7 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.instrument import machine
-from mjbench.paired import protocol
+from mjbench.paired import protocol, time_limit
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
 
@@ -57,27 +57,27 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 @needs_affinity
 def test_the_next_processes_start_on_other_cores_while_a_launch_is_measured(spied: Spied) -> None:
     expected = 2 if machine.usable_cores() > 1 else 0
-    assert spied.started_ahead == [expected] * (LAUNCHES * protocol.LAYOUTS)
+    assert spied.started_ahead == [expected] * (LAUNCHES * time_limit.LAYOUTS)
 
 
 def test_a_launch_takes_turns_in_balanced_quads(spied: Spied) -> None:
     for launch in spied.launches:
         assert set(launch.orders) <= {"ABBA", "BAAB"}
         assert launch.ns.shape == (len(launch.orders), 4)
-        assert len(launch.orders) >= protocol.LAYOUTS * protocol.MIN_QUADS
+        assert len(launch.orders) >= time_limit.LAYOUTS * time_limit.MIN_QUADS
         assert (launch.ns > 0).all()
 
 
 @needs_affinity
 def test_both_targets_run_on_the_core_of_this_process(spied: Spied) -> None:
-    cores = [launch.core for launch in spied.launches for _ in range(protocol.LAYOUTS)]
+    cores = [launch.core for launch in spied.launches for _ in range(time_limit.LAYOUTS)]
     assert spied.affinities == [[{core}] * 3 for core in cores]
     assert set(cores) <= spied.allowed
     assert os.sched_getaffinity(0) == spied.allowed
 
 
 def test_every_launch_is_a_new_process(spied: Spied) -> None:
-    assert len(spied.pids) == LAUNCHES * protocol.LAYOUTS
+    assert len(spied.pids) == LAUNCHES * time_limit.LAYOUTS
     assert len({pid for pids in spied.pids for pid in pids}) == 2 * LAUNCHES
 
 

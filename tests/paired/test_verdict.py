@@ -9,12 +9,13 @@ import pytest
 from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from mjbench.instrument import runs
-from mjbench.paired import verdict
+from mjbench.paired import preparation, protocol, verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import Judgement, PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.report import verdicts
 from mjbench.simulation import models
 from mjbench.status import Status
 
@@ -30,16 +31,42 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
     ticks = iter(range(0, 10_000, 100))
-    plan = verdict.VerdictPlan(time_limit_s=250.0)
+    plan = verdict.VerdictPlan(time_limit_s=350.0)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))
     assert result.judgement is not None
     assert result.judgement.verdict == Verdict.INCONCLUSIVE
     assert result.judgement.launches == 2
+    assert "--time-limit" in result.detail
     record = result.record()
     assert record.launches == len(record.samples) == 2
     assert record.pairs == 2 * sum(len(sample.orders) for sample in record.samples)
     assert record.diverged is not None
     assert runs.to_json(record)["work"]["old"] == runs.to_json(record)["work"]["new"]
+
+
+def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
+    pool: WorkerPool,
+) -> None:
+    plan = verdict.VerdictPlan(time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000))
+    result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
+    assert (result.status, result.judgement, list(result.launches)) == (Status.OK, None, [])
+    row = result.row()
+    assert (row.verdict, row.ratio) == (Verdict.INCONCLUSIVE, None)
+    assert "a verdict needs at least 6 launches: give --time-limit" in row.detail
+    sentence = verdicts.describe_verdict(row)
+    assert ": inconclusive: a launch takes about" in sentence
+
+
+def test_a_launch_that_proves_too_heavy_is_not_finished(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(preparation, "launch_s", lambda pair_s: 0.01)
+    monkeypatch.setattr(protocol, "launch_s", lambda pair_s: 100.0)
+    plan = verdict.VerdictPlan(time_limit_s=60.0)
+    result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
+    assert result.row().verdict == Verdict.INCONCLUSIVE
+    assert result.detail.startswith("a launch takes about 100 s")
+    assert result.work_check is not None
 
 
 def test_a_target_in_which_every_simulation_diverges_is_bad_input(

@@ -1,0 +1,116 @@
+"""What a verdict costs, and what its time limit allows.
+
+The limit counts from when both models are loaded. Nothing is begun that would exceed it, with one
+exception: the first launch, where that is brief. A model too heavy for its limit thus ends as
+inconclusive, before the workload is drawn, and in a sentence that names a limit that would do.
+"""
+
+import math
+import time
+from collections.abc import Callable
+
+# How often a launch lays out its memory anew. Layouts of one program differ about as much as
+# programs do, and take less time.
+LAYOUTS = 3
+# Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
+LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.1, 2, 100
+# Blocks that a target runs to prepare a layout: one to check its states, one to warm up.
+_PREPARING_BLOCKS = 2
+# Seconds of work that is done whatever the limit, so that a short limit gives an estimate, too.
+BRIEF_S = 2.0
+# The limit that a sentence names is longer than expected by this factor.
+_MARGIN = 1.25
+
+
+class OutOfTimeError(Exception):
+    """The limit does not allow what a verdict needs; the message is a sentence for people."""
+
+
+def quad_count(pair_s: float) -> int:
+    """Return the number of quads of a layout, from the seconds of one block of each target."""
+    return min(max(int(LAYOUT_S / (2 * pair_s)), MIN_QUADS), MAX_QUADS)
+
+
+def launch_s(pair_s: float) -> float:
+    """Return about how long a launch's blocks take, from the seconds of one of each target."""
+    return LAYOUTS * (_PREPARING_BLOCKS + 2 * quad_count(pair_s)) * pair_s
+
+
+class TimeLimit:
+    """How long one verdict may take."""
+
+    def __init__(
+        self,
+        seconds: float = math.inf,
+        min_launches: int = 1,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Set the limit; it begins to count with `start`.
+
+        Args:
+          seconds: of the verdict.
+          min_launches: that it needs.
+          clock: returns seconds.
+        """
+        self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
+        self._begin_s: float | None = None
+
+    def start(self) -> None:
+        """Begin to count."""
+        self._begin_s = self._clock()
+
+    def spent_s(self) -> float:
+        """Return the seconds since `start`."""
+        return 0.0 if self._begin_s is None else self._clock() - self._begin_s
+
+    def check_first_launch(self, launch_s: float, preparation_s: float = 0.0) -> None:
+        """Refuse to go on where the first launch would exceed the limit and is not brief.
+
+        Args:
+          launch_s: about how long a launch takes.
+          preparation_s: what comes before the launch.
+
+        Raises:
+          OutOfTimeError: it would.
+        """
+        needed_s = preparation_s + launch_s
+        if needed_s <= BRIEF_S:
+            return
+        spent_s = self.spent_s()
+        if spent_s + needed_s > self._seconds:
+            raise OutOfTimeError(self._sentence(launch_s, spent_s + preparation_s))
+
+    def allows_another(self, launches: int, before_s: float) -> bool:
+        """Return whether another launch fits, if it takes as long as those before on average.
+
+        Args:
+          launches: so far.
+          before_s: what was spent before the first of them.
+
+        Raises:
+          OutOfTimeError: it does not, and there are too few for a verdict.
+        """
+        spent_s = self.spent_s()
+        launch_s = (spent_s - before_s) / launches
+        if spent_s + launch_s <= self._seconds:
+            return True
+        if launches < self._min_launches:
+            raise OutOfTimeError(self._sentence(launch_s, before_s))
+        return False
+
+    def _sentence(self, launch_s: float, before_s: float) -> str:
+        enough_s = _MARGIN * (before_s + self._min_launches * launch_s)
+        return (
+            f"a launch takes about {_two_digits(launch_s)} s, and a verdict needs at least"
+            f" {self._min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"
+        )
+
+
+def _two_digits(seconds: float) -> str:
+    return f"{float(f'{seconds:.2g}'):g}"
+
+
+def _rounded_up(seconds: float) -> int:
+    """Return whole seconds, not less, of two significant digits."""
+    unit: int = 10 ** max(0, len(str(int(seconds))) - 2)
+    return int(math.ceil(seconds / unit) * unit)

@@ -1,0 +1,99 @@
+"""What a time limit allows, on a clock that only the test moves."""
+
+import math
+
+import pytest
+
+from mjbench.paired import time_limit
+from mjbench.paired.time_limit import BRIEF_S, OutOfTimeError, TimeLimit, launch_s, quad_count
+
+
+class Clock:
+    """A clock that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.mark.parametrize(
+    ("pair_s", "quads", "seconds"),
+    [
+        (2e-3, 25, 0.312),  # blocks of a millisecond
+        (1e-5, 100, 0.00606),
+        (2.0, 2, 36.0),  # blocks of a second
+    ],
+)
+def test_a_launch_takes_as_long_as_its_blocks(pair_s: float, quads: int, seconds: float) -> None:
+    assert quad_count(pair_s * (1 - 1e-9)) == quads
+    assert launch_s(pair_s * (1 - 1e-9)) == pytest.approx(seconds)
+
+
+def test_a_launch_that_would_exceed_the_limit_is_refused_with_a_limit_that_would_do(
+    clock: Clock,
+) -> None:
+    limit = TimeLimit(2.0, min_launches=6, clock=clock)
+    limit.start()
+    with pytest.raises(OutOfTimeError) as caught:
+        limit.check_first_launch(launch_s=36.0, preparation_s=48.0)
+    assert str(caught.value) == (
+        "a launch takes about 36 s, and a verdict needs at least 6 launches:"
+        " give --time-limit 330s or more"
+    )
+    TimeLimit(330.0, 6, clock).check_first_launch(36.0, 48.0)
+
+
+def test_what_was_spent_before_counts(clock: Clock) -> None:
+    limit = TimeLimit(60.0, min_launches=6, clock=clock)
+    limit.start()
+    limit.check_first_launch(launch_s=40.0, preparation_s=15.0)
+    clock.now += 10.0
+    with pytest.raises(OutOfTimeError):
+        limit.check_first_launch(launch_s=40.0, preparation_s=15.0)
+
+
+def test_a_brief_launch_is_made_whatever_the_limit(clock: Clock) -> None:
+    limit = TimeLimit(0.1, min_launches=6, clock=clock)
+    limit.start()
+    clock.now += 5.0
+    limit.check_first_launch(launch_s=BRIEF_S)
+
+
+def test_launches_go_on_while_another_fits(clock: Clock) -> None:
+    limit = TimeLimit(60.0, min_launches=2, clock=clock)
+    limit.start()
+    clock.now += 50.0
+    assert limit.allows_another(launches=8, before_s=2.0)  # 6 s each
+    clock.now += 6.0
+    assert not limit.allows_another(launches=9, before_s=2.0)
+
+
+def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -> None:
+    limit = TimeLimit(0.1, min_launches=6, clock=clock)
+    limit.start()
+    clock.now += 0.75
+    with pytest.raises(OutOfTimeError, match="--time-limit 4s or more"):
+        limit.allows_another(launches=1, before_s=0.35)
+
+
+def test_without_a_limit_nothing_is_refused() -> None:
+    limit = TimeLimit()
+    limit.check_first_launch(launch_s=1e9)
+    limit.start()
+    limit.check_first_launch(launch_s=1e9)
+    assert limit.allows_another(launches=1, before_s=0.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"), [(0.2, 1), (7.01, 8), (99.5, 100), (101, 110), (1234, 1300)]
+)
+def test_a_suggested_limit_is_never_too_short(seconds: float, expected: int) -> None:
+    assert time_limit._rounded_up(seconds) == expected
+    assert expected >= math.ceil(seconds)
