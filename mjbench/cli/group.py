@@ -87,15 +87,16 @@ def describe_unforeseen(error: Exception) -> str:
     A module that cannot be imported, memory that is short and what the operating system refuses
     are the environment's fault; anything else is a defect of mjbench.
     """
-    line, is_defect = _exhausted(error), False
-    if not line:
-        match error:
-            case ImportError():
-                line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
-            case OSError():
-                line = one_line(error)
-            case _:
-                line, is_defect = f"unexpected {describe(error)}", True
+    if exhausted := _exhausted(error):
+        return exhausted
+    is_defect = False
+    match error:
+        case ImportError():
+            line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
+        case OSError():
+            line = one_line(error)
+        case _:
+            line, is_defect = f"unexpected {describe(error)}", True
     file = _write_details(error)
     if file is None:
         return line

@@ -1,6 +1,7 @@
 """Bad input, full disks, interrupts: one clear line, the right exit code, nothing lost."""
 
 import contextlib
+import errno
 import json
 import os
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -15,6 +17,8 @@ from commands import PYTHONPATH, mjbench
 from example_models import CONTACT_XML
 
 from mjbench.cli import cli
+from mjbench.instrument import isolate
+from mjbench.status import Status
 
 QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
 
@@ -257,3 +261,59 @@ def test_mujoco_that_cannot_be_imported_is_one_line(tmp_path: Path) -> None:
         assert done.returncode == 3
         assert "libGL.so.1: no such file" in done.stdout + done.stderr
         assert "report it" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("cause", "line"),
+    [
+        (OSError(errno.EMFILE, "Too many open files"), "[Errno 24] Too many open files"),
+        (OSError(errno.ENOSPC, "No space left on device"), "[Errno 28] No space left on device"),
+        (MemoryError(), "out of memory"),
+    ],
+)
+def test_a_machine_that_is_used_up_is_one_line_and_nothing_to_report(
+    monkeypatch: pytest.MonkeyPatch, cause: Exception, line: str
+) -> None:
+    def fail(*arguments: object) -> None:
+        try:
+            raise cause
+        except Exception as error:
+            raise ImportError("cannot import a part of this program") from error
+
+    monkeypatch.setattr("mjbench.paths.registry", fail)
+    result = CliRunner().invoke(cli, ["paths"])
+    assert result.exit_code == 3
+    assert result.stderr == f"mjbench: {line}\n"
+
+
+@pytest.mark.parametrize("words", [["compare", "cartpole"], ["versions", "installed", "installed"]])
+def test_a_disk_without_room_for_scratch_files_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: list[str]
+) -> None:
+    def refuse(*arguments: object, **named: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", refuse)
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 3
+    assert result.stderr.count("\n") == 1
+    assert "cannot create a temporary directory: [Errno 28] No space left" in result.stderr
+
+
+def test_a_model_that_fails_after_it_was_timed_ends_the_command_with_its_code(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, contact_file: str
+) -> None:
+    measured = isolate.run
+
+    def fail_at_last(*arguments: Any, **named: Any) -> isolate.Ended:
+        assert measured(*arguments, **named) == isolate.Ended(Status.OK)
+        return isolate.Ended(Status.FAILED, "no memory left")
+
+    monkeypatch.setattr(isolate, "run", fail_at_last)
+    monkeypatch.chdir(tmp_path)
+    words = ["compare", contact_file, "--paths", "python_loop", *QUICK]
+    result = CliRunner().invoke(cli, words)
+    assert "steps/s" in result.stdout
+    assert "failed: no memory left" in result.stdout
+    assert result.exit_code == 3
