@@ -9,7 +9,6 @@ from mjbench.status import ExitCode
 
 # Packages of the `cli` extra that every command needs.
 _REQUIRED = ("click", "msgspec", "packaging", "platformdirs", "psutil", "rich")
-# What a command ends with when the environment fails (`mjbench.status.ExitCode`).
 
 
 def main() -> None:

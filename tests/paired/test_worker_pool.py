@@ -1,14 +1,21 @@
 """Workers that crash, hang or lie: one line names the target, and no process is left."""
 
+import pickle
+import socket
+import struct
+import subprocess
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import broken_worker
 import process_tree
 import pytest
 from paired_examples import BRIEF, CARTPOLE
 
-from mjbench.paired import verdict
-from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired import verdict, worker_pool
+from mjbench.paired.requests import TimeBlocks
+from mjbench.paired.worker_pool import TargetError, WorkerPool, WorkerProcess
 from mjbench.status import Status
 
 
@@ -30,6 +37,7 @@ from mjbench.status import Status
             "RuntimeError: half a release",
         ),
         ("_make_workload", "raise MemoryError", "out of memory"),
+        ("_prepare", "raise SystemExit(3)", "SystemExit: 3"),
     ],
 )
 def test_a_target_that_misbehaves_is_named_in_one_line_and_leaves_no_process(
@@ -59,3 +67,49 @@ def test_a_block_that_fails_ends_the_comparison(
         result = verdict.decide(pool, CARTPOLE, CARTPOLE, BRIEF)
     assert result.status == Status.FAILED
     assert "RuntimeError: out of luck" in result.detail
+
+
+class Endless:
+    """Stands for a worker that goes on until it is ended."""
+
+    def __init__(self) -> None:
+        self.pid, self.process, self.has_ended = 1, self, False
+
+    def wait(self, timeout: float) -> int:
+        raise subprocess.TimeoutExpired("worker", timeout)
+
+    def end(self) -> None:
+        self.has_ended = True
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"\x00\x00\x00\x04oops",
+        b"\x00\x00\x00\x05" + pickle.dumps(None)[:5],
+        struct.pack("!i", len(pickle.dumps(7))) + pickle.dumps(7),
+        b"printed by a path",  # an absurd length
+        b"\x00\x00\x10\x00only the beginning",
+        b"\xff\xff\xff\xff" + struct.pack("!Q", 1 << 60),
+    ],
+)
+@pytest.mark.parametrize("is_block", [False, True])
+def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
+    tmp_path: Path, sent: bytes, is_block: bool
+) -> None:
+    ours, theirs = socket.socketpair()
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, worker_pool._timeval(0.01))
+    process: Any = Endless()
+    worker = WorkerProcess(Connection(ours.detach()), "baseline", 60.0, process, tmp_path / "log")
+    with theirs, worker.connection:
+        theirs.sendall(sent)
+        worker._pending.append(TimeBlocks())
+        with pytest.raises(TargetError) as caught:
+            worker.time_block() if is_block else worker.wait()
+    assert str(caught.value).startswith("baseline: sent what is no answer, killed while running")
+    assert "\n" not in str(caught.value)
+    assert process.has_ended
+
+
+def test_the_longest_silence_within_an_answer_is_given_to_the_system_in_its_format() -> None:
+    assert worker_pool._timeval(2.5) == struct.pack("@ll", 2, 500_000)

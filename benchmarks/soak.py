@@ -1,0 +1,149 @@
+"""Check that many comparisons in one process use up nothing.
+
+    python -m benchmarks.soak [--comparisons 1000] [--every 50]
+
+compares ways of stepping the cart-pole again and again in one process, each time with a child, and
+launches a pair of workers after each. At regular intervals it prints what this process holds: file
+descriptors, threads, memory, child processes, and temporary files that carry its process id.
+
+The exit code is 1 if any of them grows. Descriptors, threads, processes and files must never be
+more than at the first report. Memory may vary: the median of the last third of the reports must not
+exceed that of the first third by more than 5 MiB and 1 KiB per comparison between the two.
+
+A thousand comparisons take an hour or two; the machine may do other work meanwhile.
+"""
+
+import argparse
+import statistics
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from mjbench.comparison.compare import compare_model
+from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.paired.preparation import Sizes
+from mjbench.paired.protocol import TargetPair
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paths import BASE
+from mjbench.releases import installs
+from mjbench.simulation import models
+from mjbench.status import Status
+
+MODEL = "cartpole"
+# The smallest work there is: what is checked is what is left after it.
+PLAN = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1, budget_s=0.0)
+SIZES = Sizes(nbatch=1, nstep=1)
+# Memory that a process may gain without a leak: at once, and for each comparison.
+SLACK_BYTES, SLACK_PER_COMPARISON_BYTES = 5 << 20, 1 << 10
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What this process holds after some comparisons.
+
+    Attributes:
+      comparisons: so far.
+      descriptors: open files.
+      threads: of this process.
+      processes: below this one.
+      files: temporary ones of this process.
+      memory_bytes: resident.
+    """
+
+    comparisons: int
+    descriptors: int
+    threads: int
+    processes: int
+    files: int
+    memory_bytes: int
+
+    @classmethod
+    def now(cls, comparisons: int) -> "Usage":
+        """Return what this process holds now."""
+        process = psutil.Process()
+        names = Path(tempfile.gettempdir()).glob(f"mjbench-*-{process.pid}-*")
+        return cls(
+            comparisons,
+            descriptors=process.num_fds(),
+            threads=process.num_threads(),
+            processes=len(process.children(recursive=True)),
+            files=len(list(names)),
+            memory_bytes=process.memory_info().rss,
+        )
+
+    def __str__(self) -> str:
+        """Return it as a line for people."""
+        return (
+            f"{self.comparisons:6,} comparisons: {self.descriptors} descriptors,"
+            f" {self.threads} threads, {self.processes} processes, {self.files} temporary files,"
+            f" {self.memory_bytes / 2**20:.1f} MiB"
+        )
+
+
+def growth(usages: Sequence[Usage]) -> list[str]:
+    """Return what grew, a line each; empty if nothing did."""
+    first, lines = usages[0], []
+    for name in ("descriptors", "threads", "processes", "files"):
+        most = max(getattr(usage, name) for usage in usages)
+        if most > getattr(first, name):
+            lines.append(f"{name} grew from {getattr(first, name)} to {most}")
+    third = max(1, len(usages) // 3)
+    before, after = usages[:third], usages[-third:]
+    gain = _median_bytes(after) - _median_bytes(before)
+    comparisons = after[-1].comparisons - before[0].comparisons
+    if gain > SLACK_BYTES + SLACK_PER_COMPARISON_BYTES * comparisons:
+        lines.append(f"memory grew by {gain / 2**20:.1f} MiB over {comparisons:,} comparisons")
+    return lines
+
+
+def _median_bytes(usages: Sequence[Usage]) -> float:
+    return statistics.median(usage.memory_bytes for usage in usages)
+
+
+def compare_once(pool: WorkerPool) -> None:
+    """Compare once by a child, and launch two workers once.
+
+    Raises:
+      MachineError: the workers failed.
+    """
+    source = models.resolve(MODEL)
+    records = compare_model(source, PLAN, lambda name, share: None)
+    if records.interrupted:
+        raise KeyboardInterrupt
+    if records.model.status != Status.OK:
+        raise SystemExit(f"a comparison failed: {records.model.detail}")
+    target = Target(installs.parse_release(installs.INSTALLED), source)
+    pair = TargetPair(pool, target, target, SIZES)
+    try:
+        pair.launch()
+    finally:
+        pair.close()
+        pair.baseline_workload.unlink()  # it would last as long as the pool
+
+
+def main() -> int:
+    """Run the comparisons; return the exit code."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--comparisons", type=int, default=1000, help="to run")
+    parser.add_argument("--every", type=int, default=50, help="comparisons between two reports")
+    options = parser.parse_args()
+    usages: list[Usage] = []
+    with WorkerPool() as pool:
+        for count in range(1, options.comparisons + 1):
+            compare_once(pool)
+            if count % options.every == 0 or count in (1, options.comparisons):
+                usages.append(Usage.now(count))
+                print(usages[-1], flush=True)
+    lines = growth(usages)
+    print("\n".join(lines) if lines else "nothing grew")
+    return int(bool(lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
