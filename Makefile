@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.up-to-date
 
-.PHONY: help bench test lint c-floor slowdown soak clean
+.PHONY: help bench test lint c-floor slowdown soak fuzz clean
 
 help:
 	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (3 to 6 minutes)"
@@ -13,6 +13,7 @@ help:
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (an hour or two)"
+	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
 	@echo "make clean     remove the virtual environment and caches"
 	@echo "All but clean set up .venv first, if it is missing or out of date."
 
@@ -37,6 +38,9 @@ slowdown: $(STAMP)
 
 soak: $(STAMP)
 	$(BIN)/python -m benchmarks.soak
+
+fuzz: $(STAMP)
+	$(BIN)/python -m benchmarks.fuzz
 
 # Rebuilt when its inputs change, or when an earlier set-up did not finish.
 $(STAMP): pyproject.toml constraints.txt

@@ -47,3 +47,9 @@ def test_every_file_of_the_project_that_a_page_names_exists(page: Path) -> None:
     for path in re.findall(rf"(?<![\w/.…-])((?:{folders})/[\w./<>*…-]+\.\w+)", page.read_text()):
         is_pattern = bool(set("<>*…") & set(path)) or path.startswith("models/NAME")
         assert is_pattern or (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_test_that_a_page_names_exists(page: Path) -> None:
+    for file, test in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page.read_text()):
+        assert re.search(rf"^def {test}\(", (ROOT / file).read_text(), flags=re.M), test
