@@ -56,7 +56,7 @@ _FILES: dict[str, bytes | None] = {
     "folder": None,
 }
 _NAMES = (
-    *_FILES, "cartpole", "cartpoel", "installed", "main", "0.0.1", "nowhere.xml", "", " ", ".", "/",
+    *_FILES, "cartpole", "cartpoel", "installed", "main", "0.0.1", "nowhere.xml", "", " ", ".",
     "~nobody-here/a.xml", "numpy:/etc/passwd", "no_such_package:ant", r"C:\robots\a.xml",
     "https://example.org/a.xml", "x" * 5_000, "dangling.xml", "/dev/zero", "-", "--", "\u202e",
     os.fsdecode(b"\xff.xml"), "run.jsonl/x", "*",

@@ -2,21 +2,17 @@
 
 import contextlib
 import json
-import os
-import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from mjbench.cli import interrupts
 from mjbench.cli.group import report_line
-from mjbench.errors import InputError, printable, writing
+from mjbench.cli.output_file import OutputFile
+from mjbench.errors import InputError, printable
 from mjbench.instrument import neighbours
 from mjbench.instrument.neighbours import Neighbour, Presence
 from mjbench.status import ExitCode, Status, exit_code
@@ -105,7 +101,7 @@ class RunContext:
         self.finished: Sequence[Record] = ()
         self._command, self._inputs, self._storage = command, inputs, storage
         resumed = [storage.resume] if storage and storage.resume else []
-        self._json = _JsonTarget(json_file, [*inputs, *resumed])
+        self._json = OutputFile("--json", json_file, [*inputs, *resumed])
         self._wait = wait
         self._presence: Presence | None = None
         self._run_file: RunFile | None = None
@@ -193,7 +189,10 @@ class RunContext:
         Raises:
           MachineError: it cannot be written.
         """
-        self._json.write(document)
+        from mjbench.instrument.runs import to_json
+
+        if self._json.is_wanted:
+            self._json.write(json.dumps(to_json(document), indent=1) + "\n")
 
     def interrupt(self) -> None:
         """Note that the user stopped the work, and tell them that results are saved."""
@@ -226,71 +225,6 @@ class RunContext:
         sys.exit(ExitCode.INTERRUPTED if self.interrupted else exit_code(statuses))
 
 
-class _JsonTarget:
-    """Where a JSON document goes; a file appears only when the document is complete."""
-
-    def __init__(self, name: str | None, inputs: Sequence[Path]):
-        self._is_stdout = name == "-"
-        self._file = None if name is None or self._is_stdout else Path(name)
-        self._target = Path(_real(name or ""))  # where links lead
-        self._partial: Path | None = None
-        if self._file and str(self._target) in {_real(str(path)) for path in inputs}:
-            raise InputError(f"--json {name} is a file that this command reads: choose another")
-
-    def open(self) -> None:
-        """Create the file under a temporary name, to see that it can be written.
-
-        A device or a pipe is opened only when the document is complete.
-        """
-        if self._file is None:
-            return
-        with writing(self._file):
-            if os.path.lexists(self._target):
-                if self._is_special:
-                    return
-                self._target.open("ab").close()  # a folder, no permission, a loop of links
-            folder, prefix = self._target.parent, f".{self._target.name}."
-            descriptor, partial = tempfile.mkstemp(dir=folder, prefix=prefix)
-            os.close(descriptor)
-            self._partial = Path(partial)
-
-    def write(self, document: Any) -> None:
-        """Write the document: a dataclass, or JSON-ready values."""
-        if self._file is None and not self._is_stdout:
-            return
-        from mjbench.instrument.runs import to_json
-
-        text = json.dumps(to_json(document), indent=1)
-        if self._file is None:
-            click.echo(text)
-            return
-        with writing(self._file):
-            if self._partial is None:
-                self._target.write_text(f"{text}\n", encoding="utf-8")
-                return
-            self._partial.write_text(text, encoding="utf-8")
-            self._partial.chmod(self._mode())
-            self._partial.replace(self._target)
-            self._partial = None
-
-    def close(self) -> None:
-        """Remove what was not completed."""
-        if self._partial is not None:
-            self._partial.unlink(missing_ok=True)
-
-    @property
-    def _is_special(self) -> bool:
-        """Whether the target is a device, a pipe or a socket, which must not be replaced."""
-        return self._target.exists() and not (self._target.is_file() or self._target.is_dir())
-
-    def _mode(self) -> int:
-        """Return the permissions of the file that is replaced, or those of a new one."""
-        try:
-            return stat.S_IMODE(self._target.stat().st_mode)
-        except OSError:
-            return 0o666 & ~_umask()
-
-
 @contextlib.contextmanager
 def _noticed(command: str, wait: bool) -> Iterator[Presence]:
     """Take part in measuring on this machine: warn of others that do, or wait for them."""
@@ -306,17 +240,3 @@ def _noticed(command: str, wait: bool) -> Iterator[Presence]:
 
 def _report_wait(others: Sequence[Neighbour]) -> None:
     report_line(f"waiting for {neighbours.names(others)}, which measures on this machine")
-
-
-def _real(name: str) -> str:
-    """Return the path of a file without links; a name that no file can have, as it is."""
-    try:
-        return os.path.realpath(name)
-    except ValueError:
-        return name
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -5,9 +5,9 @@ from pathlib import Path
 import click
 
 from mjbench.cli.group import cli
+from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
 from mjbench.cli.shared import Share
-from mjbench.errors import writing
 
 # The largest change that can be left out of the page: a time 100 times as long.
 MAX_THRESHOLD = 100.0
@@ -66,11 +66,12 @@ def history(
     from mjbench.report.history import page
 
     release_bundle = history or bundle.default_path()
-    measured = asv_results.load(results, release_bundle, machine)
-    known_causes = load_causes(causes or release_bundle.with_name("causes.toml"))
-    text = page(measured, known_causes, threshold)
-    if output is None:
-        click.echo(text, nl=False)
-        return
-    with writing(output):
-        output.write_text(text, encoding="utf-8")
+    causes = causes or release_bundle.with_name("causes.toml")
+    inputs = [release_bundle, causes, *results.rglob("*.json")]
+    file = OutputFile("--output", str(output) if output else "-", inputs)
+    file.open()
+    try:
+        measured = asv_results.load(results, release_bundle, machine)
+        file.write(page(measured, load_causes(causes), threshold))
+    finally:
+        file.close()

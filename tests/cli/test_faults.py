@@ -317,3 +317,12 @@ def test_a_model_that_fails_after_it_was_timed_ends_the_command_with_its_code(
     assert "steps/s" in result.stdout
     assert "failed: no memory left" in result.stdout
     assert result.exit_code == 3
+
+
+def test_the_page_of_the_history_does_not_replace_what_it_is_made_of(tmp_path: Path) -> None:
+    causes = tmp_path / "causes.toml"
+    causes.write_text("")
+    done = CliRunner().invoke(cli, ["history", "--causes", str(causes), "-o", str(causes)])
+    assert done.exit_code == 2
+    assert "choose another" in done.stderr
+    assert causes.read_text() == ""
