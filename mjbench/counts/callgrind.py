@@ -21,6 +21,8 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from mjbench.errors import MachineError, describe
+
 
 @dataclass(frozen=True)
 class FunctionCost:
@@ -84,7 +86,17 @@ def parse(text: str) -> CallgrindProfile:
 
     Args:
       text: a dump in Callgrind's format, version 1, of one event (instructions executed).
+
+    Raises:
+      MachineError: it is something else, or was cut short.
     """
+    try:
+        return _parse(text)
+    except (ValueError, LookupError) as error:
+        raise MachineError(f"cannot read what Callgrind wrote: {describe(error)}") from error
+
+
+def _parse(text: str) -> CallgrindProfile:
     full_names: dict[str, str] = {}
     self_cost: dict[str, int] = defaultdict(int)
     arcs: dict[tuple[str, str], int] = defaultdict(int)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, describe, one_line
 from mjbench.releases import bundle
 from mjbench.releases.history import AsvMachine, History, Point, Series
 
@@ -25,8 +25,16 @@ def load(folder: Path, release_bundle: Path, machine: str | None = None) -> Hist
       machine: the machine's name in asv; optional where there is only one.
 
     Raises:
-      InputError: there are no results, or several machines have some and none is named.
+      InputError: there are no results, they are not as asv writes them, or several machines have
+        some and none is named.
     """
+    try:
+        return _load(folder, release_bundle, machine)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(f"{folder}: not as asv writes it: {describe(error)}") from error
+
+
+def _load(folder: Path, release_bundle: Path, machine: str | None) -> History:
     name = _machine_name(folder, machine)
     benchmarks = _read_json(folder / "benchmarks.json")
     results_of = _results_by_version(folder, name, release_bundle)

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from mjbench.errors import InputError, one_line
 from mjbench.releases.history import ChangePoint
 
@@ -38,10 +40,13 @@ def load(file: Path) -> list[Cause]:
     """
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8")).get("cause", [])
-        return [Cause(**entry) for entry in entries]
+        causes = msgspec.convert(entries, list[Cause])
+        for cause in causes:
+            re.compile(cause.where)
+        return causes
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}") from error
-    except (ValueError, TypeError) as error:
+    except (ValueError, re.error, RecursionError) as error:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
 
 

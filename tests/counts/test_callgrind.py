@@ -1,8 +1,11 @@
 """Callgrind's format: compressed names, relative positions, calls and recursion."""
 
 from callgrind_dump import DUMP
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjbench.counts import callgrind
+from mjbench.errors import MachineError
 
 
 def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
@@ -40,3 +43,28 @@ def test_functions_that_call_each_other_are_listed_once() -> None:
     calls_back = "fn=(5)\ncfn=(3)\ncalls=1 30\n51 20\n"
     costs = callgrind.parse(DUMP + calls_back).reachable_from("mj_forward")
     assert sorted(cost.name for cost in costs) == ["mj_collision", "mj_forward", "mj_solNewton"]
+
+
+LINES = [
+    "fn=(7) mj_step",
+    "fn=(7)",
+    "fn=(9)",
+    "cfn=(8) f",
+    "calls=1 2",
+    "20 100",
+    "+1",
+    "* x",
+    "fn=",
+    "",
+]
+
+
+@settings(deadline=None)
+@given(text=st.one_of(st.text(), st.lists(st.sampled_from(LINES)).map("\n".join)))
+def test_any_text_is_a_profile_or_an_error_of_the_machine(text: str) -> None:
+    try:
+        profile = callgrind.parse(text)
+    except MachineError as error:
+        assert "\n" not in str(error)
+        return
+    assert all(profile.reachable_from(name) for name in profile.self_cost)

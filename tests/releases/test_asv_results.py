@@ -40,6 +40,27 @@ def test_a_file_that_cannot_be_read_is_named_once(
         asv_results._read_json(file)
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("benchmarks.json", '{"step.Time.time": {"version": "1"}}'),
+        ("benchmarks.json", '{"step.Time.time": 3}'),
+        ("here/machine.json", "[1]"),
+        ("here/v4.0.0.json", '{"commit_hash": 1, "results": []}'),
+        ("here/v4.0.0.json", "[]"),
+    ],
+)
+def test_results_that_asv_did_not_write_are_an_input_error(
+    tmp_path: Path, name: str, content: str
+) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here/machine.json").write_text('{"machine": "here"}')
+    (tmp_path / "benchmarks.json").write_text("{}")
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError):
+        asv_results.load(tmp_path, bundle.default_path())
+
+
 def test_the_committed_results_span_the_releases() -> None:
     measured = asv_results.load(ROOT / "results/asv", bundle.default_path())
     assert len(measured.versions) >= 30

@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 from commands import ROOT
 from histories import timed
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from mjbench.errors import InputError
 from mjbench.releases import causes
@@ -32,6 +34,33 @@ def test_an_entry_that_lacks_something_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "causes.toml"
     file.write_text('[[cause]]\nrelease = "3.0.0"\n')
     with pytest.raises(InputError, match=r"cannot read .*causes\.toml"):
+        causes.load(file)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        'release = 3\nwhere = "a"\ncommit = ""\ntext = ""',
+        'release = "3.0.0"\nwhere = "("\ncommit = ""\ntext = ""',
+        'where = ["a"]',
+        "\0",
+    ],
+)
+def test_an_entry_of_other_types_or_without_a_regular_expression_is_refused(
+    tmp_path: Path, entry: str
+) -> None:
+    file = tmp_path / "causes.toml"
+    file.write_text(f"[[cause]]\n{entry}\n")
+    with pytest.raises(InputError, match="cannot read"):
+        causes.load(file)
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.one_of(st.binary(max_size=40), st.text(max_size=40).map(str.encode)))
+def test_any_file_is_a_table_of_causes_or_an_input_error(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "causes.toml"
+    file.write_bytes(b"[[cause]]\n" + content)
+    with pytest.raises(InputError):
         causes.load(file)
 
 
