@@ -149,6 +149,6 @@ def _download(package: Package, folder: Path) -> Path:
     if done.returncode != 0 or len(wheels) != 1:
         lines = done.stderr.splitlines()
         errors = [line for line in lines if line.startswith("ERROR: ")]
-        reason = one_line((errors or lines or ["pip stored no wheel"])[-1])
+        reason = one_line((errors or lines or ["pip stored no wheel"])[-1].removeprefix("ERROR: "))
         raise MachineError(f"cannot download {package}: {reason}")
     return wheels[0]

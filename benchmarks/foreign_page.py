@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from benchmarks.foreign_tally import NO_MODEL, ForeignTally, Outcome, PackageTally
+from benchmarks.foreign_tally import NO_MODEL, FileResult, ForeignTally, Outcome, PackageTally
 
 
 def page(tally: ForeignTally) -> str:
@@ -67,24 +67,29 @@ def _package_table(packages: Sequence[PackageTally]) -> Iterator[str]:
     yield f"| all | {' | '.join(map(str, cells))} |"
 
 
+_NARROWED = """\
+Every path agrees on them, but not with the usual starts: diverged simulations are
+[left out](method/agreement.md#diverged-simulations), and where more than three in four diverge,
+starts and controls are drawn closer together."""
+
+
 def _remarks(packages: Sequence[PackageTally]) -> Iterator[str]:
     remarks = [(p, r) for p in packages for r in p.remarks if r.outcome not in NO_MODEL]
-    for heading, rows in (
-        ("Models that do not agree", [x for x in remarks if x[1].outcome != Outcome.AGREES]),
-        (
-            "Models that agree on fewer starts",
-            [x for x in remarks if x[1].outcome == Outcome.AGREES],
-        ),
-    ):
-        yield from ("", f"## {heading}", "")
-        if not rows:
-            yield "None."
-            continue
-        yield "| package | file | outcome | why |"
-        yield "|---|---|---|---|"
-        for package, result in rows:
-            cells = (package.name, f"`{result.file}`", result.outcome, _cell(result.detail))
-            yield f"| {' | '.join(cells)} |"
+    yield from ("", "## Models that do not agree", "")
+    differing = [pair for pair in remarks if pair[1].outcome != Outcome.AGREES]
+    yield from _remark_table(differing) if differing else ["None."]
+    narrowed = [pair for pair in remarks if pair[1].outcome == Outcome.AGREES]
+    if narrowed:
+        yield from ("", "## Models that agree on fewer or closer starts", "", _NARROWED, "")
+        yield from _remark_table(narrowed)
+
+
+def _remark_table(remarks: Sequence[tuple[PackageTally, FileResult]]) -> Iterator[str]:
+    yield "| package | file | outcome | why |"
+    yield "|---|---|---|---|"
+    for package, result in remarks:
+        cells = (package.name, f"`{result.file}`", result.outcome, _cell(result.detail))
+        yield f"| {' | '.join(cells)} |"
 
 
 def _no_models(packages: Sequence[PackageTally]) -> Iterator[str]:

@@ -181,12 +181,13 @@ def judge(files: PackageFiles, file: str, records: "ModelRecords") -> FileResult
             others = f" (and {len(guilty) - 1} more variants)" if len(guilty) > 1 else ""
             detail = guilty[0].detail.replace(f"{files.root}/", "")
             return FileResult(file, outcome, one_line(f"{where}: {detail}{others}"), statuses)
-    remark = ""
-    if model.diverged or model.spread != 1.0:
-        remark = (
-            f"{model.diverged} of {(model.nbatch or 0) + (model.diverged or 0)} simulations left"
-            f" out ({model.divergence or 'none diverged'}); spread {model.spread:g}"
-        )
+    remarks = []
+    if model.spread not in (None, 1.0):
+        remarks.append(f"starts and controls spread {model.spread:g} times as wide as usual")
+    if model.diverged:
+        total = (model.nbatch or 0) + model.diverged
+        remarks.append(f"{model.diverged} of {total} simulations diverged ({model.divergence})")
+    remark = "; ".join(remarks)
     return FileResult(file, Outcome.AGREES, remark, statuses)
 
 

@@ -4,12 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from commands import ROOT
 from example_models import CONTACT_XML
 
 from benchmarks import foreign, foreign_packages, foreign_page, foreign_progress, foreign_tally
 from benchmarks.foreign_packages import Package, PackageFiles
-from benchmarks.foreign_tally import NO_MODEL, FileResult, Outcome
+from benchmarks.foreign_tally import FileResult, Outcome
 from mjbench.errors import InputError, MachineError
 from mjbench.status import ExitCode
 
@@ -253,50 +252,3 @@ def test_a_time_limit_is_a_number_of_seconds_above_0(limit: str) -> None:
     with pytest.raises(SystemExit) as ended:
         foreign.main(["--time-limit", limit])
     assert ended.value.code == ExitCode.USAGE
-
-
-# -- the committed tally ------------------------------------------------------------------------
-
-
-def test_the_page_is_the_one_that_the_committed_tally_writes() -> None:
-    tally = foreign_tally.load(foreign.TALLY)
-    assert foreign.PAGE.read_text() == foreign_page.page(tally), (
-        "write it again: python -m benchmarks.foreign_page"
-    )
-
-
-def test_the_numbers_of_the_committed_tally_are_those_of_its_files() -> None:
-    tally = foreign_tally.load(foreign.TALLY)
-    for package in tally.packages:
-        named = Package(package.name, package.version)
-        again = foreign_tally.PackageTally.of(named, package.urdf, package.results)
-        assert again == package
-        reasoned = {Outcome.AGREES, Outcome.NOTHING_TO_STEP}
-        assert all(r.detail or r.outcome in reasoned for r in package.remarks)
-
-
-def test_the_committed_tally_is_of_the_packages_and_variants_of_today() -> None:
-    tally = foreign_tally.load(foreign.TALLY)
-    packages = [Package(package.name, package.version) for package in tally.packages]
-    assert packages == list(foreign_packages.PACKAGES)
-    assert tally.variants == tuple(map(str, foreign.plan().variants))
-    assert (tally.nbatch, tally.nstep) == (foreign.NBATCH, foreign.NSTEP)
-
-
-def test_no_committed_model_disagrees_crashes_or_hangs() -> None:
-    tally = foreign_tally.load(foreign.TALLY)
-    assert foreign.exit_code(tally) == ExitCode.OK
-    assert sum(package.models for package in tally.packages) >= 331
-
-
-def test_no_committed_reason_names_a_folder_of_the_machine_it_was_run_on() -> None:
-    text = foreign.TALLY.read_text() + foreign.PAGE.read_text()
-    assert "/.cache/" not in text
-    assert "/home/" not in text
-    assert "/root/" not in text
-    assert str(ROOT) not in text
-
-
-def test_every_reason_why_a_file_is_no_model_is_explained() -> None:
-    counted = {"agrees", "disagrees", "refused", "failed", "crashed", "timeout"}
-    assert {outcome.value for outcome in Outcome} == counted | {o.value for o in NO_MODEL}
