@@ -182,7 +182,9 @@ def judge(files: PackageFiles, file: str, records: "ModelRecords") -> FileResult
             detail = guilty[0].detail.replace(f"{files.root}/", "")
             return FileResult(file, outcome, one_line(f"{where}: {detail}{others}"), statuses)
     remarks = []
-    if model.spread not in (None, 1.0):
+    if model.spread == 0.0:
+        remarks.append("starts and controls do not differ between simulations")
+    elif model.spread not in (None, 1.0):
         remarks.append(f"starts and controls spread {model.spread:g} times as wide as usual")
     if model.diverged:
         total = (model.nbatch or 0) + model.diverged

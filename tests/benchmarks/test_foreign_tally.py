@@ -66,6 +66,8 @@ def test_a_model_that_agrees_on_fewer_or_closer_starts_says_so(tmp_path: Path) -
         "starts and controls spread 0.1 times as wide as usual;"
         " 3 of 4 simulations diverged (BADQACC in 3)"
     )
+    alike = judged(tmp_path, {"rollout": Status.OK}, nbatch=4, diverged=0, spread=0.0)
+    assert alike.detail == "starts and controls do not differ between simulations"
 
 
 # -- the committed tally ------------------------------------------------------------------------
