@@ -16,6 +16,7 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.comparison.compare import ModelRecords
+    from mjbench.comparison.records import ModelRecord
 
 
 class Outcome(StrEnum):
@@ -54,6 +55,8 @@ _OUTCOMES: Mapping[Status, Outcome] = {
     Status.UNAVAILABLE: Outcome.REFUSED,
 }
 _CANNOT_LOAD = "MuJoCo cannot load it: "
+# Begins the reason of a model on which rollouts end early: they stop at a warning of any kind.
+STOPPED_BY = "MuJoCo warns"
 _OPENED_FILE = re.compile(r"Error opening file '([^']+)'")
 _UNKNOWN_NAME = re.compile(r"' not found in |unrecognized name '|unknown default class name '")
 
@@ -180,7 +183,10 @@ def judge(files: PackageFiles, file: str, records: "ModelRecords") -> FileResult
             where = _variant(guilty[0].path, guilty[0].options)
             others = f" (and {len(guilty) - 1} more variants)" if len(guilty) > 1 else ""
             detail = guilty[0].detail.replace(f"{files.root}/", "")
-            return FileResult(file, outcome, one_line(f"{where}: {detail}{others}"), statuses)
+            cause = _stopping_warning(model)
+            return FileResult(
+                file, outcome, one_line(f"{cause}{where}: {detail}{others}"), statuses
+            )
     remarks = []
     if model.spread == 0.0:
         remarks.append("starts and controls do not differ between simulations")
@@ -191,6 +197,14 @@ def judge(files: PackageFiles, file: str, records: "ModelRecords") -> FileResult
         remarks.append(f"{model.diverged} of {total} simulations diverged ({model.divergence})")
     remark = "; ".join(remarks)
     return FileResult(file, Outcome.AGREES, remark, statuses)
+
+
+def _stopping_warning(model: "ModelRecord") -> str:
+    """Return that rollouts stop at a warning, where MuJoCo raised one; empty otherwise."""
+    if not model.warnings:
+        return ""
+    names = ", ".join(model.warnings)
+    return f"{STOPPED_BY} ({names}), at which mujoco.rollout and Batch.rollout stop; "
 
 
 def _variant(path: str, options: Mapping[str, object]) -> str:

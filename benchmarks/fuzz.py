@@ -25,11 +25,12 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import click
-
-from mjbench.cli import cli
 from mjbench.simulation import models
+
+if TYPE_CHECKING:
+    import click
 
 _TIMEOUT_S = 120.0
 _EXIT_CODES = (0, 1, 2, 3)
@@ -87,6 +88,8 @@ class Problem:
 
 def command_lines(seed: int) -> Iterator[tuple[str, ...]]:
     """Yield command lines without end; the same ones for the same seed."""
+    from mjbench.cli import cli  # asv imports this module where the command line is missing
+
     choices = random.Random(seed)
     leaves = list(_leaves(cli, ()))
     while True:
@@ -95,8 +98,10 @@ def command_lines(seed: int) -> Iterator[tuple[str, ...]]:
 
 
 def _leaves(
-    group: click.Group, path: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    group: "click.Group", path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], "click.Command"]]:
+    import click
+
     for name, command in sorted(group.commands.items()):
         if isinstance(command, click.Group):
             yield from _leaves(command, (*path, name))
@@ -104,7 +109,9 @@ def _leaves(
             yield (*path, name), command
 
 
-def _options(choices: random.Random, command: click.Command) -> list[str]:
+def _options(choices: random.Random, command: "click.Command") -> list[str]:
+    import click
+
     words: list[str] = []
     for option in command.params:
         if not isinstance(option, click.Option):
@@ -128,7 +135,9 @@ def _value(choices: random.Random, name: str) -> str:
     return choices.choice(_NAMES if choices.random() < 0.2 else _VALUES)
 
 
-def _arguments(choices: random.Random, command: click.Command) -> list[str]:
+def _arguments(choices: random.Random, command: "click.Command") -> list[str]:
+    import click
+
     arguments = [p for p in command.params if isinstance(p, click.Argument)]
     count = sum(1 if p.nargs == 1 else choices.randint(1, 3) for p in arguments)
     named = _NAMES if choices.random() < 0.8 else _VALUES

@@ -20,24 +20,12 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import psutil
-
-from mjbench.comparison.compare import compare_model
-from mjbench.comparison.plan import ComparisonPlan, Variant
-from mjbench.paired.preparation import Sizes
-from mjbench.paired.protocol import TargetPair
-from mjbench.paired.targets import Target
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paths import BASE
-from mjbench.releases import installs
-from mjbench.simulation import models
-from mjbench.status import Status
+if TYPE_CHECKING:
+    from mjbench.paired.worker_pool import WorkerPool
 
 MODEL = "cartpole"
-# The smallest work there is: what is checked is what is left after it.
-PLAN = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1, budget_s=0.0)
-SIZES = Sizes(nbatch=1, nstep=1)
 # Memory that a process may gain without a leak: at once, and for each comparison.
 SLACK_BYTES, SLACK_PER_COMPARISON_BYTES = 5 << 20, 1 << 10
 
@@ -65,6 +53,8 @@ class Usage:
     @classmethod
     def now(cls, comparisons: int) -> "Usage":
         """Return what this process holds now."""
+        import psutil  # asv imports this module where it is missing
+
         process = psutil.Process()
         names = Path(tempfile.gettempdir()).glob(f"mjbench-*-{process.pid}-*")
         return cls(
@@ -105,20 +95,32 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
     return statistics.median(usage.memory_bytes for usage in usages)
 
 
-def compare_once(pool: WorkerPool) -> None:
+def compare_once(pool: "WorkerPool") -> None:
     """Compare once by a child, and launch two workers once.
 
     Raises:
       MachineError: the workers failed.
     """
+    from mjbench.comparison.compare import compare_model
+    from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.paired.preparation import Sizes
+    from mjbench.paired.protocol import TargetPair
+    from mjbench.paired.targets import Target
+    from mjbench.paths import BASE
+    from mjbench.releases import installs
+    from mjbench.simulation import models
+    from mjbench.status import Status
+
+    # the smallest work there is: what is checked is what is left after it
+    plan = ComparisonPlan(variants=(Variant(BASE, {}),), nbatch=1, nstep=1, budget_s=0.0)
     source = models.resolve(MODEL)
-    records = compare_model(source, PLAN, lambda name, share: None)
+    records = compare_model(source, plan, lambda name, share: None)
     if records.interrupted:
         raise KeyboardInterrupt
     if records.model.status != Status.OK:
         raise SystemExit(f"a comparison failed: {records.model.detail}")
     target = Target(installs.parse_release(installs.INSTALLED), source)
-    pair = TargetPair(pool, target, target, SIZES)
+    pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
         pair.launch()
     finally:
@@ -128,6 +130,8 @@ def compare_once(pool: WorkerPool) -> None:
 
 def main() -> int:
     """Run the comparisons; return the exit code."""
+    from mjbench.paired.worker_pool import WorkerPool
+
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--comparisons", type=int, default=1000, help="to run")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON, RESULTS, with_options
 
 if TYPE_CHECKING:
@@ -62,6 +62,8 @@ def _show_comparison(run: RunContext, stored: "Run") -> None:
     from mjbench.report.results import derive_all
 
     models = derive_all(stored.records)
+    if not models:
+        report_line("the run ended before anything was measured")
     for model_results in models:
         report.print_model(run.out, model_results)
     results = [result for model_results in models for result in model_results.results]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from mjbench.instrument.runs import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import FINISHED, Status

@@ -8,11 +8,14 @@ of those that came later. Where the folder cannot be used, nothing is noticed.
 import contextlib
 import json
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from mjbench.instrument import platforms
 
 # Environment variable that names another folder.
 FOLDER_VARIABLE = "MJBENCH_LOCKS"
@@ -80,14 +83,12 @@ class Presence:
           sleep: waits for seconds.
         """
         has_waited = False
-        try:
-            import fcntl  # not on Windows
-        except ImportError:
+        if sys.platform == "win32":  # it has no such locks, and no command there measures
             return []
         try:
             while True:
                 _create(self._folder)
-                with _locked(self._folder / _DOOR, fcntl.LOCK_EX):  # one at a time looks and enters
+                with _locked(self._folder / _DOOR):  # one at a time looks and enters
                     others = list(self._others())
                     if not (wait and others):
                         self._announce(others)
@@ -111,11 +112,9 @@ class Presence:
 
     def _announce(self, others: Sequence[tuple[Path, Neighbour]]) -> None:
         """Create this process's file, and leave a line in those of the others."""
-        import fcntl
-
         line = json.dumps(asdict(self._me)) + "\n"
         file = self._folder / f"{self._me.pid}-{time.monotonic_ns()}{_SUFFIX}"
-        self._closing.enter_context(_locked(file, fcntl.LOCK_EX))
+        self._closing.enter_context(_locked(file))
         with file.open("a", encoding="utf-8") as mine:
             mine.write(line)
         self._file = file
@@ -125,12 +124,11 @@ class Presence:
 
     def _others(self) -> Iterator[tuple[Path, Neighbour]]:
         """Yield the files of processes that measure; remove those of processes that are gone."""
-        import fcntl
-
         for path in sorted(self._folder.glob(f"*{_SUFFIX}")):
             with contextlib.suppress(OSError):
                 try:
-                    with _locked(path, fcntl.LOCK_SH | fcntl.LOCK_NB, create=False):
+                    with _opened(path, os.O_RDONLY) as descriptor:
+                        platforms.lock_file(descriptor, shared=True, wait=False)
                         path.unlink(missing_ok=True)  # its lock is free: its process is gone
                 except BlockingIOError:
                     first, *_ = [*path.read_text(errors="replace").splitlines(), ""]
@@ -158,17 +156,14 @@ def _create(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _locked(path: Path, operation: int, create: bool = True) -> Iterator[None]:
-    """Hold a lock on a file; its file is created, writable for every user, where it is missing."""
-    import fcntl
-
-    if create:
-        with contextlib.suppress(FileExistsError):
-            descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY)
-            os.fchmod(descriptor, 0o666)
-            os.close(descriptor)
+def _locked(path: Path) -> Iterator[None]:
+    """Hold a lock on a file; it is created, writable for every user, where it is missing."""
+    with contextlib.suppress(FileExistsError):
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY)
+        path.chmod(0o666)
+        os.close(descriptor)
     with _opened(path, os.O_RDONLY) as descriptor:
-        fcntl.flock(descriptor, operation)
+        platforms.lock_file(descriptor, shared=False, wait=True)
         yield
 
 

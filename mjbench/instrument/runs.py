@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Protocol, TextIO, TypeVar
+from typing import Any, ClassVar, Protocol, TextIO, TypeVar
 
 import msgspec
 
@@ -28,12 +28,6 @@ from mjbench.instrument.machine import Machine
 SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
 _MULTILINE_KEYS = {"snippet"}
-
-# What numbers of a record must be; a file with others is refused.
-PositiveInt = Annotated[int, msgspec.Meta(ge=1, le=10**15)]
-NonNegativeInt = Annotated[int, msgspec.Meta(ge=0, le=10**15)]
-PositiveFloat = Annotated[float, msgspec.Meta(gt=0, le=1e12)]
-NonNegativeFloat = Annotated[float, msgspec.Meta(ge=0, le=1e12)]
 
 _T = TypeVar("_T")
 

@@ -6,17 +6,18 @@ candidate `new`, as on the command line.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
-import msgspec
-
-from mjbench.instrument.runs import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.instrument.bounds import (
+    LogRatio,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
-
-# No two targets differ by more than e to the power of this.
-LogRatio = Annotated[float, msgspec.Meta(ge=-50, le=50)]
 
 
 @dataclass(frozen=True)

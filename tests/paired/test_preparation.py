@@ -65,7 +65,10 @@ def test_changed_work_is_reported(pool: WorkerPool) -> None:
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"solver": "magic"}, "one of cg, newton, pgs"), ({"speed": "9"}, "no option 'speed'")],
+    [
+        ({"solver": "magic"}, "one of pgs (0), cg (1), newton (2)"),
+        ({"speed": "9"}, "no option 'speed'"),
+    ],
 )
 def test_an_option_that_does_not_exist_is_bad_input(
     pool: WorkerPool, options: dict[str, str], message: str

@@ -70,7 +70,7 @@ def test_a_model_that_fails_costs_only_its_own_trials(monkeypatch: pytest.Monkey
     monkeypatch.setattr(selfcheck, "trial", try_once)
     with WorkerPool() as pool:
         selfcheck.run(
-            *(pool, [broken, sound], 3, VerdictPlan(), done.append),
+            *(pool, [broken, sound] * 3, VerdictPlan(), done.append),
             lambda model, error: failed.append((model.name, str(error))),
         )
     assert tried == [broken, sound, sound, sound]

@@ -80,8 +80,8 @@ def test_a_target_in_which_every_simulation_diverges_is_bad_input(
 
 
 def test_a_model_that_does_not_load_is_bad_input(pool: WorkerPool, tmp_path: Path) -> None:
-    file = tmp_path / "empty.xml"
-    file.write_text("")
+    file = tmp_path / "broken.xml"
+    file.write_text("<mujoco>")
     target = Target(INSTALLED, models.resolve(str(file)))
     result = verdict.decide(pool, target, target, BRIEF)
     assert result.status == Status.INPUT

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjbench.errors import InputError, MachineError
+from mjbench.instrument import platforms
 from mjbench.releases import install_check, installs
 
 
@@ -298,10 +299,10 @@ def test_a_full_disk_is_reported_in_a_line(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_file_system_without_locks_is_reported(
     pip: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(descriptor: int, operation: int) -> None:
+    def refuse(descriptor: int, **kind: bool) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr(installs.fcntl, "flock", refuse)
+    monkeypatch.setattr(platforms, "lock_file", refuse)
     with pytest.raises(MachineError, match=r"cannot lock .*: No locks available"):
         installs.install(installs.parse_release("3.5.0"))
 

@@ -1,0 +1,29 @@
+"""What numbers of a record must be; a run file with others is refused.
+
+The bounds are upheld where msgspec reads a file. Where it is missing, as in the environments of old
+releases, no file is read, and they are annotations alone.
+"""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+if TYPE_CHECKING:
+    from msgspec import Meta
+else:
+    try:
+        from msgspec import Meta
+    except ImportError:
+
+        def Meta(**bounds: Any) -> Any:  # noqa: N802
+            """Return bounds that nothing upholds."""
+            return tuple(bounds.items())
+
+
+# So large that nothing derived from two of them overflows.
+_LARGEST_INT, _LARGEST_FLOAT = 10**15, 1e12
+
+PositiveInt = Annotated[int, Meta(ge=1, le=_LARGEST_INT)]
+NonNegativeInt = Annotated[int, Meta(ge=0, le=_LARGEST_INT)]
+PositiveFloat = Annotated[float, Meta(gt=0, le=_LARGEST_FLOAT)]
+NonNegativeFloat = Annotated[float, Meta(ge=0, le=_LARGEST_FLOAT)]
+# No two targets differ by more than e to the power of this.
+LogRatio = Annotated[float, Meta(ge=-50, le=50)]
