@@ -152,7 +152,7 @@ class RunContext:
             self._command,
             self.machine,
             runs.to_json(storage.arguments),
-            {printable(path.name): runs.digest(path) for path in self._inputs},
+            self._digests(),
         )
         if storage.resume is None:
             return runs.RunFile.create(storage.results, header)
@@ -164,6 +164,16 @@ class RunContext:
             report_line(f"{storage.resume}: the last line was cut short; it is left out")
         self.finished = tuple(storage.finished(stored.records))
         return runs.RunFile.rewrite(storage.resume, stored.header, self.finished)
+
+    def _digests(self) -> dict[str, str]:
+        """Return what names the content of the input files, by file name."""
+        from mjbench.instrument import runs
+
+        digests: dict[str, str] = {}
+        for path in dict.fromkeys(self._inputs):  # files of one name lie in different folders
+            name = printable(path.name)
+            digests[name] = f"{digests.get(name, '')} {runs.digest(path)}".strip()
+        return digests
 
     @property
     def machine(self) -> "Machine":

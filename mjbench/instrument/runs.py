@@ -16,11 +16,12 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TextIO, TypeVar
+from typing import IO, Any, ClassVar, Protocol, TextIO, TypeVar
 
 import msgspec
 
 from mjbench.errors import InputError, MachineError, one_line, printable
+from mjbench.instrument import platforms
 from mjbench.instrument.machine import Machine
 
 # The version of run files and of every document that `--json` writes.
@@ -51,7 +52,8 @@ class RunHeader:
       command: of mjbench that wrote it.
       machine: that it ran on.
       arguments: of the command, for people; nothing is derived from them.
-      files: SHA-256 of each file that the command was given, by name.
+      files: SHA-256 of each file that the command was given, by name; several of one name are
+        separated by spaces.
     """
 
     record_type: ClassVar[str] = "run"
@@ -104,6 +106,7 @@ class RunFile:
             with contextlib.ExitStack() as on_error:
                 path, file = _open_new(folder, header.command)
                 on_error.callback(_discard, path, file)
+                _lock(file)
                 _write_line(file, header)
                 on_error.pop_all()
         except (OSError, ValueError) as error:
@@ -120,14 +123,16 @@ class RunFile:
         A reader sees either the file that was there before or the whole new one.
 
         Raises:
-          MachineError: it cannot be written.
+          MachineError: it cannot be written, or another process is writing it.
         """
         path = path.resolve()
         try:
-            with contextlib.ExitStack() as on_error:
+            with contextlib.ExitStack() as on_error, path.open("rb") as earlier:
+                _lock(earlier)
                 descriptor, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
                 file = os.fdopen(descriptor, "w", encoding="utf-8")
                 on_error.callback(_discard, Path(partial), file)
+                _lock(file)
                 for record in (header, *records):
                     _write_line(file, record)
                 Path(partial).chmod(path.stat().st_mode)
@@ -167,6 +172,20 @@ def _open_new(folder: Path, command: str) -> tuple[Path, TextIO]:
         except FileExistsError:  # this process began another one in the same second
             name = f"{stamp}-{os.getpid()}-{command}-{further}"
     raise AssertionError
+
+
+def _lock(file: IO[Any]) -> None:
+    """Lock a run file as long as it is open: it cannot be continued while it is written.
+
+    Raises:
+      OSError: another process writes it.
+    """
+    try:
+        platforms.lock_file(file.fileno(), shared=False, wait=False)
+    except BlockingIOError as error:
+        raise OSError(error.errno, "another mjbench is writing it") from error
+    except OSError:  # a file system without locks
+        pass
 
 
 def _write_line(file: TextIO, record: Record) -> None:

@@ -113,3 +113,20 @@ def test_only_the_trials_that_are_missing_are_run() -> None:
     done = [TrialRecord("cartpole", 0.0, Verdict.SAME, 1.0, None, None, 1.0, [0.0])] * 2
     remaining = [case.slowdown for case in selfcheck.remaining(cases, 3, done)]
     assert remaining == [0.01, 0.01, 0.0, 0.01]
+
+
+def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(verdict, "decide", lambda pool, *targets: decided(*targets[:2], Status.OK))
+    for folder in ("a", "b"):
+        Path(folder).mkdir()
+        Path(folder, "m.xml").write_text("<mujoco/>")
+    words = ["ab", "model=a/m.xml", "model=b/m.xml"]
+    assert CliRunner().invoke(cli, words).exit_code == 0
+    (file,) = Path("results/runs").glob("*.jsonl")
+    Path("a/m.xml").write_text("<mujoco ></mujoco>")
+    done = CliRunner().invoke(cli, [*words, "--resume", str(file)])
+    assert done.exit_code == 2
+    assert "the file m.xml" in done.stderr

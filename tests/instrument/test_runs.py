@@ -263,3 +263,17 @@ def test_a_number_that_is_not_finite_is_stored_as_nothing(tmp_path: Path) -> Non
     values = [json.loads(line) for line in file.path.read_text().splitlines()]
     assert values[1]["seconds"] is None
     assert values[2]["text"] == "\\udce9\\n"
+
+
+def test_a_file_that_is_still_written_cannot_be_continued(tmp_path: Path) -> None:
+    file = runs.RunFile.create(tmp_path, HEADER)
+    with pytest.raises(MachineError, match="another mjbench is writing it"):
+        runs.RunFile.rewrite(file.path, HEADER, ())
+    file.append(Sample(1))
+    file.close()
+    again = runs.RunFile.rewrite(file.path, HEADER, (Sample(1),))
+    with pytest.raises(MachineError, match="another mjbench is writing it"):
+        runs.RunFile.rewrite(file.path, HEADER, ())
+    again.close()
+    assert runs.load(file.path, TYPES).records == (Sample(1),)
+    assert list(tmp_path.iterdir()) == [file.path]
