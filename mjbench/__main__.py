@@ -14,7 +14,8 @@ _REQUIRED = ("click", "msgspec", "packaging", "platformdirs", "psutil", "rich")
 def main() -> None:
     """Run `mjbench` with the process's arguments."""
     # until a command has something to save: an import that is interrupted need not be a traceback
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     missing = [name for name in _REQUIRED if not _is_installed(name)]
     if missing:
         _fail(f'the command line needs {", ".join(missing)}: python -m pip install "mjbench[cli]"')

@@ -140,6 +140,7 @@ def _compare(
     from mjbench.comparison import compare
     from mjbench.comparison.records import finished
     from mjbench.instrument.runs import to_json
+    from mjbench.paths import own_files
     from mjbench.report import comparison as report
     from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
@@ -156,6 +157,7 @@ def _compare(
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
+    files += own_files(variant.path for variant in plans[0].variants)
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance:
             for number, (source, plan) in enumerate(turns):

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from mjbench.instrument.machine import Machine
-    from mjbench.instrument.runs import Record, RunFile
+    from mjbench.instrument.run_file import RunFile
+    from mjbench.instrument.runs import Record
 
 Advance = Callable[[int, str, float], None]
 
@@ -136,15 +137,16 @@ class RunContext:
         with self._closing:
             if self._run_file is not None and error is None:
                 self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
-            if self._presence is not None and (others := self._presence.arrivals()):
+            if self._presence is not None and (others := self._presence.later_neighbours()):
                 report_line(
-                    f"{neighbours.names(others)} began to measure on this machine meanwhile:"
-                    " these figures suffer"
+                    f"another mjbench began to measure on this machine during this run:"
+                    f" {neighbours.names(others)}; these figures are unreliable"
                 )
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""
         from mjbench.instrument import resume, runs
+        from mjbench.instrument.run_file import RunFile
         from mjbench.report.documents import RECORD_TYPES
 
         header = runs.RunHeader(
@@ -155,7 +157,7 @@ class RunContext:
             self._digests(),
         )
         if storage.resume is None:
-            return runs.RunFile.create(storage.results, header)
+            return RunFile.create(storage.results, header)
         if storage.resume.is_fifo():
             raise InputError(f"cannot continue {storage.resume}: it is a pipe, not a file")
         stored = runs.load(storage.resume, RECORD_TYPES)
@@ -163,7 +165,7 @@ class RunContext:
         if stored.is_torn:
             report_line(f"{storage.resume}: the last line was cut short; it is left out")
         self.finished = tuple(storage.finished(stored.records))
-        return runs.RunFile.rewrite(storage.resume, stored.header, self.finished)
+        return RunFile.rewrite(storage.resume, stored.header, self.finished)
 
     def _digests(self) -> dict[str, str]:
         """Return what names the content of the input files, by file name."""
@@ -242,11 +244,11 @@ def _noticed(command: str, wait: bool) -> Iterator[Presence]:
     with presence:
         if others := presence.enter(wait, _report_wait):
             report_line(
-                f"{neighbours.names(others)} measures on this machine, too: the figures of both"
-                " suffer; --wait waits until no other measures"
+                f"another mjbench measures on this machine: {neighbours.names(others)}; the figures"
+                " of both are unreliable; --wait waits for it"
             )
         yield presence
 
 
 def _report_wait(others: Sequence[Neighbour]) -> None:
-    report_line(f"waiting for {neighbours.names(others)}, which measures on this machine")
+    report_line(f"waiting until another mjbench has measured: {neighbours.names(others)}")

@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from typing import TypeVar
 
-import click
-
+from mjbench.cli.group import report_line
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.simulation.models import ModelSource
 
@@ -17,5 +16,5 @@ def measure_or_report(source: ModelSource, measure: Callable[[ModelSource], _T])
         return measure(source)
     except MjbenchError as error:
         detail = failure_of(error).detail.removeprefix(f"{source.name}: ")
-        click.echo(f"mjbench: {source.name}: {detail}", err=True)
+        report_line(f"{source.name}: {detail}")
         return Failure(error.status, detail)

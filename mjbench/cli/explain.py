@@ -62,6 +62,7 @@ def explain(
     specs = [installs.parse_release(name) for name in release_names]
     plan = verdict_plan(**options)
     files = [source.path for source in sources]
+    files += [wheel for spec in specs for wheel in spec.wheels]
     rows: list[ExplainRow] = []
     statuses: list[Status] = []
     with (

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mjbench.cli import interrupts
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
@@ -69,6 +70,7 @@ def history(
     causes = causes or release_bundle.with_name("causes.toml")
     inputs = [release_bundle, causes, *results.rglob("*.json")]
     file = OutputFile("--output", str(output) if output else "-", inputs)
+    interrupts.enable()
     file.open()
     try:
         measured = asv_results.load(results, release_bundle, machine)

@@ -54,9 +54,10 @@ def instructions(
 
     sources = [models.resolve(name) for name in names or models.shipped()]
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
+    files = [source.path for source in sources] + [wheel for s in specs for wheel in s.wheels]
     model_counts: list[ModelCount] = []
     with (
-        RunContext("instructions", json_file, inputs=[source.path for source in sources]) as run,
+        RunContext("instructions", json_file, files) as run,
         InstructionCounter(Sizes(seed=seed)) as counter,
     ):
         with run.progress(len(specs)) as advance:

@@ -47,12 +47,12 @@ class _Interrupts:
 def enable() -> None:
     """From now on the signals end the command through its cleanup.
 
-    SIGHUP stays ignored where `nohup` has it ignored.
+    What is ignored stays so: SIGHUP under `nohup`, SIGINT of a shell script's background command.
     """
     handler = _Interrupts()
     for name in _NAMES:
         number = getattr(signal, name, None)
-        if number is None or (name == "SIGHUP" and signal.getsignal(number) == signal.SIG_IGN):
+        if number is None or signal.getsignal(number) == signal.SIG_IGN:
             continue
         signal.signal(number, handler.handle)
 

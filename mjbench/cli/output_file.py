@@ -2,13 +2,14 @@
 
 import os
 import stat
+import sys
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import click
 
-from mjbench.errors import InputError, writing
+from mjbench.errors import InputError, MachineError, writing
 
 
 class OutputFile:
@@ -64,6 +65,8 @@ class OutputFile:
           MachineError: it cannot be written.
         """
         if self._file is None:
+            if sys.stdout is None:
+                raise MachineError("cannot write to standard output: it is closed")
             click.echo(text, nl=False)
             return
         with writing(self._file):

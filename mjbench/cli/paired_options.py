@@ -1,9 +1,10 @@
 """What the commands around paired comparisons share: `versions`, `ab` and others."""
 
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -83,10 +84,12 @@ class Gate:
             outcomes.add(Finding.CHANGED_WORK)
         if outcomes & set(self.findings):
             return ExitCode.FINDING
+        is_open = False
         if self._asks_for_speed and not self.allow_inconclusive:
             is_open = Verdict.INCONCLUSIVE in outcomes or any(row.verdict is None for row in rows)
-            return ExitCode.ENVIRONMENT if is_open else ExitCode.OK
-        return ExitCode.OK
+        if Finding.CHANGED_WORK in self.findings:
+            is_open |= any(row.changed_work is None for row in rows)
+        return ExitCode.ENVIRONMENT if is_open else ExitCode.OK
 
     @property
     def _asks_for_speed(self) -> bool:
@@ -185,14 +188,14 @@ def compare_targets(
 
     warn_if_unpinned()
     rows: list[VerdictRow] = []
-    files = [target.model.path for pair in pairs for target in pair]
-    storage = Storage(output.results, plan, output.resume, records.finished)
-    with RunContext(command, output.json_file, files, storage, output.wait) as run:
-        earlier = records.finished(run.finished)
+    targets = [target for pair in pairs for target in pair]
+    arguments = {**asdict(plan), "targets": [target.identity() for target in targets]}
+    storage = Storage(output.results, arguments, output.resume, records.finished)
+    with RunContext(command, output.json_file, input_files(targets), storage, output.wait) as run:
+        earlier = records.by_sides(records.finished(run.finished))
         with run.progress(len(pairs)) as advance, WorkerPool() as pool:
             for number, (baseline, candidate) in enumerate(pairs):
-                sides = (baseline.row(), candidate.row())
-                stored = next((r for r in earlier if tuple(r.sides) == sides), None)
+                stored = earlier.get(records.sides_key((baseline.row(), candidate.row())))
                 if stored is not None:
                     rows.append(stored.row())
                     continue
@@ -205,6 +208,11 @@ def compare_targets(
                     break
         report(run, rows)
     return gate.exit_code(rows)
+
+
+def input_files(targets: Iterable["Target"]) -> list[Path]:
+    """Return the files that targets are made of: models, and wheels of releases."""
+    return [path for t in targets for path in (t.model.path, *t.release.wheels)]
 
 
 def report(run: RunContext, rows: Sequence["VerdictRow"]) -> None:

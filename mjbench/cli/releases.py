@@ -41,8 +41,9 @@ def list_releases(history: Path | None = None, json_file: str | None = None) -> 
     from mjbench.report.documents import ReleasesDocument
     from mjbench.report.releases import releases_table
 
-    with RunContext("releases", json_file) as run:
-        known = catalogue.list_releases(history or bundle.default_path())
+    release_bundle = history or bundle.default_path()
+    with RunContext("releases", json_file, [release_bundle]) as run:
+        known = catalogue.list_releases(release_bundle)
         run.out.print(releases_table(known.releases))
         if known.problem:
             click.echo(f"The list lacks the package index: {known.problem}", err=True)

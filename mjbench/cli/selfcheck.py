@@ -68,7 +68,8 @@ def selfcheck(
     cases = [checks.Case.create(source, share) for source in sources for share in slowdowns]
     plan = VerdictPlan(min_effect, confidence, precision, time_limit)
     paired_options.warn_if_unpinned()
-    arguments = {**asdict(plan), "trials": trials, "busy": busy, "slowdowns": slowdowns}
+    arguments = {**asdict(plan), "trials": trials, "busy": busy}
+    arguments |= {"slowdowns": slowdowns, "models": [source.name for source in sources]}
     storage = Storage(results, arguments, resume, trial_records)
     failures: list[Status] = []
     files = [source.path for source in sources]

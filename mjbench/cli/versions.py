@@ -142,9 +142,16 @@ def _compare_instructions(
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.paired import records
 
-    arguments = {**asdict(comparison.plan), "metric": Metric.INSTRUCTIONS}
+    builds = [comparison.baseline, *comparison.candidates]
+    arguments = {
+        **asdict(comparison.plan),
+        "metric": Metric.INSTRUCTIONS,
+        "releases": [release.key for release in builds],
+        "models": [source.name for source in comparison.sources],
+    }
     storage = Storage(output.results, arguments, output.resume, records.finished)
     files = [source.path for source in comparison.sources]
+    files += [wheel for release in builds for wheel in release.wheels]
     rows: list[VerdictRow] = []
     with RunContext("versions", output.json_file, files, storage, output.wait) as run:
         try:
@@ -167,7 +174,7 @@ def _verdict_rows(
     with run.progress(len(comparison.candidates)) as advance:
         for number, candidate in enumerate(comparison.candidates):
             advance(number, f"MuJoCo {candidate.version}", 0.0)
-            finished = records.finished(run.finished)
+            finished = records.by_sides(records.finished(run.finished)).values()
             stored = {r.model: r for r in finished if r.new == candidate.version}
             yield from (record.row() for record in stored.values())
             missing = [source for source in comparison.sources if source.name not in stored]

@@ -179,7 +179,8 @@ def of_model(model: ModelRecord, records: Sequence[object]) -> list[MeasurementR
 def finished(records: Sequence[object], nvariant: int) -> list[ModelRecord | MeasurementRecord]:
     """Return the records that need not be measured again when a run is continued.
 
-    Those are of models that were measured to their end, each followed by its measurements.
+    Those are of models all of whose variants ended, none by a failure, each followed by its
+    measurements.
 
     Args:
       records: of the run.
@@ -189,7 +190,8 @@ def finished(records: Sequence[object], nvariant: int) -> list[ModelRecord | Mea
     for model in records:
         if isinstance(model, ModelRecord) and model.status in FINISHED:
             measurements = of_model(model, records)
-            if len(measurements) == nvariant:
+            ended = all(measurement.status in FINISHED for measurement in measurements)
+            if ended and len(measurements) == nvariant:
                 done += [model, *measurements]
     return done
 

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     import psutil
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
-# The environment variable that marks a child and what it starts; each child has its own value.
+# The environment variable that marks a child and what it starts. Each child has its own value,
+# which begins with that of this process.
 _MARK = "MJBENCH_CHILD"
+_OWN_MARK = uuid.uuid4().hex
 # Descendants may start others while they are ended: they are looked for at most so often, and
 # awaited for so many seconds.
 _SEARCHES, _DEATH_S = 10, 5.0
@@ -64,7 +66,7 @@ class Child:
           MachineError: no process can be started.
         """
         _adopt_orphans()
-        self._mark = uuid.uuid4().hex
+        self._mark = f"{_OWN_MARK}-{uuid.uuid4().hex}"
         self._has_ended = False
         environment = os.environ if env is None else env
         try:
@@ -85,38 +87,41 @@ class Child:
         """
         if self._has_ended:
             return self.process.wait()
-        offspring = _below(self.process.pid)
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.process.pid, signal.SIGKILL)
-        _kill(offspring)
-        code = self.process.wait()
-        _collect(offspring)
-        for _ in range(_SEARCHES):
-            orphans = [process for process in _below(os.getpid()) if self._has_started(process)]
-            if not orphans:
-                break
-            _kill(orphans)
-            _collect(orphans)
+        if self.process.returncode is None:  # otherwise its id may be another process's by now
+            offspring = _below(self.process.pid)
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+            _kill(offspring)
+            self.process.wait()
+            _collect(offspring)
+        _end_marked(self._mark)
         self._has_ended = True
-        return code
-
-    def _has_started(self, process: "psutil.Process") -> bool:
-        import psutil
-
-        try:
-            return process.environ().get(_MARK) == self._mark
-        except (psutil.Error, OSError):  # it has ended, or is another user's
-            return False
+        return self.process.wait()
 
 
 def end_descendants() -> None:
-    """Kill everything below this process; for when it ends itself."""
+    """Kill all children that this process started, with what they started; for when it ends."""
+    _end_marked(_OWN_MARK)
+
+
+def _end_marked(mark: str) -> None:
+    """Kill the processes below this one whose mark begins with `mark`."""
     for _ in range(_SEARCHES):
-        descendants = _below(os.getpid())
-        if not descendants:
+        marked = [process for process in _below(os.getpid()) if _mark_of(process).startswith(mark)]
+        if not marked:
             return
-        _kill(descendants)
-        _collect(descendants)
+        _kill(marked)
+        _collect(marked)
+
+
+def _mark_of(process: "psutil.Process") -> str:
+    """Return the mark of the child that started a process; empty where there is none."""
+    import psutil
+
+    try:
+        return process.environ().get(_MARK, "")
+    except (psutil.Error, OSError):  # it has ended, or is another user's
+        return ""
 
 
 def _below(pid: int) -> "list[psutil.Process]":
@@ -211,7 +216,7 @@ def scratch() -> Iterator[Path]:
     try:
         for folder in Path(tempfile.gettempdir()).glob(f"{prefix}*-*"):
             owner = folder.name.removeprefix(prefix).partition("-")[0]
-            if owner.isdigit() and not _is_running(int(owner)):
+            if owner.isascii() and owner.isdecimal() and not _is_running(int(owner)):
                 shutil.rmtree(folder, ignore_errors=True)
         directory = tempfile.TemporaryDirectory(
             prefix=f"{prefix}{os.getpid()}-", ignore_cleanup_errors=True

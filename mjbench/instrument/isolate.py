@@ -207,7 +207,7 @@ def _converse(
             on_message(message)
         return Ended(Status.CRASHED, child.describe_exit(process.wait(_EXIT_S)))
     except _GarbageError as error:
-        return Ended(Status.CRASHED, f"sent what is no message ({error}), killed")
+        return Ended(Status.CRASHED, f"sent an invalid message ({error}), killed")
     except subprocess.TimeoutExpired:
         return Ended(Status.CRASHED, "closed the pipe for its messages, killed")
 

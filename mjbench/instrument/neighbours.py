@@ -1,13 +1,18 @@
-"""Notice other mjbench that measure on this machine at the same time: both figures suffer.
+"""Notice other mjbench that measure on this machine at the same time: they disturb each other.
 
 Every process that measures has a file in a shared folder, which it keeps locked. A process that
-begins reads the others' files, and leaves a line in each; at its end, it finds in its own the lines
-of those that came later. Where the folder cannot be used, nothing is noticed.
+begins reads the files of the others, and appends a line to each. At its end it reads its own file,
+which then names those that began later. Where the folder cannot be used, nothing is noticed.
+
+Any user of the machine can write into the folder, so nothing in it is trusted: only files with the
+names that this module gives are read, a few kilobytes of each, and no lock is awaited for long.
 """
 
 import contextlib
 import json
 import os
+import re
+import stat
 import sys
 import tempfile
 import time
@@ -15,14 +20,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from mjbench.errors import one_line
 from mjbench.instrument import platforms
 
-# Environment variable that names another folder.
+# Environment variable that names the folder in which the shared folder is.
 FOLDER_VARIABLE = "MJBENCH_LOCKS"
+_FOLDER = "mjbench-measuring"
 # How often a process that waits looks again, in seconds.
 _POLL_S = 1.0
-_DOOR = "door"
-_SUFFIX = ".json"
+# Processes begin one at a time; how long one tries to be the one, in seconds, and how often.
+_TURN, _TURN_S, _TURN_POLL_S = "turn", 5.0, 0.05
+_NAME = re.compile(r"\d+-\d+\.json")
+_MAX_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -40,10 +49,8 @@ class Neighbour:
 
 def shared_folder() -> Path:
     """Return the folder that all users of this machine share."""
-    if named := os.environ.get(FOLDER_VARIABLE):
-        return Path(named)
-    root = Path("/tmp")  # not TMPDIR, which may be each user's own
-    return (root if root.is_dir() else Path(tempfile.gettempdir())) / "mjbench-measuring"
+    root = Path(os.environ.get(FOLDER_VARIABLE) or "/tmp")  # not TMPDIR: it may be each user's own
+    return (root if root.is_dir() else Path(tempfile.gettempdir())) / _FOLDER
 
 
 class Presence:
@@ -82,13 +89,13 @@ class Presence:
           on_wait: called once with the others that are waited for.
           sleep: waits for seconds.
         """
-        has_waited = False
         if sys.platform == "win32":  # it has no such locks, and no command there measures
             return []
+        has_waited = False
         try:
             while True:
                 _create(self._folder)
-                with _locked(self._folder / _DOOR):  # one at a time looks and enters
+                with _turn(self._folder / _TURN, sleep):
                     others = list(self._others())
                     if not (wait and others):
                         self._announce(others)
@@ -100,23 +107,24 @@ class Presence:
         except OSError:
             return []
 
-    def arrivals(self) -> list[Neighbour]:
+    def later_neighbours(self) -> list[Neighbour]:
         """Return the others that began to measure after this process did."""
         if self._file is None:
             return []
         try:
-            _, *lines = self._file.read_text(encoding="utf-8").splitlines()
+            _, *lines = _lines(self._file)
         except (OSError, ValueError):
             return []
         return [neighbour for line in lines if (neighbour := _parse(line))]
 
     def _announce(self, others: Sequence[tuple[Path, Neighbour]]) -> None:
-        """Create this process's file, and leave a line in those of the others."""
+        """Create this process's file, and append a line to those of the others."""
         line = json.dumps(asdict(self._me)) + "\n"
-        file = self._folder / f"{self._me.pid}-{time.monotonic_ns()}{_SUFFIX}"
-        self._closing.enter_context(_locked(file))
-        with file.open("a", encoding="utf-8") as mine:
-            mine.write(line)
+        file = self._folder / f"{self._me.pid}-{time.monotonic_ns()}.json"
+        _create_file(file)
+        descriptor = self._closing.enter_context(_opened(file, os.O_RDWR | os.O_APPEND))
+        platforms.lock_file(descriptor, shared=False, wait=False)
+        os.write(descriptor, line.encode())
         self._file = file
         for other, _ in others:
             with contextlib.suppress(OSError), _opened(other, os.O_WRONLY | os.O_APPEND) as opened:
@@ -124,14 +132,16 @@ class Presence:
 
     def _others(self) -> Iterator[tuple[Path, Neighbour]]:
         """Yield the files of processes that measure; remove those of processes that are gone."""
-        for path in sorted(self._folder.glob(f"*{_SUFFIX}")):
+        for path in sorted(self._folder.iterdir()):
+            if not _NAME.fullmatch(path.name):
+                continue
             with contextlib.suppress(OSError):
                 try:
                     with _opened(path, os.O_RDONLY) as descriptor:
                         platforms.lock_file(descriptor, shared=True, wait=False)
                         path.unlink(missing_ok=True)  # its lock is free: its process is gone
                 except BlockingIOError:
-                    first, *_ = [*path.read_text(errors="replace").splitlines(), ""]
+                    first, *_ = [*_lines(path), ""]
                     yield path, _parse(first) or Neighbour(0, "")
 
 
@@ -140,37 +150,72 @@ def names(others: Sequence[Neighbour]) -> str:
     return ", ".join(f"mjbench {other.command} (process {other.pid})" for other in others)
 
 
+def _lines(path: Path) -> list[str]:
+    with _opened(path, os.O_RDONLY) as descriptor:
+        return os.read(descriptor, _MAX_BYTES).decode(errors="replace").splitlines()
+
+
 def _parse(line: str) -> Neighbour | None:
     try:
         value = json.loads(line)
-        return Neighbour(int(value["pid"]), str(value["command"]))
-    except (ValueError, TypeError, KeyError):
+        return Neighbour(int(value["pid"]), one_line(value["command"], limit=40))
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
 
 
 def _create(folder: Path) -> None:
-    """Create the shared folder, in which every user may create files, but remove only their own."""
-    if not folder.is_dir():
+    """Create the shared folder, in which every user may create files, but remove only their own.
+
+    Raises:
+      OSError: it cannot be created, or something else stands in its place.
+    """
+    with contextlib.suppress(FileExistsError):
         folder.mkdir(parents=True)
         folder.chmod(0o1777)
+    mode = folder.lstat().st_mode
+    if not stat.S_ISDIR(mode) or (mode & stat.S_IWOTH and not mode & stat.S_ISVTX):
+        raise OSError(f"{folder} is not a folder for all users")
+
+
+def _create_file(path: Path) -> None:
+    """Create a file that every user may write, unless it exists."""
+    with contextlib.suppress(FileExistsError):
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC)
+        os.close(descriptor)
+        path.chmod(0o666)
 
 
 @contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock on a file; it is created, writable for every user, where it is missing."""
-    with contextlib.suppress(FileExistsError):
-        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY)
-        path.chmod(0o666)
-        os.close(descriptor)
+def _turn(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
+    """Hold the lock of which only one process at a time may begin.
+
+    Raises:
+      OSError: another process holds it for long.
+    """
+    _create_file(path)
     with _opened(path, os.O_RDONLY) as descriptor:
-        platforms.lock_file(descriptor, shared=False, wait=True)
+        for _ in range(round(_TURN_S / _TURN_POLL_S)):
+            try:
+                platforms.lock_file(descriptor, shared=False, wait=False)
+                break
+            except BlockingIOError:
+                sleep(_TURN_POLL_S)
+        else:
+            raise OSError(f"{path} stays locked")
         yield
 
 
 @contextlib.contextmanager
 def _opened(path: Path, flags: int) -> Iterator[int]:
-    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC)
+    """Yield the descriptor of a regular file.
+
+    Raises:
+      OSError: it cannot be opened, or is something else.
+    """
+    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(f"{path} is not a regular file")
         yield descriptor
     finally:
         os.close(descriptor)

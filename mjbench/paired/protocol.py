@@ -103,7 +103,7 @@ class TargetPair:
         # Processes that were started ahead, for the next launch: baseline and candidate.
         self._next: list[WorkerProcess] = []
         self._calibrator: WorkerProcess | None = None
-        self._time_limit, self._has_launched = time_limit or TimeLimit(), False
+        self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         self._prepared = preparation.prepare(
             pool, self._targets, sizes or Sizes(), self._time_limit
         )
@@ -137,7 +137,6 @@ class TargetPair:
             cores.confine([process.pid for process in self._next], cores.USABLE)
         finally:
             self._pool.end(processes)
-        self._has_launched = True
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         return Launch(core, calibrated, orders, np.concatenate([ns for _, ns in layouts]))
 
@@ -185,8 +184,9 @@ class TargetPair:
                     simulations=rows + repeated,
                 )
             )
-        if not self._has_launched:  # steps may have become heavier than those at the start
+        if not self._has_timed:  # steps may have become heavier than those at the start
             self._time_limit.check_first_launch(launch_s(1e-9 * warm_ns))
+        self._has_timed = True
         return _time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
 
     def _calibrate(self) -> float:

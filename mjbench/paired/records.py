@@ -4,8 +4,9 @@ Field names are the keys of the JSON format (docs/formats.md); there the baselin
 candidate `new`, as on the command line.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar
 
 from mjbench.instrument.bounds import (
@@ -155,6 +156,21 @@ class VerdictRecord(VerdictRow):
 def finished(records: Sequence[object]) -> list[VerdictRecord]:
     """Return the verdicts of a run file that need not be measured again when it is continued."""
     return [r for r in records if isinstance(r, VerdictRecord) and r.status in FINISHED]
+
+
+def sides_key(sides: Sequence[TargetRow]) -> str:
+    """Return a text that names two targets as a run file does."""
+    return repr([asdict(side) for side in sides])
+
+
+def by_sides(records: Sequence[VerdictRecord]) -> dict[str, VerdictRecord]:
+    """Return verdicts by their targets, without those that the records do not tell apart.
+
+    Two builds of one version look alike.
+    """
+    counts = Counter(sides_key(record.sides) for record in records)
+    keyed = {sides_key(record.sides): record for record in records}
+    return {key: record for key, record in keyed.items() if counts[key] == 1}
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def trial(pool: WorkerPool, case: Case, plan: verdict.VerdictPlan) -> TrialRecor
     if result.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     if result.status == Status.OK and result.judgement is None:
-        raise MachineError(f"{case.model.name}: {result.detail}")
+        raise MachineError(result.detail)
     if result.status != Status.OK or result.judgement is None:
         raise (InputError if result.status == Status.INPUT else MachineError)(result.detail)
     ratio = verdict.ratio_of(result.judgement)

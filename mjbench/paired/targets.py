@@ -4,7 +4,7 @@ A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from mjbench import paths
@@ -41,6 +41,10 @@ class Target:
     def nthread(self) -> int:
         """How many threads or processes it steps with."""
         return parallelism.nthread(self.options)
+
+    def identity(self) -> dict[str, Any]:
+        """Return what tells it from other targets, JSON-ready: its row, and the release's build."""
+        return {**asdict(self.row()), "build": self.release.key}
 
     def row(self) -> TargetRow:
         """Return what results say of it."""

@@ -137,7 +137,7 @@ class WorkerProcess:
             return child.describe_exit(self._process.process.wait(_EXIT_S))
         except subprocess.TimeoutExpired:
             self._process.end()
-            return "sent what is no answer, killed"
+            return "sent an invalid answer, killed"
 
     def _unpickled(self, content: bytes, *kinds: type) -> Any:
         """Return the answer that bytes stand for.
@@ -153,7 +153,7 @@ class WorkerProcess:
             self._process.end()
             activity = self._pending[0].activity
             raise TargetError(
-                f"{self.name}: sent what is no answer, killed while {activity}"
+                f"{self.name}: sent an invalid answer, killed while {activity}"
                 f" ({one_line(repr(content[:20]))})"
             )
         return answer

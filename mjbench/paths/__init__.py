@@ -8,7 +8,7 @@ import contextlib
 import importlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from mjbench.errors import InputError, describe, one_line, suggestion
@@ -26,6 +26,7 @@ __all__ = [
     "States",
     "SteppingPath",
     "find",
+    "own_files",
     "registry",
 ]
 
@@ -76,6 +77,13 @@ def find(name: str) -> SteppingPath:
     if problem:
         raise InputError(f"path {name}: {problem}")
     return path
+
+
+def own_files(names: Iterable[str]) -> list[Path]:
+    """Return the files of the modules, already imported, that names such as `module:Class` name."""
+    modules = {name.partition(":")[0] for name in names if ":" in name}
+    files = (getattr(sys.modules.get(module), "__file__", None) for module in sorted(modules))
+    return [Path(file) for file in files if file]
 
 
 @contextlib.contextmanager

@@ -131,7 +131,7 @@ def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
     for distribution in distributions:
         # Read directly: `distribution.files` of newer Pythons leaves out missing files.
         record = distribution.read_text("RECORD") or ""
-        for name, _, recorded_size in csv.reader(record.splitlines()):
+        for name, _, recorded_size in filter(None, csv.reader(record.splitlines())):
             if not name.startswith(_FOLDER) or not recorded_size:
                 continue
             try:
@@ -153,7 +153,7 @@ def _damaged_file(record: str, folder: Path) -> str | None:
     try:
         rows = [
             (name, recorded_hash, int(size))
-            for name, recorded_hash, size in csv.reader(record.splitlines())
+            for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
             # no size: RECORD itself and compiled Python; `..`: scripts, which pip puts elsewhere
             if size and not name.startswith("..")
         ]

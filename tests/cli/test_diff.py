@@ -8,14 +8,14 @@ import pytest
 from commands import ROOT, mjbench
 from example_records import measurement, model_record
 
-from mjbench.instrument import machine, runs
+from mjbench.instrument import machine, run_file, runs
 
 RUNS = ROOT / "results/runs"
 
 
-def run_file(folder: Path, jax: str, seconds: float) -> str:
+def stored_run(folder: Path, jax: str, seconds: float) -> str:
     versions = {"jax": jax}
-    file = runs.RunFile.create(
+    file = run_file.RunFile.create(
         folder,
         runs.RunHeader(runs.SCHEMA, "compare", replace(machine.describe(), versions=versions), {}),
     )
@@ -26,8 +26,8 @@ def run_file(folder: Path, jax: str, seconds: float) -> str:
 
 
 def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Path) -> None:
-    old = run_file(tmp_path / "old", "1", 1.0)
-    new = run_file(tmp_path / "new", "2", 1.5)
+    old = stored_run(tmp_path / "old", "1", 1.0)
+    new = stored_run(tmp_path / "new", "2", 1.5)
     refused = mjbench("diff", old, new)
     assert refused.returncode == 2
     assert "they differ in jax (2, 1)" in refused.stdout
@@ -37,7 +37,7 @@ def test_diff_compares_run_files_and_refuses_other_versions_of_jax(tmp_path: Pat
 
 
 def test_run_files_with_nothing_in_common_are_bad_input(tmp_path: Path) -> None:
-    old = run_file(tmp_path, "1", 1.0)
+    old = stored_run(tmp_path, "1", 1.0)
     done = mjbench("diff", old, str(RUNS / "reference-selfcheck-quiet.jsonl"))
     assert done.returncode == 2
     assert "no timed row" in done.stderr

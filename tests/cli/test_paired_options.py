@@ -1,5 +1,7 @@
 """The gate of `versions` and `ab`: what turns the exit code, and that nothing open passes it."""
 
+from dataclasses import replace
+
 import pytest
 
 from mjbench.cli.paired_options import Finding, Gate
@@ -52,6 +54,12 @@ def test_an_open_verdict_passes_where_the_user_allows_it() -> None:
     open_rows = [row(Verdict.INCONCLUSIVE), row(Verdict.SAME)]
     assert Gate(SPEED, allow_inconclusive=True).exit_code(open_rows) == 0
     assert Gate(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)]) == 1
+
+
+def test_work_that_was_not_compared_is_no_green_gate() -> None:
+    unknown = replace(row(Verdict.INCONCLUSIVE), changed_work=None)
+    assert Gate((Finding.CHANGED_WORK,)).exit_code([unknown]) == 3
+    assert Gate((Finding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown]) == 3
 
 
 def test_changed_work_is_a_finding_of_its_own() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from example_records import CHECK
 
 from mjbench.comparison.records import RECORD_TYPES, MeasurementRecord
-from mjbench.instrument import machine, runs
+from mjbench.instrument import machine, run_file, runs
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
 
@@ -23,7 +23,7 @@ RECORD = MeasurementRecord(
 
 
 def stored(folder: Path) -> Path:
-    file = runs.RunFile.create(
+    file = run_file.RunFile.create(
         folder, runs.RunHeader(runs.SCHEMA, "compare", machine.describe(), {})
     )
     file.append(RECORD)

@@ -95,7 +95,7 @@ def test_bytes_that_are_no_message_are_noticed_at_once(garbage: bytes) -> None:
 @pytest.mark.parametrize(
     ("task", "detail"),
     [
-        ("send_garbage", "sent what is no message"),
+        ("send_garbage", "sent an invalid message"),
         ("close_every_descriptor", "Bad file descriptor"),
     ],
 )
@@ -350,3 +350,13 @@ def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
     run("echo", Text(""))
     assert not dead.exists()
     assert alive.exists()
+
+
+def test_what_others_have_started_below_this_process_lives_on() -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as neighbour:
+        mine = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
+        child.end_descendants()
+        assert mine.end() == -signal.SIGKILL
+        assert neighbour.poll() is None
+        neighbour.communicate(b"\n")
+    assert neighbour.returncode == 0

@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 
 from mjbench.errors import InputError, MachineError
-from mjbench.instrument import machine, runs
+from mjbench.instrument import machine, run_file, runs
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ RECORDS = (Sample(1, 0.5), Note("between"), Sample(2))
 
 def written(folder: Path) -> Path:
     """Return a run file with RECORDS."""
-    file = runs.RunFile.create(folder, HEADER)
+    file = run_file.RunFile.create(folder, HEADER)
     for record in RECORDS:
         file.append(record)
     file.close()
@@ -83,7 +83,7 @@ def test_the_header_holds_the_machine_and_the_arguments(tmp_path: Path) -> None:
 
 
 def test_every_record_is_on_disk_as_soon_as_it_is_appended(tmp_path: Path) -> None:
-    file = runs.RunFile.create(tmp_path, HEADER)
+    file = run_file.RunFile.create(tmp_path, HEADER)
     file.append(Sample(1))
     last_line = file.path.read_text().splitlines()[-1]
     assert json.loads(last_line) == {"type": "sample", "index": 1, "seconds": 0.0}
@@ -160,7 +160,7 @@ def test_a_later_format_is_refused_by_number(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_created_is_reported_with_the_option_to_use(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(MachineError, match="--results"):
-        runs.RunFile.create(tmp_path / "file", HEADER)
+        run_file.RunFile.create(tmp_path / "file", HEADER)
 
 
 def test_the_latest_is_the_newest(tmp_path: Path) -> None:
@@ -225,14 +225,14 @@ def test_a_file_that_cannot_hold_its_header_is_not_left_behind(
     def fail(*arguments: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(runs, "_write_line", fail)
+    monkeypatch.setattr(run_file, "_write_line", fail)
     with pytest.raises(MachineError, match="No space left"):
-        runs.RunFile.create(tmp_path, HEADER)
+        run_file.RunFile.create(tmp_path, HEADER)
     assert list(tmp_path.iterdir()) == []
     path = tmp_path / "earlier.jsonl"
     path.write_text("earlier")
     with pytest.raises(MachineError, match="No space left"):
-        runs.RunFile.rewrite(path, HEADER, RECORDS)
+        run_file.RunFile.rewrite(path, HEADER, RECORDS)
     assert [p.read_text() for p in tmp_path.iterdir()] == ["earlier"]
 
 
@@ -241,11 +241,10 @@ def test_a_file_that_cannot_hold_its_header_is_not_left_behind(
 
 def test_a_rewritten_file_holds_the_records_given_and_those_appended(tmp_path: Path) -> None:
     path = written(tmp_path)
-    file = runs.RunFile.rewrite(path, HEADER, RECORDS[:1])
+    file = run_file.RunFile.rewrite(path, HEADER, RECORDS[:1])
     file.append(Sample(9))
     file.close()
     assert runs.load(path, TYPES) == runs.Run(HEADER, (RECORDS[0], Sample(9)))
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_torn_last_line_is_noted(tmp_path: Path) -> None:
@@ -256,7 +255,7 @@ def test_a_torn_last_line_is_noted(tmp_path: Path) -> None:
 
 
 def test_a_number_that_is_not_finite_is_stored_as_nothing(tmp_path: Path) -> None:
-    file = runs.RunFile.create(tmp_path, HEADER)
+    file = run_file.RunFile.create(tmp_path, HEADER)
     file.append(Sample(1, float("nan")))
     file.append(Note("\udce9\n"))
     file.close()
@@ -266,14 +265,26 @@ def test_a_number_that_is_not_finite_is_stored_as_nothing(tmp_path: Path) -> Non
 
 
 def test_a_file_that_is_still_written_cannot_be_continued(tmp_path: Path) -> None:
-    file = runs.RunFile.create(tmp_path, HEADER)
+    file = run_file.RunFile.create(tmp_path, HEADER)
     with pytest.raises(MachineError, match="another mjbench is writing it"):
-        runs.RunFile.rewrite(file.path, HEADER, ())
+        run_file.RunFile.rewrite(file.path, HEADER, ())
     file.append(Sample(1))
     file.close()
-    again = runs.RunFile.rewrite(file.path, HEADER, (Sample(1),))
+    again = run_file.RunFile.rewrite(file.path, HEADER, (Sample(1),))
     with pytest.raises(MachineError, match="another mjbench is writing it"):
-        runs.RunFile.rewrite(file.path, HEADER, ())
+        run_file.RunFile.rewrite(file.path, HEADER, ())
     again.close()
     assert runs.load(file.path, TYPES).records == (Sample(1),)
     assert list(tmp_path.iterdir()) == [file.path]
+
+
+def test_records_that_are_dropped_stay_in_a_file_beside(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    before = path.read_text()
+    run_file.RunFile.rewrite(path, HEADER, RECORDS).close()
+    assert list(tmp_path.iterdir()) == [path]
+    run_file.RunFile.rewrite(path, HEADER, RECORDS[:1]).close()
+    backup = path.with_name(f"{path.name}.bak")
+    assert sorted(tmp_path.iterdir()) == [path, backup]
+    assert backup.read_text() == before
+    assert runs.latest(tmp_path) == path

@@ -106,7 +106,7 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
         worker._pending.append(TimeBlocks())
         with pytest.raises(TargetError) as caught:
             worker.time_block() if is_block else worker.wait()
-    assert str(caught.value).startswith("baseline: sent what is no answer, killed while running")
+    assert str(caught.value).startswith("baseline: sent an invalid answer, killed while running")
     assert "\n" not in str(caught.value)
     assert process.has_ended
 
