@@ -49,8 +49,12 @@ class Neighbour:
 
 def shared_folder() -> Path:
     """Return the folder that all users of this machine share."""
-    root = Path(os.environ.get(FOLDER_VARIABLE) or "/tmp")  # not TMPDIR: it may be each user's own
-    return (root if root.is_dir() else Path(tempfile.gettempdir())) / _FOLDER
+    root = Path("/tmp")  # not TMPDIR, which may be each user's own
+    if named := os.environ.get(FOLDER_VARIABLE):
+        root = Path(named)
+    elif not root.is_dir():
+        root = Path(tempfile.gettempdir())
+    return root / _FOLDER
 
 
 class Presence:
