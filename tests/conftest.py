@@ -1,5 +1,6 @@
 """What the tests share: a small model that starts in contact, and its workload."""
 
+import signal
 from typing import Any
 
 import mujoco
@@ -11,9 +12,12 @@ from mjbench.simulation import workload
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Time nothing unless asked to: `pytest` runs every benchmark once, to see that it works."""
+    """Time nothing unless asked to, and take signals; `pytest` runs every benchmark once."""
     if not (config.getoption("benchmark_only") or config.getoption("benchmark_enable")):
         config.option.benchmark_disable = True
+    # what runs in the background of a script has these ignored, and passes that on
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -116,7 +116,6 @@ def test_an_interrupt_is_one_line_and_saves_what_was_measured(
         env={**os.environ, "PYTHONPATH": PYTHONPATH,
              "MJBENCH_TEST_PIPE": str(tmp_path / "pipe"), "TMPDIR": str(tmp_path / "scratch")},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # not that of nohup
     )  # fmt: skip
     if when == "while a path hangs":
         (tmp_path / "pipe").read_text()  # returns when the path before it was prepared

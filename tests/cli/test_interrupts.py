@@ -19,7 +19,7 @@ class ExitedError(Exception):
 @pytest.fixture(autouse=True)
 def restored_handlers() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    before[signal.SIGHUP] = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # not that of nohup
+    before[signal.SIGHUP] = signal.getsignal(signal.SIGHUP)
     yield
     for number, handler in before.items():
         signal.signal(number, handler)

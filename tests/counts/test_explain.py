@@ -1,19 +1,24 @@
 """What explains the difference of two counts, and the verdict on instructions."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from commands import mjbench
 
+from mjbench.cli import cli
 from mjbench.counts import explain, instructions
-from mjbench.counts.instructions import ModelCount
+from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import FunctionCount
 from mjbench.instrument.runs import to_json
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import Ratio, TargetRow, VerdictRow
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -152,20 +157,43 @@ def test_the_command_compares_functions_and_writes_json(tmp_path: Path) -> None:
     assert row["time"] is None
 
 
-@needs_valgrind
-def test_instructions_can_gate_an_upgrade(tmp_path: Path) -> None:
-    done = mjbench(
+class InventedCounter:
+    """Counts without Callgrind: the second release takes `factor` as many instructions."""
+
+    def __init__(self, factor: float):
+        self.factor, self.calls = factor, 0
+
+    def count(
+        self, release: ReleaseSpec, sources: Sequence[ModelSource], limit_s: float = 0.0
+    ) -> list[ModelCount]:
+        self.calls += 1
+        cost = 1000.0 * (self.factor if self.calls == 2 else 1.0)
+        return [replace(counted(release.version, a=cost), model=s.name) for s in sources]
+
+
+@pytest.mark.parametrize(
+    ("factor", "verdict", "code"), [(1.0, "same", 0), (1.02, "slower", 1), (0.9, "faster", 0)]
+)
+def test_instructions_can_gate_an_upgrade(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, factor: float, verdict: str, code: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(instructions, "unavailable", lambda: None)
+    counter = InventedCounter(factor)
+    monkeypatch.setattr(InstructionCounter, "count", counter.count)
+    words = [
         *("versions", "installed", "installed", "cartpole", "--metric", "instructions"),
         *("--fail-on", "slower,changed-work", "--min-effect", "0.5%", "--json", "out.json"),
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
+    ]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == code, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
-    assert (row["metric"], row["verdict"], row["changed_work"]) == ("instructions", "same", False)
-    assert row["ratio"]["estimate"] == pytest.approx(1.0, abs=1e-3)
+    assert (row["metric"], row["verdict"], row["changed_work"]) == ("instructions", verdict, False)
     assert "same work" in done.stdout
-    again = mjbench("show", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
+    assert "same work" in CliRunner().invoke(cli, ["show"]).stdout
+    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+    again = CliRunner().invoke(cli, [*words, "--resume", str(file)])
+    assert (again.exit_code, counter.calls) == (code, 2)
 
 
 def test_instructions_are_of_the_plain_loop() -> None:
