@@ -6,9 +6,14 @@ from typing import Any
 import mujoco
 import pytest
 from example_models import CONTACT_XML
+from hypothesis import settings
 
 from mjbench.instrument import neighbours
 from mjbench.simulation import workload
+
+# The same examples in every run: a test that passed does not fail by chance.
+settings.register_profile("mjbench", derandomize=True, deadline=None)
+settings.load_profile("mjbench")
 
 
 def pytest_configure(config: pytest.Config) -> None:
