@@ -34,6 +34,9 @@ class Cli(click.Group):
         try:
             with _errors_reported():
                 return super().main(*arguments, **options)
+        except SystemExit as ending:
+            _flush_output(is_failure=ending.code == ExitCode.ENVIRONMENT)
+            raise
         finally:
             _flush_output()
 
@@ -132,8 +135,12 @@ def _write_details(error: Exception) -> str | None:
     return file.name
 
 
-def _flush_output() -> None:
-    """Write out what standard output holds; end with exit code 3 where that fails."""
+def _flush_output(is_failure: bool = False) -> None:
+    """Write out what standard output holds; end with exit code 3 where that fails.
+
+    Args:
+      is_failure: whether a failure, which may be the same one, was reported before.
+    """
     try:
         sys.stdout.flush()
     except (AttributeError, ValueError):  # there is none, or it is closed
@@ -141,7 +148,7 @@ def _flush_output() -> None:
     except OSError as error:
         # a second attempt, when the interpreter ends, would fail as well
         sys.stdout = None
-        if not isinstance(error, BrokenPipeError):
+        if not (is_failure or isinstance(error, BrokenPipeError)):
             report_line(f"cannot write to standard output: {error.strerror}")
         sys.exit(ExitCode.ENVIRONMENT)
 
