@@ -8,7 +8,7 @@ STAMP := $(VENV)/.up-to-date
 
 help:
 	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (3 to 6 minutes)"
-	@echo "make test      run lint (see below) and the tests (7 to 9 minutes on two cores)"
+	@echo "make test      run lint (see below) and the tests (about 10 minutes on two cores)"
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"
