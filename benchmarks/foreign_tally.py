@@ -178,11 +178,11 @@ def judge(files: PackageFiles, file: str, records: "ModelRecords") -> FileResult
             return FileResult(file, Outcome.NOTHING_TO_STEP)
         return FileResult(file, Outcome.REFUSED, reason)
     for status, outcome in _OUTCOMES.items():
-        guilty = [m for m in records.measurements if m.status == status]
-        if guilty:
-            where = _variant(guilty[0].path, guilty[0].options)
-            others = f" (and {len(guilty) - 1} more variants)" if len(guilty) > 1 else ""
-            detail = guilty[0].detail.replace(f"{files.root}/", "")
+        ended_so = [m for m in records.measurements if m.status == status]
+        if ended_so:
+            where = _variant(ended_so[0].path, ended_so[0].options)
+            others = f" (and {len(ended_so) - 1} more variants)" if len(ended_so) > 1 else ""
+            detail = ended_so[0].detail.replace(f"{files.root}/", "")
             cause = _stopping_warning(model)
             return FileResult(
                 file, outcome, one_line(f"{cause}{where}: {detail}{others}"), statuses
@@ -223,7 +223,7 @@ def _rejection(root: Path, message: str) -> Outcome:
     return Outcome.NAME_MISSING if _UNKNOWN_NAME.search(message) else Outcome.REJECTED
 
 
-def overlay(earlier: Iterable[FileResult], newer: Iterable[FileResult]) -> list[FileResult]:
+def merge_by_file(earlier: Iterable[FileResult], newer: Iterable[FileResult]) -> list[FileResult]:
     """Return the results by file, sorted; a newer one replaces the earlier one of its file."""
     by_file = {result.file: result for result in [*earlier, *newer]}
     return [by_file[file] for file in sorted(by_file)]

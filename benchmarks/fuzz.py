@@ -80,10 +80,10 @@ _LEFT_OUT = {"update", "verify", "install", "remove", "history"}
 
 @dataclass(frozen=True)
 class Problem:
-    """What was wrong with the end of a command, and the command."""
+    """A command that did not end well: what was wrong, and its arguments."""
 
-    what: str
-    words: tuple[str, ...]
+    defect: str
+    arguments: tuple[str, ...]
 
 
 def command_lines(seed: int) -> Iterator[tuple[str, ...]]:
@@ -112,7 +112,7 @@ def _leaves(
 def _options(choices: random.Random, command: "click.Command") -> list[str]:
     import click
 
-    words: list[str] = []
+    arguments: list[str] = []
     for option in command.params:
         if not isinstance(option, click.Option):
             continue
@@ -121,12 +121,12 @@ def _options(choices: random.Random, command: "click.Command") -> list[str]:
             continue
         if choices.random() < 0.25:
             if option.is_flag:
-                words.append(flag)
+                arguments.append(flag)
             else:
-                words += [flag, _value(choices, str(option.name))]
+                arguments += [flag, _value(choices, str(option.name))]
         elif option.name in _SHORT:
-            words += [flag, _SHORT[option.name]]
-    return words
+            arguments += [flag, _SHORT[option.name]]
+    return arguments
 
 
 def _value(choices: random.Random, name: str) -> str:
@@ -178,7 +178,7 @@ def judge(code: int, out: str, err: str) -> str:
     return "" if out + err or code in (0, 1) else f"exit code {code} without a word"
 
 
-def run(words: tuple[str, ...]) -> tuple[int, Problem | None]:
+def run(arguments: tuple[str, ...]) -> tuple[int, Problem | None]:
     """Run a command line in a folder of its own; return its exit code, and what was wrong."""
     with tempfile.TemporaryDirectory() as name:
         folder, temporary = Path(name) / "work", Path(name) / "tmp"
@@ -195,7 +195,7 @@ def run(words: tuple[str, ...]) -> tuple[int, Problem | None]:
         }
         try:
             done = subprocess.run(
-                [sys.executable, "-m", "mjbench", *words],
+                [sys.executable, "-m", "mjbench", *arguments],
                 cwd=folder,
                 env=environment,
                 stdin=subprocess.DEVNULL,
@@ -204,24 +204,24 @@ def run(words: tuple[str, ...]) -> tuple[int, Problem | None]:
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            return -1, Problem(f"no end within {_TIMEOUT_S:g} s", words)
+            return -1, Problem(f"no end within {_TIMEOUT_S:g} s", arguments)
         out, err = done.stdout.decode(errors="replace"), done.stderr.decode(errors="replace")
-        what = judge(done.returncode, out, err)
+        defect = judge(done.returncode, out, err)
         changed = {name for name, digest in digests(folder).items() if digest != before[name]}
-        if not what and changed - _outputs(words):
-            what = f"{', '.join(changed)} has changed"
-        left = [path.name for path in temporary.iterdir() if "error" not in path.name]
-        if not what and left:
-            what = f"it left {', '.join(left)}"
-        return done.returncode, Problem(what, words) if what else None
+        if not defect and changed - _outputs(arguments):
+            defect = f"{', '.join(changed)} has changed"
+        leftovers = [path.name for path in temporary.iterdir() if "error" not in path.name]
+        if not defect and leftovers:
+            defect = f"it left {', '.join(leftovers)}"
+        return done.returncode, Problem(defect, arguments) if defect else None
 
 
-def _outputs(words: tuple[str, ...]) -> set[str]:
+def _outputs(arguments: tuple[str, ...]) -> set[str]:
     """Return the file that a command line may replace: its JSON document, unless it reads it."""
-    if "--json" not in words:
+    if "--json" not in arguments:
         return set()
-    target = words[words.index("--json") + 1]
-    return {target} if words.count(target) == 1 else set()
+    target = arguments[arguments.index("--json") + 1]
+    return {target} if arguments.count(target) == 1 else set()
 
 
 def main() -> int:
@@ -239,7 +239,9 @@ def main() -> int:
             codes[code] += 1
             if problem is not None:
                 problems.append(problem)
-                print(f"{problem.what}: mjbench {shlex.join(problem.words)[:300]!r}", flush=True)
+                print(
+                    f"{problem.defect}: mjbench {shlex.join(problem.arguments)[:300]!r}", flush=True
+                )
             if number % 100 == 0:
                 print(f"{number:6,} inputs, {len(problems)} problems", flush=True)
     counts = ", ".join(f"{codes[code]:,} with exit code {code}" for code in sorted(codes))

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 from pathlib import Path
 
 
@@ -19,3 +20,10 @@ def descendants() -> set[int]:
         level = {pid for pid, parent in parent_of.items() if parent in level}
         below |= level
     return below
+
+
+def ends(process: int) -> bool:
+    """Return whether the process behind a pidfd ends; the wait is only for a test that fails."""
+    ready, _, _ = select.select([process], [], [], 60.0)
+    os.close(process)
+    return bool(ready)

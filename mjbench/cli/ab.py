@@ -7,20 +7,20 @@ from typing import Any
 import click
 
 from mjbench.cli import paired_options
-from mjbench.cli.context import Output
+from mjbench.cli.context import OutputOptions
+from mjbench.cli.fail_on import FAIL_ON, FailOn, Finding
 from mjbench.cli.group import cli
-from mjbench.cli.paired_options import GATE, Finding, Gate
 from mjbench.cli.shared import JUDGING, SIZES, STORING, with_options
 
 
 @cli.command()
 @click.argument("baseline", metavar="BASELINE")
 @click.argument("candidate", metavar="CANDIDATE")
-@with_options(*GATE, *JUDGING, *SIZES, *STORING)
+@with_options(*FAIL_ON, *JUDGING, *SIZES, *STORING)
 def ab(
     baseline: str,
     candidate: str,
-    fail_on: list[Finding],
+    findings: list[Finding],
     allow_inconclusive: bool,
     results: Path,
     resume: Path | None,
@@ -45,6 +45,6 @@ def ab(
 
     pairs = [targets.parse(baseline, candidate)]
     plan = paired_options.verdict_plan(**chosen)
-    gate = Gate(fail_on, allow_inconclusive)
-    output = Output(results, resume, wait, json_file)
-    sys.exit(paired_options.compare_targets("ab", pairs, plan, gate, output))
+    fail_on = FailOn(findings, allow_inconclusive)
+    output = OutputOptions(results, resume, wait, json_file)
+    sys.exit(paired_options.compare_targets("ab", pairs, plan, fail_on, output))

@@ -25,7 +25,7 @@ from mjbench.cli.shared import (
     with_options,
 )
 from mjbench.errors import MachineError
-from mjbench.instrument.machine import MAX_THREADS
+from mjbench.instrument.limits import MAX_THREADS
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _compare(
     from mjbench.comparison import compare
     from mjbench.comparison.records import finished
     from mjbench.instrument.runs import to_json
-    from mjbench.paths import own_files
+    from mjbench.paths import user_module_files
     from mjbench.report import comparison as report
     from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
@@ -157,11 +157,11 @@ def _compare(
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
-    files += own_files(variant.path for variant in plans[0].variants)
+    files += user_module_files(variant.path for variant in plans[0].variants)
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance:
             for number, (source, plan) in enumerate(turns):
-                records = compare.stored(source, plan, run.finished)
+                records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
                     on_progress = functools.partial(advance, number)
                     records = compare.compare_model(source, plan, on_progress)

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Any
 from mjbench.cli import interrupts
 from mjbench.cli.group import report_line
 from mjbench.cli.output_file import OutputFile
-from mjbench.errors import InputError, printable
-from mjbench.instrument import neighbours
-from mjbench.instrument.neighbours import Neighbour, Presence
+from mjbench.errors import InputError
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from mjbench.instrument.machine import Machine
+    from mjbench.instrument.neighbours import Neighbour, Presence
     from mjbench.instrument.run_file import RunFile
     from mjbench.instrument.runs import Record
 
@@ -28,7 +27,7 @@ Advance = Callable[[int, str, float], None]
 
 
 @dataclass(frozen=True)
-class Output:
+class OutputOptions:
     """Where the results of a command go, as its options say.
 
     Attributes:
@@ -52,13 +51,13 @@ class Storage:
       results: folder for a new run file.
       arguments: of the command, stored in the file's header; a dataclass or JSON-ready values.
       resume: run file to continue instead; None to begin one.
-      finished: selects the records of a continued file that need not be measured again.
+      select_finished: selects the records of a continued file that need not be measured again.
     """
 
     results: Path
     arguments: Any
     resume: Path | None = None
-    finished: "Callable[[Sequence[Record]], Sequence[Record]]" = lambda records: records
+    select_finished: "Callable[[Sequence[Record]], Sequence[Record]]" = lambda records: records
 
 
 class RunContext:
@@ -71,7 +70,7 @@ class RunContext:
     Attributes:
       out: console for people; standard error while JSON goes to standard output.
       interrupted: whether the user stopped the work.
-      finished: records of the run that is continued; empty for a new one.
+      resumed_records: of the run that is continued; empty for a new one.
     """
 
     def __init__(
@@ -99,7 +98,7 @@ class RunContext:
 
         self.out: Console = tables.console(stderr=json_file == "-")
         self.interrupted = False
-        self.finished: Sequence[Record] = ()
+        self.resumed_records: Sequence[Record] = ()
         self._command, self._inputs, self._storage = command, inputs, storage
         resumed = [storage.resume] if storage and storage.resume else []
         self._json = OutputFile("--json", json_file, [*inputs, *resumed])
@@ -120,7 +119,7 @@ class RunContext:
             closing.callback(self._json.close)
             self._json.open()
             if self._wait is not None:
-                self._presence = closing.enter_context(_noticed(self._command, wait=self._wait))
+                self._presence = closing.enter_context(_announced(self._command, wait=self._wait))
             if self._storage is not None:
                 self._run_file = self._open_run_file(self._storage)
                 closing.callback(self._run_file.close)
@@ -139,8 +138,8 @@ class RunContext:
                 self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
             if self._presence is not None and (others := self._presence.later_neighbours()):
                 report_line(
-                    f"another mjbench began to measure on this machine during this run:"
-                    f" {neighbours.names(others)}; these figures are unreliable"
+                    "another mjbench began to measure on this machine during this run"
+                    f" ({_names(others)}): these timings are unreliable"
                 )
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
@@ -154,7 +153,7 @@ class RunContext:
             self._command,
             self.machine,
             runs.to_json(storage.arguments),
-            self._digests(),
+            tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._inputs)),
         )
         if storage.resume is None:
             return RunFile.create(storage.results, header)
@@ -164,18 +163,8 @@ class RunContext:
         resume.check_continues(storage.resume, stored.header, header)
         if stored.is_torn:
             report_line(f"{storage.resume}: the last line was cut short; it is left out")
-        self.finished = tuple(storage.finished(stored.records))
-        return RunFile.rewrite(storage.resume, stored.header, self.finished)
-
-    def _digests(self) -> dict[str, str]:
-        """Return what names the content of the input files, by file name."""
-        from mjbench.instrument import runs
-
-        digests: dict[str, str] = {}
-        for path in dict.fromkeys(self._inputs):  # files of one name lie in different folders
-            name = printable(path.name)
-            digests[name] = f"{digests.get(name, '')} {runs.digest(path)}".strip()
-        return digests
+        self.resumed_records = tuple(storage.select_finished(stored.records))
+        return RunFile.rewrite(storage.resume, stored.header, self.resumed_records)
 
     @property
     def machine(self) -> "Machine":
@@ -238,17 +227,25 @@ class RunContext:
 
 
 @contextlib.contextmanager
-def _noticed(command: str, wait: bool) -> Iterator[Presence]:
+def _announced(command: str, wait: bool) -> Iterator["Presence"]:
     """Take part in measuring on this machine: warn of others that do, or wait for them."""
-    presence = Presence(command)
-    with presence:
+    from mjbench.instrument.neighbours import Presence
+
+    with Presence(command) as presence:
         if others := presence.enter(wait, _report_wait):
             report_line(
-                f"another mjbench measures on this machine: {neighbours.names(others)}; the figures"
-                " of both are unreliable; --wait waits for it"
+                f"another mjbench is measuring on this machine ({_names(others)}): timings of both"
+                " are unreliable; use --wait to start after it"
             )
         yield presence
 
 
-def _report_wait(others: Sequence[Neighbour]) -> None:
-    report_line(f"waiting until another mjbench has measured: {neighbours.names(others)}")
+def _report_wait(others: Sequence["Neighbour"]) -> None:
+    report_line(f"waiting for {_names(others)} to finish measuring")
+
+
+def _names(others: Sequence["Neighbour"]) -> str:
+    return ", ".join(
+        f"mjbench {other.command}, process {other.pid}" if other.pid else "an unidentified process"
+        for other in others
+    )

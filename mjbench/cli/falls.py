@@ -5,7 +5,7 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
 from mjbench.cli.shared import COUNT, JSON, SEED_NUMBER, Angles, Numbers
-from mjbench.instrument.machine import MAX_THREADS
+from mjbench.instrument.limits import MAX_THREADS
 
 
 @cli.command()

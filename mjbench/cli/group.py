@@ -4,8 +4,6 @@ import contextlib
 import errno
 import io
 import sys
-import tempfile
-import traceback
 from collections.abc import Iterator
 from typing import Any
 
@@ -37,8 +35,6 @@ class Cli(click.Group):
         except SystemExit as ending:
             _flush_output(is_failure=ending.code == ExitCode.ENVIRONMENT)
             raise
-        finally:
-            _flush_output()
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -119,6 +115,9 @@ def _exhausted(error: BaseException | None) -> str:
 
 def _write_details(error: Exception) -> str | None:
     """Write an error's traceback to a new file; return its name, or None where none can be."""
+    import tempfile
+    import traceback
+
     details = "".join(traceback.format_exception(error))
     try:
         with tempfile.NamedTemporaryFile(

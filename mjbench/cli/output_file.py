@@ -1,15 +1,14 @@
 """The file that a command writes: never an input, and only when the text for it is complete."""
 
 import os
-import stat
 import sys
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import click
 
 from mjbench.errors import InputError, MachineError, writing
+from mjbench.instrument import files
 
 
 class OutputFile:
@@ -53,10 +52,7 @@ class OutputFile:
                 if self._is_special:
                     return
                 self._target.open("ab").close()  # a folder, no permission, a loop of links
-            folder, prefix = self._target.parent, f".{self._target.name}."
-            descriptor, partial = tempfile.mkstemp(dir=folder, prefix=prefix)
-            os.close(descriptor)
-            self._partial = Path(partial)
+            self._partial = files.create_beside(self._target)
 
     def write(self, text: str) -> None:
         """Write the whole text.
@@ -74,8 +70,7 @@ class OutputFile:
                 self._target.write_text(text, encoding="utf-8")
                 return
             self._partial.write_text(text, encoding="utf-8")
-            self._partial.chmod(self._mode())
-            self._partial.replace(self._target)
+            files.put_in_place(self._partial, self._target)
             self._partial = None
 
     def close(self) -> None:
@@ -88,13 +83,6 @@ class OutputFile:
         """Whether the target is a device, a pipe or a socket, which must not be replaced."""
         return self._target.exists() and not (self._target.is_file() or self._target.is_dir())
 
-    def _mode(self) -> int:
-        """Return the permissions of the file that is replaced, or those of a new one."""
-        try:
-            return stat.S_IMODE(self._target.stat().st_mode)
-        except OSError:
-            return 0o666 & ~_umask()
-
 
 def _real(name: str) -> str:
     """Return the path of a file without links; a name that no file can have, as it is."""
@@ -102,9 +90,3 @@ def _real(name: str) -> str:
         return os.path.realpath(name)
     except ValueError:
         return name
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

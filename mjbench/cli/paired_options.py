@@ -2,20 +2,17 @@
 
 import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from enum import StrEnum
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
-from mjbench.cli.context import Advance, Output, RunContext, Storage
+from mjbench.cli.context import Advance, OutputOptions, RunContext, Storage
+from mjbench.cli.fail_on import FailOn
 from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.instrument import platforms
-from mjbench.paired.outcomes import Verdict
-from mjbench.status import ExitCode, Status, exit_code
+from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
     from mjbench.paired.records import VerdictRow
@@ -25,75 +22,6 @@ if TYPE_CHECKING:
 
 # After as many launches, the progress bar of a comparison is half full.
 _HALFWAY_LAUNCHES = 15
-
-
-class Finding(StrEnum):
-    """What `--fail-on` can name: a verdict, or work that changed."""
-
-    SLOWER = Verdict.SLOWER
-    FASTER = Verdict.FASTER
-    CHANGED_WORK = "changed-work"
-    INCONCLUSIVE = Verdict.INCONCLUSIVE
-
-
-def _findings(ctx: click.Context, param: click.Parameter, value: str | None) -> list[Finding]:
-    names = [name.strip() for name in (value or "").split(",") if name.strip()]
-    for name in names:
-        if name not in list(Finding):
-            raise click.BadParameter(f"{name!r} is not one of {', '.join(Finding)}")
-    if value is not None and not names:
-        raise click.BadParameter(f"no finding given; name one or more of {', '.join(Finding)}")
-    return [Finding(name) for name in names]
-
-
-GATE = (
-    click.option(
-        "--fail-on",
-        metavar="FINDING,…",
-        callback=_findings,
-        help=f"Exit 1 when one of these is found: {', '.join(Finding)}. Exit 3 when the time limit"
-        " leaves it open whether a target is slower or faster.",
-    ),
-    click.option(
-        "--allow-inconclusive",
-        is_flag=True,
-        help="With --fail-on: an inconclusive verdict does not change the exit code.",
-    ),
-)
-
-
-@dataclass(frozen=True)
-class Gate:
-    """What the exit code of a command depends on, beside failures.
-
-    Attributes:
-      findings: what ends it with exit code 1.
-      allow_inconclusive: whether verdicts on speed may stay open.
-    """
-
-    findings: Sequence[Finding] = ()
-    allow_inconclusive: bool = False
-
-    def exit_code(self, rows: Sequence["VerdictRow"]) -> ExitCode:
-        """Return the exit code that verdicts stand for; a failure outweighs a finding."""
-        code = exit_code(row.status for row in rows)
-        if code != ExitCode.OK:
-            return code
-        outcomes: set[str] = {row.verdict for row in rows if row.verdict is not None}
-        if any(row.changed_work for row in rows):
-            outcomes.add(Finding.CHANGED_WORK)
-        if outcomes & set(self.findings):
-            return ExitCode.FINDING
-        is_open = False
-        if self._asks_for_speed and not self.allow_inconclusive:
-            is_open = Verdict.INCONCLUSIVE in outcomes or any(row.verdict is None for row in rows)
-        if Finding.CHANGED_WORK in self.findings:
-            is_open |= any(row.changed_work is None for row in rows)
-        return ExitCode.ENVIRONMENT if is_open else ExitCode.OK
-
-    @property
-    def _asks_for_speed(self) -> bool:
-        return bool({Finding.SLOWER, Finding.FASTER} & set(self.findings))
 
 
 def releases_and_models(names: Sequence[str]) -> tuple[list[str], list["ModelSource"]]:
@@ -171,8 +99,8 @@ def compare_targets(
     command: str,
     pairs: Sequence[tuple["Target", "Target"]],
     plan: "VerdictPlan",
-    gate: Gate,
-    output: Output,
+    fail_on: FailOn,
+    output: OutputOptions,
 ) -> ExitCode:
     """Compare pairs of targets, print and store the verdicts; return the exit code.
 
@@ -180,7 +108,7 @@ def compare_targets(
       command: its name, for the run file.
       pairs: baseline and candidate of each comparison.
       plan: of each verdict.
-      gate: what the exit code depends on.
+      fail_on: what the exit code depends on.
       output: where results go.
     """
     from mjbench.paired import records, verdict
@@ -189,10 +117,10 @@ def compare_targets(
     warn_if_unpinned()
     rows: list[VerdictRow] = []
     targets = [target for pair in pairs for target in pair]
-    arguments = {**asdict(plan), "targets": [target.identity() for target in targets]}
+    arguments = {**asdict(plan), "targets": [target.row() for target in targets]}
     storage = Storage(output.results, arguments, output.resume, records.finished)
     with RunContext(command, output.json_file, input_files(targets), storage, output.wait) as run:
-        earlier = records.by_sides(records.finished(run.finished))
+        earlier = records.by_sides(records.finished(run.resumed_records))
         with run.progress(len(pairs)) as advance, WorkerPool() as pool:
             for number, (baseline, candidate) in enumerate(pairs):
                 stored = earlier.get(records.sides_key((baseline.row(), candidate.row())))
@@ -207,7 +135,7 @@ def compare_targets(
                 if result.status == Status.INTERRUPTED:
                     break
         report(run, rows)
-    return gate.exit_code(rows)
+    return fail_on.exit_code(rows)
 
 
 def input_files(targets: Iterable["Target"]) -> list[Path]:

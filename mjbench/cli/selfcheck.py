@@ -1,6 +1,7 @@
 """The command `mjbench selfcheck`: how often verdicts are wrong."""
 
 import contextlib
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,9 @@ from mjbench.errors import MjbenchError
 from mjbench.status import Status
 
 if TYPE_CHECKING:
+    from mjbench.paired.records import TrialRecord
+    from mjbench.paired.selfcheck import Case
+    from mjbench.paired.verdict import VerdictPlan
     from mjbench.simulation.models import ModelSource
 
 
@@ -57,9 +61,8 @@ def selfcheck(
     MODEL: cartpole and humanoid.
     """
     from mjbench.paired import selfcheck as checks
-    from mjbench.paired.records import TrialRecord, trial_records
+    from mjbench.paired.records import trial_records
     from mjbench.paired.verdict import VerdictPlan
-    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report import verdicts
     from mjbench.report.documents import SelfcheckDocument
     from mjbench.simulation import models
@@ -71,32 +74,51 @@ def selfcheck(
     arguments = {**asdict(plan), "trials": trials, "busy": busy}
     arguments |= {"slowdowns": slowdowns, "models": [source.name for source in sources]}
     storage = Storage(results, arguments, resume, trial_records)
-    failures: list[Status] = []
     files = [source.path for source in sources]
     with RunContext("selfcheck", json_file, files, storage, wait) as run:
-        records = trial_records(run.finished)
-        with (
-            run.progress(trials * len(cases)) as advance,
-            checks.busy_neighbour_core() if busy else contextlib.nullcontext(),
-            WorkerPool() as pool,
-        ):
-
-            def on_trial(record: TrialRecord) -> None:
-                run.record(record)
-                records.append(record)
-                advance(len(records), f"{record.model} {100 * record.slowdown:g} %", 0.0)
-
-            def on_failure(model: "ModelSource", error: MjbenchError) -> None:
-                report_line(f"{model.name}: {error}")
-                failures.append(error.status)
-
-            try:
-                checks.run(
-                    pool, checks.remaining(cases, trials, records), plan, on_trial, on_failure
-                )
-            except KeyboardInterrupt:
-                run.interrupt()
+        records = trial_records(run.resumed_records)
+        remaining = checks.remaining(cases, trials, records)
+        with checks.busy_neighbour_core() if busy else contextlib.nullcontext():
+            failures = _run_trials(run, remaining, plan, records, trials * len(cases))
         rows = checks.summary(records)
         run.out.print(verdicts.selfcheck_table(rows))
         run.write(SelfcheckDocument(machine=run.machine, busy=busy, results=rows))
     run.exit(failures)
+
+
+def _run_trials(
+    run: RunContext,
+    cases: Iterable["Case"],
+    plan: "VerdictPlan",
+    records: list["TrialRecord"],
+    total: int,
+) -> list[Status]:
+    """Run a trial of each case; store and append its record; return how failed models ended.
+
+    Args:
+      run: where records go.
+      cases: of the trials.
+      plan: of every verdict.
+      records: of all trials so far.
+      total: number of trials, with those that were done before.
+    """
+    from mjbench.paired import selfcheck as checks
+    from mjbench.paired.worker_pool import WorkerPool
+
+    failures: list[Status] = []
+    with run.progress(total) as advance, WorkerPool() as pool:
+
+        def on_trial(record: "TrialRecord") -> None:
+            run.record(record)
+            records.append(record)
+            advance(len(records), f"{record.model} {100 * record.slowdown:g} %", 0.0)
+
+        def on_failure(model: "ModelSource", error: MjbenchError) -> None:
+            report_line(f"{model.name}: {error}")
+            failures.append(error.status)
+
+        try:
+            checks.run(pool, cases, plan, on_trial, on_failure)
+        except KeyboardInterrupt:
+            run.interrupt()
+    return failures

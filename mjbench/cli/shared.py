@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from mjbench.errors import InputError, one_line
-from mjbench.instrument.machine import MAX_COUNT
+from mjbench.instrument.limits import MAX_COUNT
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjbench.cli import paired_options
-from mjbench.cli.context import Output, RunContext, Storage
+from mjbench.cli.context import OutputOptions, RunContext, Storage
+from mjbench.cli.fail_on import FAIL_ON, FailOn, Finding
 from mjbench.cli.group import cli
-from mjbench.cli.paired_options import GATE, Finding, Gate
 from mjbench.cli.shared import JUDGING, SIZES, STORING, Names, with_options
 from mjbench.errors import InputError
 from mjbench.paired.outcomes import Metric
@@ -50,14 +50,14 @@ if TYPE_CHECKING:
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
     " --precision and --time-limit do not apply.",
 )
-@with_options(*GATE, *JUDGING, *SIZES, *STORING)
+@with_options(*FAIL_ON, *JUDGING, *SIZES, *STORING)
 def versions(
     names: tuple[str, ...],
     old: str | None,
     news: tuple[str, ...],
     path_names: list[str] | None,
     metric: str,
-    fail_on: list[Finding],
+    findings: list[Finding],
     allow_inconclusive: bool,
     results: Path,
     resume: Path | None,
@@ -89,13 +89,13 @@ def versions(
     baseline, *candidates = _releases(old, news, release_names)
     path_names = path_names or [BASE]
     plan = paired_options.verdict_plan(**chosen)
-    gate = Gate(fail_on, allow_inconclusive)
-    output = Output(results, resume, wait, json_file)
+    fail_on = FailOn(findings, allow_inconclusive)
+    output = OutputOptions(results, resume, wait, json_file)
     if metric == Metric.INSTRUCTIONS:
         if path_names != [BASE]:
-            raise InputError(f"instructions are counted of {BASE} alone: leave out --paths")
+            raise InputError(f"--metric instructions counts {BASE} only: leave out --paths")
         comparison = _InstructionComparison(baseline, candidates, sources, plan)
-        sys.exit(_compare_instructions(comparison, gate, output))
+        sys.exit(_compare_instructions(comparison, fail_on, output))
     options = {name: targets.complete_options(targets.find_path(name), {}) for name in path_names}
     pairs = [
         (
@@ -106,7 +106,7 @@ def versions(
         for source in sources
         for name in path_names
     ]
-    sys.exit(paired_options.compare_targets("versions", pairs, plan, gate, output))
+    sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, output))
 
 
 def _releases(
@@ -136,7 +136,7 @@ class _InstructionComparison:
 
 
 def _compare_instructions(
-    comparison: _InstructionComparison, gate: Gate, output: Output
+    comparison: _InstructionComparison, fail_on: FailOn, output: OutputOptions
 ) -> ExitCode:
     """Compare instruction counts, print and store the verdicts; return the exit code."""
     from mjbench.counts.instructions import InstructionCounter
@@ -160,7 +160,7 @@ def _compare_instructions(
         except KeyboardInterrupt:
             run.interrupt()
         paired_options.report(run, rows)
-    return ExitCode.INTERRUPTED if run.interrupted else gate.exit_code(rows)
+    return ExitCode.INTERRUPTED if run.interrupted else fail_on.exit_code(rows)
 
 
 def _verdict_rows(
@@ -174,8 +174,8 @@ def _verdict_rows(
     with run.progress(len(comparison.candidates)) as advance:
         for number, candidate in enumerate(comparison.candidates):
             advance(number, f"MuJoCo {candidate.version}", 0.0)
-            finished = records.by_sides(records.finished(run.finished)).values()
-            stored = {r.model: r for r in finished if r.new == candidate.version}
+            finished = records.finished(run.resumed_records)
+            stored = {r.model: r for r in finished if r.sides[1].build == candidate.key}
             yield from (record.row() for record in stored.values())
             missing = [source for source in comparison.sources if source.name not in stored]
             new = [source for source in missing if source.name not in baselines]

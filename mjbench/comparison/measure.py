@@ -161,7 +161,7 @@ class _RoundTimer:
     def warm_up(self) -> float:
         """Time each contender once; return the seconds of all blocks together."""
         contenders = [*self._contenders.values(), *self._calibration_contenders()]
-        with _own_failures():
+        with _failures_reported():
             round_s = sum(timing.block_s(contender) for contender in contenders)
         self._patience_s = PATIENCE * round_s
         self.channel.allow_silence(self._patience_s)
@@ -175,7 +175,7 @@ class _RoundTimer:
         seed = self.plan.seed + len(self.rounds)
         rounds = timing.rounds(contenders, budget_s, min_rounds, max_rounds, seed)
         while True:
-            with _own_failures():
+            with _failures_reported():
                 seconds = next(rounds, None)
             if seconds is None:
                 return
@@ -207,7 +207,7 @@ class _RoundTimer:
 
 
 @contextlib.contextmanager
-def _own_failures() -> Iterator[None]:
+def _failures_reported() -> Iterator[None]:
     """Report whatever a timed path raises as a failure, which costs its own row."""
     try:
         yield

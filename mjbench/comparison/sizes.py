@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.simulation import compat, work
 from mjbench.simulation.workload import whole_holds
@@ -21,8 +20,6 @@ MIN_NSTEP, MIN_NBATCH = 10, 8
 LONG_BLOCK_S, BLOCK_S = 0.08, 0.05
 # Simulations per thread that a reduced batch keeps, so that threads have work to share.
 MIN_NBATCH_PER_THREAD = 4
-# Share of the available memory that a workload and a rollout's output may take.
-MEMORY_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -98,11 +95,9 @@ def check_memory(model: mujoco.MjModel, nbatch: int, nstep: int, nthread: int = 
     # five copies of the start states: the workload's, the paths' inputs, and their outputs
     workload_bytes = 8 * nbatch * (5 * nstate + nstep * per_step)
     bytes_needed = workload_bytes + nthread * machine.data_bytes(model)
-    available_bytes = machine.available_memory_bytes()
-    if bytes_needed > MEMORY_SHARE * available_bytes:
-        threads = f" on {nthread} threads" if nthread > 1 else ""
-        raise InputError(
-            f"{nbatch} simulations of {nstep} steps{threads} need about"
-            f" {bytes_needed / 2**30:.1f} GiB, {available_bytes / 2**30:.1f} GiB are available:"
-            f" reduce --nbatch or --nstep{', or the threads' if threads else ''}"
-        )
+    threads = f" on {nthread} threads" if nthread > 1 else ""
+    machine.check_memory(
+        bytes_needed,
+        f"{nbatch} simulations of {nstep} steps{threads}",
+        f"reduce --nbatch or --nstep{', or the threads' if threads else ''}",
+    )

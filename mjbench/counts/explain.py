@@ -156,7 +156,12 @@ def drift(baseline: ModelCount, candidate: ModelCount) -> float | None:
 
 def _target_row(count: ModelCount) -> TargetRow:
     return TargetRow(
-        count.release, count.model, path=counted_program.PATH, options={}, model_options={}
+        count.release,
+        count.model,
+        path=counted_program.PATH,
+        options={},
+        model_options={},
+        build=count.build,
     )
 
 

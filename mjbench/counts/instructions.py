@@ -267,6 +267,7 @@ def _model_count(
     return ModelCount(
         model=answer.model,
         release=release.version,
+        build=release.key,
         instructions_per_step=engine / steps,
         outside_per_step=(profile.total - engine) / steps,
         functions=[
@@ -285,5 +286,9 @@ def _model_count(
 
 def _failed(model: str, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
     return ModelCount(
-        model=model, release=release.version, status=failure.status, detail=failure.detail
+        model=model,
+        release=release.version,
+        build=release.key,
+        status=failure.status,
+        detail=failure.detail,
     )

@@ -47,6 +47,7 @@ class InstructionsRow:
       diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
       seconds: time of counting, divided equally among the models counted together.
+      build: tells builds of one version apart; empty where it is unknown.
     """
 
     model: str
@@ -63,6 +64,7 @@ class InstructionsRow:
     diverged: int = 0
     warnings: Mapping[str, int] | None = None
     seconds: float = 0.0
+    build: str = ""
 
 
 @dataclass(frozen=True)

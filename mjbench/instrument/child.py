@@ -88,12 +88,12 @@ class Child:
         if self._has_ended:
             return self.process.wait()
         if self.process.returncode is None:  # otherwise its id may be another process's by now
-            offspring = _below(self.process.pid)
+            offspring = _descendants(self.process.pid)
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.process.pid, signal.SIGKILL)
             _kill(offspring)
             self.process.wait()
-            _collect(offspring)
+            _await_end(offspring)
         _end_marked(self._mark)
         self._has_ended = True
         return self.process.wait()
@@ -107,11 +107,13 @@ def end_descendants() -> None:
 def _end_marked(mark: str) -> None:
     """Kill the processes below this one whose mark begins with `mark`."""
     for _ in range(_SEARCHES):
-        marked = [process for process in _below(os.getpid()) if _mark_of(process).startswith(mark)]
+        marked = [
+            process for process in _descendants(os.getpid()) if _mark_of(process).startswith(mark)
+        ]
         if not marked:
             return
         _kill(marked)
-        _collect(marked)
+        _await_end(marked)
 
 
 def _mark_of(process: "psutil.Process") -> str:
@@ -124,7 +126,7 @@ def _mark_of(process: "psutil.Process") -> str:
         return ""
 
 
-def _below(pid: int) -> "list[psutil.Process]":
+def _descendants(pid: int) -> "list[psutil.Process]":
     """Return all descendants of a process that have not ended; none where psutil is missing."""
     try:
         import psutil
@@ -153,7 +155,7 @@ def _kill(processes: "Sequence[psutil.Process]") -> None:
             process.kill()
 
 
-def _collect(processes: "Sequence[psutil.Process]") -> None:
+def _await_end(processes: "Sequence[psutil.Process]") -> None:
     """Wait until killed processes have ended, and leave no zombie of those that are adopted.
 
     It may take a process some time to end, but not for ever: it could hang in a driver.

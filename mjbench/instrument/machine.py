@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mjbench.errors import InputError
 from mjbench.instrument import platforms
 
 if TYPE_CHECKING:
@@ -52,11 +53,8 @@ _SPINNER = (
     "<geom size='.1' contype='0' conaffinity='0'/></body></worldbody></mujoco>"
 )
 _CALIBRATION_STEPS = 5000
-# The most threads or worker processes that can be asked for: more than cores can use, and about as
-# many as a system lets one user start.
-MAX_THREADS = 1024
-# The most of anything else that can be asked for, such as steps: MuJoCo counts in 32 bits.
-MAX_COUNT = 2**31 - 1
+# Share of the available memory that work may take.
+MEMORY_SHARE = 0.6
 
 
 def usable_cores(cgroup: Path = _CGROUP) -> int:
@@ -102,6 +100,25 @@ def available_memory_bytes(cgroup: Path = _CGROUP) -> int:
         available = psutil.virtual_memory().available
     remaining = _cgroup_remaining_bytes(cgroup)
     return available if remaining is None else max(0, min(available, remaining))
+
+
+def check_memory(bytes_needed: float, work: str, remedy: str) -> None:
+    """Refuse work that does not fit into memory.
+
+    Args:
+      bytes_needed: by the work.
+      work: for people, such as `64 simulations`.
+      remedy: for people, such as `reduce --nbatch`.
+
+    Raises:
+      InputError: it does not.
+    """
+    available_bytes = available_memory_bytes()
+    if bytes_needed > MEMORY_SHARE * available_bytes:
+        raise InputError(
+            f"{work} need about {bytes_needed / 2**30:.1f} GiB, {available_bytes / 2**30:.1f} GiB"
+            f" are available: {remedy}"
+        )
 
 
 def _cgroup_remaining_bytes(cgroup: Path) -> int | None:

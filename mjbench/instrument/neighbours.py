@@ -29,7 +29,7 @@ _FOLDER = "mjbench-measuring"
 # How often a process that waits looks again, in seconds.
 _POLL_S = 1.0
 # Processes begin one at a time; how long one tries to be the one, in seconds, and how often.
-_TURN, _TURN_S, _TURN_POLL_S = "turn", 5.0, 0.05
+_ENTRY_LOCK, _ENTRY_LIMIT_S, _ENTRY_POLL_S = "entry", 5.0, 0.05
 _NAME = re.compile(r"\d+-\d+\.json")
 _MAX_BYTES = 4096
 
@@ -98,8 +98,8 @@ class Presence:
         has_waited = False
         try:
             while True:
-                _create(self._folder)
-                with _turn(self._folder / _TURN, sleep):
+                _create_shared_folder(self._folder)
+                with _entry_lock(self._folder / _ENTRY_LOCK, sleep):
                     others = list(self._others())
                     if not (wait and others):
                         self._announce(others)
@@ -149,11 +149,6 @@ class Presence:
                     yield path, _parse(first) or Neighbour(0, "")
 
 
-def names(others: Sequence[Neighbour]) -> str:
-    """Return the others in a line, such as `mjbench compare (process 4711)`."""
-    return ", ".join(f"mjbench {other.command} (process {other.pid})" for other in others)
-
-
 def _lines(path: Path) -> list[str]:
     with _opened(path, os.O_RDONLY) as descriptor:
         return os.read(descriptor, _MAX_BYTES).decode(errors="replace").splitlines()
@@ -167,7 +162,7 @@ def _parse(line: str) -> Neighbour | None:
         return None
 
 
-def _create(folder: Path) -> None:
+def _create_shared_folder(folder: Path) -> None:
     """Create the shared folder, in which every user may create files, but remove only their own.
 
     Raises:
@@ -190,7 +185,7 @@ def _create_file(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _turn(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
+def _entry_lock(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
     """Hold the lock of which only one process at a time may begin.
 
     Raises:
@@ -198,12 +193,12 @@ def _turn(path: Path, sleep: Callable[[float], None]) -> Iterator[None]:
     """
     _create_file(path)
     with _opened(path, os.O_RDONLY) as descriptor:
-        for _ in range(round(_TURN_S / _TURN_POLL_S)):
+        for _ in range(round(_ENTRY_LIMIT_S / _ENTRY_POLL_S)):
             try:
                 platforms.lock_file(descriptor, shared=False, wait=False)
                 break
             except BlockingIOError:
-                sleep(_TURN_POLL_S)
+                sleep(_ENTRY_POLL_S)
         else:
             raise OSError(f"{path} stays locked")
         yield

@@ -26,10 +26,9 @@ def check_command(command: str) -> None:
       MachineError: it does not.
     """
     if sys.platform == "win32" and command not in RUN_ON_WINDOWS:
-        *others, last = RUN_ON_WINDOWS
         raise MachineError(
-            f"`mjbench {command}` does not run on Windows; use WSL2."
-            f" {', '.join(others)} and {last} do"
+            f"`mjbench {command}` does not run on Windows; use WSL2. Commands that run on Windows:"
+            f" {', '.join(RUN_ON_WINDOWS)}"
         )
 
 

@@ -1,11 +1,11 @@
 """Continue a run that ended early: may its records stand beside those still to be measured?"""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError
-from mjbench.instrument.runs import RunHeader, as_stored
+from mjbench.errors import InputError, one_line
+from mjbench.instrument.runs import InputFile, RunHeader, as_stored
 
 
 def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
@@ -19,12 +19,18 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
     Raises:
       InputError: they differ; the message names the first difference.
     """
+    for name, contents in _contents(now.files).items():
+        if _contents(stored.files).get(name) not in (None, contents):
+            raise InputError(
+                f"cannot continue {path}: {name} has changed since that run began; leave out"
+                " --resume to begin a new one"
+            )
     before, after = _identity(stored), _identity(now)
     for key in {**before, **after}:
         if before.get(key) != after.get(key):
             raise InputError(
-                f"cannot continue {path}: it was started with {key} {_text(before.get(key))},"
-                f" and this command has {_text(after.get(key))}"
+                f"cannot continue {path}: that run has {key} {_quoted(before.get(key))}, and this"
+                f" command {_quoted(after.get(key))}"
             )
 
 
@@ -33,20 +39,25 @@ def _identity(header: RunHeader) -> dict[str, Any]:
     machine = header.machine
     return {
         "the command": header.command,
-        **_prefixed("", as_stored(header.arguments)),
-        **_prefixed("the file ", header.files),
+        **as_stored(header.arguments),
+        "the files": [file.name for file in header.files],
         "the processor": machine.cpu,
         "usable cores": machine.usable_cores,
         "Python": machine.python,
-        **_prefixed("", machine.versions),
-        **_prefixed("", machine.flags),
+        **machine.versions,
+        **machine.flags,
     }
 
 
-def _prefixed(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    return {f"{prefix}{key}": value for key, value in values.items()}
+def _contents(files: Sequence[InputFile]) -> dict[str, str]:
+    """Return the hash of each file, by its name; those of one name lie in different folders."""
+    names = [file.name for file in files]
+    return {
+        name: " ".join(file.sha256 for file in files if file.name == name)
+        for name in dict.fromkeys(names)
+    }
 
 
-def _text(value: Any) -> str:
-    text = "nothing" if value is None else str(value)
-    return text if len(text) <= 80 else text[:79] + "…"
+def _quoted(value: Any) -> str:
+    """Return a value for a message; what is missing is `nothing`."""
+    return "nothing" if value is None else one_line(value, 80)

@@ -7,14 +7,13 @@ import contextlib
 import itertools
 import json
 import os
-import tempfile
 import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any, TextIO
 
 from mjbench.errors import MachineError
-from mjbench.instrument import platforms
+from mjbench.instrument import files, platforms
 from mjbench.instrument.runs import Record, RunHeader, as_stored, reason, to_json
 
 
@@ -63,18 +62,18 @@ class RunFile:
         """
         path = path.resolve()
         try:
-            with contextlib.ExitStack() as on_error, path.open("rb") as earlier:
+            with (
+                path.open("r+b") as earlier,
+                files.replacing(path) as partial,
+                contextlib.ExitStack() as on_error,
+            ):
                 _lock(earlier)
-                descriptor, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-                file = os.fdopen(descriptor, "w", encoding="utf-8")
-                on_error.callback(_discard, Path(partial), file)
+                file = on_error.enter_context(partial.open("w", encoding="utf-8"))
                 _lock(file)
                 for record in (header, *records):
                     _write_line(file, record)
-                Path(partial).chmod(path.stat().st_mode)
-                if Path(partial).read_bytes() != path.read_bytes():
+                if partial.read_bytes() != path.read_bytes():
                     _link(path, path.with_name(f"{path.name}.bak"))
-                Path(partial).replace(path)
                 on_error.pop_all()
         except OSError as error:
             raise MachineError(f"cannot write {path}: {reason(error)}") from error

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
 
@@ -39,6 +39,28 @@ class Record(Protocol):
 
 
 @dataclass(frozen=True)
+class InputFile:
+    """A file that a command was given.
+
+    Attributes:
+      name: without its folder.
+      sha256: of its content, in hexadecimal; empty where it could not be read.
+    """
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path) -> "InputFile":
+        """Return what a header says of a file."""
+        try:
+            with path.open("rb") as file:
+                return cls(printable(path.name), hashlib.file_digest(file, "sha256").hexdigest())
+        except OSError:
+            return cls(printable(path.name), "")
+
+
+@dataclass(frozen=True)
 class RunHeader:
     """The first line of a run file.
 
@@ -46,9 +68,8 @@ class RunHeader:
       schema: version of the format.
       command: of mjbench that wrote it.
       machine: that it ran on.
-      arguments: of the command, for people; nothing is derived from them.
-      files: SHA-256 of each file that the command was given, by name; several of one name are
-        separated by spaces.
+      arguments: of the command. Only `resume` looks at them: they must be the same.
+      files: that the command was given.
     """
 
     record_type: ClassVar[str] = "run"
@@ -56,7 +77,7 @@ class RunHeader:
     command: str
     machine: Machine
     arguments: dict[str, Any]
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[InputFile, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,15 +126,6 @@ def _finite(value: Any) -> Any:
 def as_stored(value: Any) -> Any:
     """Return JSON-ready values as they come back from a run file."""
     return _printable_texts(json.loads(json.dumps(value)))
-
-
-def digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; empty where it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return ""
 
 
 def load(path: Path, record_types: Mapping[str, type]) -> Run:

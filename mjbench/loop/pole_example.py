@@ -24,8 +24,6 @@ WITHIN_S = 1.0
 POSITION_SD, VELOCITY_SD = 0.02, 0.2
 ANGLES_RAD = tuple(round(0.05 * i, 2) for i in range(9))
 CONFIDENCE = 0.95
-# Share of the available memory that the simulations may take.
-MEMORY_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,7 @@ def measure(
         hinge=int(model.joint("hinge").qposadr[0]),
     )
     try:
-        counters = pole_paths.counters(simulations, threads)
+        counters = pole_paths.fall_counters(simulations, threads)
     except (RuntimeError, MemoryError) as error:  # the system starts no further thread
         raise MachineError(
             f"cannot prepare {max(threads)} threads: {one_line(error)}; reduce --threads"
@@ -162,15 +160,10 @@ def _check_memory(model: mujoco.MjModel, nbatch: int, nstep: int, threads: int) 
     # start states, also as rollout and Batch take them; what both return of every step
     per_simulation = 3 * nstate + nstep * (nphysics + model.nsensordata + model.nq)
     bytes_needed = 8 * nbatch * per_simulation + threads * machine.data_bytes(model)
-    available_bytes = machine.available_memory_bytes()
-    if bytes_needed > MEMORY_SHARE * available_bytes:
-        raise InputError(
-            f"{nbatch} simulations need about {bytes_needed / 2**30:.1f} GiB,"
-            f" {available_bytes / 2**30:.1f} GiB are available: reduce --samples or --angles"
-        )
+    machine.check_memory(bytes_needed, f"{nbatch} simulations", "reduce --samples or --angles")
 
 
-def _path_falls(counter: pole_paths.Counter, samples: int, loop: PathFalls | None) -> PathFalls:
+def _path_falls(counter: pole_paths.FallCounter, samples: int, loop: PathFalls | None) -> PathFalls:
     """Count the falls by one path, and time it.
 
     Args:

@@ -30,7 +30,7 @@ class Simulations:
 
 
 @dataclass(frozen=True)
-class Counter:
+class FallCounter:
     """One path.
 
     Attributes:
@@ -44,25 +44,27 @@ class Counter:
     has_fallen: Callable[[], np.ndarray]
 
 
-def counters(simulations: Simulations, threads: Sequence[int]) -> list[Counter]:
+def fall_counters(simulations: Simulations, threads: Sequence[int]) -> list[FallCounter]:
     """Return every path that this MuJoCo has; the Python loop first.
 
     Paths take turns, so those of one kind share the arrays that they write to.
     """
     model, nbatch, nstep = simulations.model, len(simulations.initial), simulations.nstep
-    ways = [Counter("python_loop", 1, _loop(simulations))]
+    counters = [FallCounter("python_loop", 1, _loop(simulations))]
     if compat.rollout_unavailable() is None:
         nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
         state = np.empty((nbatch, nstep, nphysics))
         sensordata = np.empty((nbatch, nstep, model.nsensordata))
-        ways += [
-            Counter(f"rollout, {n} threads", n, _rollout(simulations, n, state, sensordata))
+        counters += [
+            FallCounter(f"rollout, {n} threads", n, _rollout(simulations, n, state, sensordata))
             for n in (threads if compat.rollout_threads() else [1])
         ]
     if compat.batch_unavailable() is None:
         qpos = np.empty((nbatch, nstep, model.nq))
-        ways += [Counter(f"Batch, {n} threads", n, _batch(simulations, n, qpos)) for n in threads]
-    return ways
+        counters += [
+            FallCounter(f"Batch, {n} threads", n, _batch(simulations, n, qpos)) for n in threads
+        ]
+    return counters
 
 
 def _loop(simulations: Simulations) -> Callable[[], np.ndarray]:

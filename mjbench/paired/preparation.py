@@ -7,6 +7,7 @@ the plain way; simulations that diverge in either are left out, and the work is 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,6 +49,13 @@ class Sizes:
     nstep: int | None = None
     hold: int = 1
     seed: int = 0
+
+
+class BlockSize(NamedTuple):
+    """Simulations of a block, and steps of each."""
+
+    nbatch: int
+    nstep: int
 
 
 @dataclass(frozen=True)
@@ -138,10 +146,9 @@ def prepare(
             pool.wait_for(process, target.release)
         models = _load(pool, targets, processes)
         time_limit.start()
-        nbatch, request = _choose_sizes(targets, sizes, processes, time_limit)
+        block, request = _choose_sizes(targets, sizes, processes, time_limit)
         workloads = _draw(pool, targets, processes, request)
-        size = (nbatch, request.nstep)
-        return _prepared(pool, targets, processes, models, workloads, size)
+        return _prepared(pool, targets, processes, models, workloads, block)
     finally:
         pool.end(processes)
 
@@ -163,8 +170,8 @@ def _choose_sizes(
     sizes: Sizes,
     processes: Sequence[WorkerProcess],
     time_limit: TimeLimit,
-) -> tuple[int, requests.MakeWorkload]:
-    """Return the simulations of a block, and the request that draws the workload.
+) -> tuple[BlockSize, requests.MakeWorkload]:
+    """Return the size of a block, and the request that draws the workload.
 
     Raises:
       OutOfTimeError: the limit does not allow to draw it, and to launch once.
@@ -172,14 +179,16 @@ def _choose_sizes(
     nthread, step_s = max(target.nthread for target in targets), 0.0
     for process in processes:
         step_s = max(step_s, process.call(requests.MeasureStepCost()))
-        nbatch, nstep = _block_size(sizes, nthread, step_s)
-        drawn = nbatch if sizes.nbatch or nthread > 1 else DRAWN_PER_BLOCK * nbatch
+        block = _block_size(sizes, nthread, step_s)
+        drawn = block.nbatch
+        if not sizes.nbatch and nthread == 1:
+            drawn *= DRAWN_PER_BLOCK
         time_limit.check_first_launch(
-            launch_s(2 * nbatch * nstep * step_s / nthread),
+            launch_s(2 * block.nbatch * block.nstep * step_s / nthread),
             # a step to start from and one run to draw them; a run and a step for each target
-            preparation_s=drawn * (3 * nstep + 3) * step_s,
+            preparation_s=drawn * (3 * block.nstep + 3) * step_s,
         )
-    return nbatch, requests.MakeWorkload(drawn, nstep, sizes.hold, sizes.seed)
+    return block, requests.MakeWorkload(drawn, block.nstep, sizes.hold, sizes.seed)
 
 
 def _prepared(
@@ -188,7 +197,7 @@ def _prepared(
     processes: Sequence[WorkerProcess],
     models: tuple[Path, Path],
     workloads: tuple[PortableWorkload, PortableWorkload],
-    size: tuple[int, int],
+    block: BlockSize,
 ) -> Preparation:
     """See what each target does with its workload; save what is to be timed.
 
@@ -198,7 +207,7 @@ def _prepared(
       processes: of the targets.
       models: files of the models.
       workloads: of the targets.
-      size: nbatch and nstep of a block.
+      block: what is timed at a time.
     """
     shared = workloads[0] is workloads[1]
     observed = []
@@ -214,8 +223,8 @@ def _prepared(
         drift=_drift(baseline, candidate, rows[0]) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
-        nbatch=min(size[0], nsim),
-        nstep=size[1],
+        nbatch=min(block.nbatch, nsim),
+        nstep=block.nstep,
     )
     files = (
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
@@ -224,8 +233,8 @@ def _prepared(
     return Preparation(models, files, nsim, work_check)
 
 
-def _block_size(sizes: Sizes, nthread: int, step_s: float) -> tuple[int, int]:
-    """Return nbatch and nstep, so that a block takes about BLOCK_S where the user leaves it open.
+def _block_size(sizes: Sizes, nthread: int, step_s: float) -> BlockSize:
+    """Return a size such that a block takes about BLOCK_S where the user leaves it open.
 
     Args:
       sizes: as the user asked.
@@ -235,9 +244,10 @@ def _block_size(sizes: Sizes, nthread: int, step_s: float) -> tuple[int, int]:
     block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
     steps, hold = max(1, int(block_s / step_s)), sizes.hold
     if sizes.nbatch:
-        return sizes.nbatch, sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
+        nstep = sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
+        return BlockSize(sizes.nbatch, nstep)
     nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP), hold)
-    return max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep
+    return BlockSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)
 
 
 def _draw(

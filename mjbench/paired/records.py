@@ -4,7 +4,6 @@ Field names are the keys of the JSON format (docs/formats.md); there the baselin
 candidate `new`, as on the command line.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar
@@ -41,6 +40,7 @@ class TargetRow:
       options: of the path.
       model_options: fields of `model.opt` that were set, by name.
       slowdown: injected, as a share of the work; 0 in a real comparison.
+      build: tells builds of one version apart; empty where it is unknown.
     """
 
     release: str
@@ -49,6 +49,7 @@ class TargetRow:
     options: Mapping[str, Any]
     model_options: Mapping[str, str]
     slowdown: float = 0.0
+    build: str = ""
 
 
 @dataclass(frozen=True)
@@ -158,19 +159,14 @@ def finished(records: Sequence[object]) -> list[VerdictRecord]:
     return [r for r in records if isinstance(r, VerdictRecord) and r.status in FINISHED]
 
 
-def sides_key(sides: Sequence[TargetRow]) -> str:
-    """Return a text that names two targets as a run file does."""
-    return repr([asdict(side) for side in sides])
-
-
 def by_sides(records: Sequence[VerdictRecord]) -> dict[str, VerdictRecord]:
-    """Return verdicts by their targets, without those that the records do not tell apart.
+    """Return verdicts by their targets (see `sides_key`)."""
+    return {sides_key(record.sides): record for record in records}
 
-    Two builds of one version look alike.
-    """
-    counts = Counter(sides_key(record.sides) for record in records)
-    keyed = {sides_key(record.sides): record for record in records}
-    return {key: record for key, record in keyed.items() if counts[key] == 1}
+
+def sides_key(sides: Sequence[TargetRow]) -> str:
+    """Return a text that names two targets, as they are or as a run file holds them."""
+    return repr([asdict(side) for side in sides])
 
 
 @dataclass(frozen=True)

@@ -57,8 +57,8 @@ class Case:
         share = Fraction(slowdown).limit_denominator(MAX_NBATCH)
         if share <= 0 or abs(share - slowdown) > 1e-9:
             raise InputError(
-                f"a slowdown of {100 * slowdown:g} % is not a whole number of at most"
-                f" {MAX_NBATCH} simulations; 0.5 % and 1 % are"
+                f"cannot inject a slowdown of {100 * slowdown:g} %: it must be a whole number of at"
+                f" most {MAX_NBATCH} simulations, such as 0.5 % (1 of 200) or 1 % (1 of 100)"
             )
         return cls(model, slowdown, Sizes(nbatch=share.denominator))
 

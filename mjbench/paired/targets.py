@@ -4,7 +4,7 @@ A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from mjbench import paths
@@ -42,10 +42,6 @@ class Target:
         """How many threads or processes it steps with."""
         return parallelism.nthread(self.options)
 
-    def identity(self) -> dict[str, Any]:
-        """Return what tells it from other targets, JSON-ready: its row, and the release's build."""
-        return {**asdict(self.row()), "build": self.release.key}
-
     def row(self) -> TargetRow:
         """Return what results say of it."""
         return TargetRow(
@@ -55,6 +51,7 @@ class Target:
             options=dict(self.options),
             model_options=dict(self.model_options),
             slowdown=self.slowdown,
+            build=self.release.key,
         )
 
 

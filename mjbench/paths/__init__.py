@@ -26,8 +26,8 @@ __all__ = [
     "States",
     "SteppingPath",
     "find",
-    "own_files",
     "registry",
+    "user_module_files",
 ]
 
 
@@ -62,7 +62,7 @@ def find(name: str) -> SteppingPath:
         hint = suggestion(name, paths)
         raise InputError(f"no path {name!r}{hint}; the paths are {', '.join(paths)}")
     try:
-        with _own_code():
+        with _running_user_code():
             path_class = getattr(importlib.import_module(module), attribute)
             if not (isinstance(path_class, type) and issubclass(path_class, SteppingPath)):
                 raise InputError(f"path {name}: not a subclass of mjbench.paths.SteppingPath")
@@ -79,7 +79,7 @@ def find(name: str) -> SteppingPath:
     return path
 
 
-def own_files(names: Iterable[str]) -> list[Path]:
+def user_module_files(names: Iterable[str]) -> list[Path]:
     """Return the files of the modules, already imported, that names such as `module:Class` name."""
     modules = {name.partition(":")[0] for name in names if ":" in name}
     files = (getattr(sys.modules.get(module), "__file__", None) for module in sorted(modules))
@@ -87,7 +87,7 @@ def own_files(names: Iterable[str]) -> list[Path]:
 
 
 @contextlib.contextmanager
-def _own_code() -> Iterator[None]:
+def _running_user_code() -> Iterator[None]:
     """Run code of the user's own, which may print, or change the folder."""
     folder = Path.cwd()
     try:

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, writing
-from mjbench.instrument import child
+from mjbench.instrument import child, files
 from mjbench.releases.release import Release
 
 BRANCH = "releases"
@@ -63,14 +63,8 @@ def write(bundle: Path, releases: Sequence[Release]) -> None:
         _build(repository, releases)
         complete = folder / "releases.bundle"
         _git(repository, "bundle", "create", "--quiet", str(complete), "HEAD", BRANCH, "--tags")
-        # Beside the target, because a file can only be renamed within one file system.
-        partial = bundle.with_name(f".{bundle.name}.{os.getpid()}")
-        try:
-            with writing(bundle):
-                partial.write_bytes(complete.read_bytes())
-                partial.replace(bundle)
-        finally:
-            partial.unlink(missing_ok=True)
+        with writing(bundle), files.replacing(bundle) as partial:
+            partial.write_bytes(complete.read_bytes())
 
 
 def update(bundle: Path, indexed: Sequence[Release]) -> list[Release]:

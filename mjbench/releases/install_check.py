@@ -11,6 +11,7 @@ import hashlib
 import re
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -127,19 +128,47 @@ def _stray_module(folder: Path) -> str | None:
     return None
 
 
+@dataclass(frozen=True)
+class _RecordedFile:
+    """A file as RECORD names it: its hash such as `sha256=…`, and its size in bytes."""
+
+    name: str
+    hash: str
+    size: int
+
+
+def _recorded_files(record: str) -> list[_RecordedFile]:
+    """Return the files of a RECORD that can be checked.
+
+    Those without a size cannot (RECORD itself and compiled Python), nor can scripts, which pip puts
+    elsewhere than RECORD says (`..`).
+
+    Raises:
+      ValueError: it is not a RECORD.
+    """
+    try:
+        return [
+            _RecordedFile(name, recorded_hash, int(size))
+            for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
+            if size and not name.startswith("..")
+        ]
+    except csv.Error as error:
+        raise ValueError(str(error)) from error
+
+
 def _broken_file(distributions: Sequence[metadata.Distribution]) -> str | None:
+    """Return which of MuJoCo's files is missing, or has another size; None if all are there."""
     for distribution in distributions:
         # Read directly: `distribution.files` of newer Pythons leaves out missing files.
-        record = distribution.read_text("RECORD") or ""
-        for name, _, recorded_size in filter(None, csv.reader(record.splitlines())):
-            if not name.startswith(_FOLDER) or not recorded_size:
+        for recorded in _recorded_files(distribution.read_text("RECORD") or ""):
+            if not recorded.name.startswith(_FOLDER):
                 continue
             try:
-                size = Path(str(distribution.locate_file(name))).stat().st_size
+                size = Path(str(distribution.locate_file(recorded.name))).stat().st_size
             except OSError:
-                return f"{name} of MuJoCo {distribution.version} is missing"
-            if size != int(recorded_size):
-                return f"{name} of MuJoCo {distribution.version} has been changed"
+                return f"{recorded.name} of MuJoCo {distribution.version} is missing"
+            if size != recorded.size:
+                return f"{recorded.name} of MuJoCo {distribution.version} has been changed"
     return None
 
 
@@ -151,20 +180,15 @@ def _damaged_file(record: str, folder: Path) -> str | None:
       folder: that names are relative to.
     """
     try:
-        rows = [
-            (name, recorded_hash, int(size))
-            for name, recorded_hash, size in filter(None, csv.reader(record.splitlines()))
-            # no size: RECORD itself and compiled Python; `..`: scripts, which pip puts elsewhere
-            if size and not name.startswith("..")
-        ]
-    except (ValueError, csv.Error) as error:
+        recorded_files = _recorded_files(record)
+    except ValueError as error:
         return f"a RECORD is broken: {error}"
-    for name, recorded_hash, size in rows:
-        file = folder / name
+    for recorded in recorded_files:
+        name, file = recorded.name, folder / recorded.name
         try:
-            changed = file.stat().st_size != size or (
+            changed = file.stat().st_size != recorded.size or (
                 (name.startswith(_FOLDER) or ".so" in file.suffixes)
-                and _hash(file, recorded_hash) != recorded_hash
+                and _hash(file, recorded.hash) != recorded.hash
             )
         except FileNotFoundError:
             return f"{name} is missing"

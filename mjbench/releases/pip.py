@@ -1,4 +1,4 @@
-"""Runs pip to install a release into a folder, and says why it could not.
+"""Runs pip, above all to install a release into a folder, and says why it could not.
 
 pip says "no matching distribution" when there is no such version, and also when the index cannot be
 reached. Its output is for people, so the index is asked instead of parsing it.
@@ -28,8 +28,6 @@ _NEAREST = 4
 def install(version: str, wheels: Sequence[Path], target: Path) -> None:
     """Install a release and this environment's NumPy version into a folder.
 
-    pip dies with this process, so that it cannot write on while another process installs.
-
     Args:
       version: of MuJoCo.
       wheels: local wheels of the release; empty for the version of the index.
@@ -39,16 +37,28 @@ def install(version: str, wheels: Sequence[Path], target: Path) -> None:
       InputError: the index has no such release for this Python.
       MachineError: pip failed, or the index cannot be reached.
     """
-    command = [
-        *(sys.executable, "-m", "pip", "install"),
-        *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
+    problem = run(
+        "install",
         f"--target={target}",
         *(f"--find-links={folder}" for folder in {wheel.parent for wheel in wheels}),
         *([str(wheel) for wheel in wheels] or [f"mujoco=={version}"]),
         f"numpy=={metadata.version('numpy')}",
-    ]
+    )
+    if problem:
+        raise _error(version, bool(wheels), problem)
+
+
+def run(command: str, *arguments: str) -> str:
+    """Run a command of pip that takes wheels alone; return why it failed, or nothing.
+
+    On Linux pip dies with this process, so that it cannot write on while another one installs.
+    """
     done = subprocess.run(
-        command,
+        [
+            *(sys.executable, "-m", "pip", command),
+            *("--quiet", "--disable-pip-version-check", "--no-input", "--only-binary=:all:"),
+            *arguments,
+        ],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         encoding="utf-8",
@@ -57,8 +67,7 @@ def install(version: str, wheels: Sequence[Path], target: Path) -> None:
         env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"},
         preexec_fn=child.die_with_parent,
     )
-    if done.returncode != 0:
-        raise _error(version, bool(wheels), _reason(done.stderr))
+    return "" if done.returncode == 0 else _reason(done.stderr)
 
 
 def _reason(stderr: str) -> str:

@@ -164,7 +164,7 @@ def warning_names() -> list[str]:
     return [names.get(i, str(i)) for i in range(int(mujoco.mjtWarning.mjNWARNING))]
 
 
-def means_divergence() -> np.ndarray:
+def divergence_warnings() -> np.ndarray:
     """Return (nwarning,) bool: which warnings mean that a simulation diverged."""
     return np.array([name in _DIVERGENCE for name in warning_names()])
 

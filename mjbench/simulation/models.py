@@ -96,7 +96,7 @@ def resolve(name: str) -> ModelSource:
         file = _in_package(package[1].replace("-", "_"), package[2])
         _check_file(name, file, file.stat())
         return ModelSource(name, file)
-    raise _missing(name, path)
+    raise _missing_error(name, path)
 
 
 def load(source: ModelSource) -> "mujoco.MjModel":
@@ -181,7 +181,7 @@ def _check_file(name: str, path: Path, status: os.stat_result) -> None:
         raise InputError(f"cannot read {label}: {error.strerror}") from error
 
 
-def _missing(name: str, path: Path) -> InputError:
+def _missing_error(name: str, path: Path) -> InputError:
     """Return the error for a name that stands for nothing."""
     label = shown(name)
     try:

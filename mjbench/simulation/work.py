@@ -81,8 +81,8 @@ class Observation:
 
     def diagnosis(self) -> str:
         """Return why simulations diverged and how many, such as `BADQACC in 3`."""
-        bad = self.warnings[:, compat.means_divergence()].any(axis=1)
-        counts = _raised(self.warnings[bad], compat.means_divergence())
+        bad = self.warnings[:, compat.divergence_warnings()].any(axis=1)
+        counts = _raised(self.warnings[bad], compat.divergence_warnings())
         not_finite = int((~self.healthy & ~bad).sum())
         if not_finite:
             counts["a final state that is not finite"] = not_finite
@@ -90,7 +90,7 @@ class Observation:
 
     def other_warnings(self) -> dict[str, int]:
         """Return the warnings of healthy simulations: how many raised each, by its name."""
-        return _raised(self.warnings[self.healthy], ~compat.means_divergence())
+        return _raised(self.warnings[self.healthy], ~compat.divergence_warnings())
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def observe(workload: Workload) -> Observation:
         sums[i], maxima[i] = counters.sum(axis=0), counters.max(axis=0)
         warnings[i] = compat.warning_counts(data)
         compat.get_state(model, data, final_state[i], spec)
-    bad = warnings[:, compat.means_divergence()].any(axis=1)
+    bad = warnings[:, compat.divergence_warnings()].any(axis=1)
     healthy = ~bad & np.isfinite(final_state).all(axis=1)
     mean = sums[healthy].sum(axis=0) / max(1, int(healthy.sum()) * workload.nstep)
     contacts, constraints, _ = maxima.max(axis=0)

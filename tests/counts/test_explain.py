@@ -151,7 +151,8 @@ class InventedCounter:
     ) -> list[ModelCount]:
         self.calls += 1
         cost = 1000.0 * (self.factor if self.calls == 2 else 1.0)
-        return [replace(counted(release.version, a=cost), model=s.name) for s in sources]
+        count = replace(counted(release.version, a=cost), build=release.key)
+        return [replace(count, model=source.name) for source in sources]
 
 
 def test_the_command_compares_functions_and_writes_json(
@@ -198,4 +199,4 @@ def test_instructions_can_gate_an_upgrade(
 def test_instructions_are_of_the_plain_loop() -> None:
     done = mjbench("versions", "2.3.7", "4.0.0", "--metric", "instructions", "--paths", "rollout")
     assert done.returncode == 2
-    assert "python_loop alone" in done.stderr
+    assert "counts python_loop only" in done.stderr

@@ -94,7 +94,7 @@ def test_foreign_files_are_left_alone_and_do_not_hang(tmp_path: Path) -> None:
     (tmp_path / "5-6.json").mkdir()
     with Presence("compare", tmp_path) as alone:
         assert alone.enter(wait=True) == []
-    names = {"1-2.json", "3-4.json", "5-6.json", "results.json", "turn"}
+    names = {"1-2.json", "3-4.json", "5-6.json", "results.json", "entry"}
     assert {file.name for file in tmp_path.iterdir()} == names
     assert (tmp_path / "results.json").read_text() == "{}"
 
@@ -111,7 +111,7 @@ def test_a_turn_that_never_ends_is_not_awaited_for_long(tmp_path: Path) -> None:
     slept: list[float] = []
     with Presence("compare", tmp_path) as first, Presence("ab", tmp_path) as second:
         first.enter(wait=False)
-        with (tmp_path / "turn").open() as turn:
+        with (tmp_path / "entry").open() as turn:
             platforms.lock_file(turn.fileno(), shared=False, wait=False)
             assert second.enter(True, sleep=slept.append) == []
     assert 1 < sum(slept) < 10

@@ -7,7 +7,8 @@ from mjbench.errors import InputError
 from mjbench.instrument import machine, resume, runs
 
 MACHINE = machine.describe()
-HEADER = runs.RunHeader(runs.SCHEMA, "compare", MACHINE, {"nbatch": 4}, {"a.xml": "1f"})
+FILES = (runs.InputFile("a.xml", "1f"), runs.InputFile("a.xml", "2e"))
+HEADER = runs.RunHeader(runs.SCHEMA, "compare", MACHINE, {"nbatch": 4}, FILES)
 
 
 def test_the_same_command_continues_a_run_whatever_the_load() -> None:
@@ -24,10 +25,11 @@ def test_arguments_are_compared_as_a_file_holds_them() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"command": "versions"}, "the command compare, and this command has versions"),
-        ({"arguments": {"nbatch": 8}}, "nbatch 4, and this command has 8"),
-        ({"arguments": {}}, "nbatch 4, and this command has nothing"),
-        ({"files": {"a.xml": "2e"}}, "the file a.xml 1f"),
+        ({"command": "versions"}, "the command compare, and this command versions"),
+        ({"arguments": {"nbatch": 8}}, "nbatch 4, and this command 8"),
+        ({"arguments": {}}, "nbatch 4, and this command nothing"),
+        ({"files": FILES[:1] * 2}, "a.xml has changed"),
+        ({"files": (*FILES, runs.InputFile("b.xml", ""))}, "the files"),
         ({"machine": replace(MACHINE, cpu="other")}, "the processor"),
         ({"machine": replace(MACHINE, versions={"mujoco": "1.0"})}, "mujoco"),
     ],

@@ -81,7 +81,7 @@ def test_a_warning_that_leaves_the_state_sound_is_no_divergence(xml: str, warnin
 
 def test_only_warnings_of_bad_numbers_mean_divergence() -> None:
     names = np.array(compat.warning_names())
-    diverged = names[compat.means_divergence()]
+    diverged = names[compat.divergence_warnings()]
     assert sorted(diverged) == ["BADCTRL", "BADQACC", "BADQPOS", "BADQVEL"]
 
 

@@ -1,10 +1,10 @@
-"""The gate of `versions` and `ab`: what turns the exit code, and that nothing open passes it."""
+"""`--fail-on`: what turns the exit code, and that nothing undecided passes."""
 
 from dataclasses import replace
 
 import pytest
 
-from mjbench.cli.paired_options import Finding, Gate
+from mjbench.cli.fail_on import FailOn, Finding
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import Ratio, VerdictRow
 from mjbench.status import Status
@@ -44,28 +44,28 @@ def row(
         ([Verdict.INCONCLUSIVE], (), 0),
     ],
 )
-def test_a_gate_is_green_only_when_what_it_asks_is_decided(
+def test_it_passes_only_when_what_it_asks_is_decided(
     verdicts: list[Verdict | None], findings: tuple[Finding, ...], code: int
 ) -> None:
-    assert Gate(findings).exit_code([row(verdict) for verdict in verdicts]) == code
+    assert FailOn(findings).exit_code([row(verdict) for verdict in verdicts]) == code
 
 
-def test_an_open_verdict_passes_where_the_user_allows_it() -> None:
+def test_an_inconclusive_verdict_passes_where_the_user_allows_it() -> None:
     open_rows = [row(Verdict.INCONCLUSIVE), row(Verdict.SAME)]
-    assert Gate(SPEED, allow_inconclusive=True).exit_code(open_rows) == 0
-    assert Gate(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)]) == 1
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code(open_rows) == 0
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)]) == 1
 
 
-def test_work_that_was_not_compared_is_no_green_gate() -> None:
+def test_work_that_was_not_compared_does_not_pass() -> None:
     unknown = replace(row(Verdict.INCONCLUSIVE), changed_work=None)
-    assert Gate((Finding.CHANGED_WORK,)).exit_code([unknown]) == 3
-    assert Gate((Finding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown]) == 3
+    assert FailOn((Finding.CHANGED_WORK,)).exit_code([unknown]) == 3
+    assert FailOn((Finding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown]) == 3
 
 
 def test_changed_work_is_a_finding_of_its_own() -> None:
     rows = [row(Verdict.INCONCLUSIVE, changed_work=True)]
-    assert Gate((Finding.CHANGED_WORK,)).exit_code(rows) == 1
-    assert Gate(SPEED).exit_code([row(Verdict.SAME, changed_work=True)]) == 0
+    assert FailOn((Finding.CHANGED_WORK,)).exit_code(rows) == 1
+    assert FailOn(SPEED).exit_code([row(Verdict.SAME, changed_work=True)]) == 0
 
 
 @pytest.mark.parametrize(
@@ -73,4 +73,4 @@ def test_changed_work_is_a_finding_of_its_own() -> None:
     [(Status.FAILED, 3), (Status.CRASHED, 3), (Status.INPUT, 2), (Status.INTERRUPTED, 130)],
 )
 def test_a_failure_outweighs_a_finding(status: Status, code: int) -> None:
-    assert Gate(SPEED).exit_code([row(Verdict.SLOWER), row(None, status)]) == code
+    assert FailOn(SPEED).exit_code([row(Verdict.SLOWER), row(None, status)]) == code
