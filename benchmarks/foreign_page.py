@@ -24,9 +24,9 @@ def _lines(tally: ForeignTally) -> Iterator[str]:
     yield "Written by `make foreign` from `results/foreign.json`; do not edit."
     yield ""
     yield (
-        f"{agree} of {models} models that {len(packages)} packages ship agree on all"
-        f" {len(tally.variants)} variants of the C paths, to the last bit;"
-        f" {crashed or 'none'} crashed."
+        f"For {agree} of {models} models from {len(packages)} packages, all {len(tally.variants)}"
+        " ways of stepping with MuJoCo's C engine that `mjbench compare` knows reach bit-identical"
+        f" final states. {str(crashed) if crashed else 'None'} crashed."
     )
     yield ""
     yield from _package_table(packages)
@@ -56,7 +56,7 @@ _COLUMNS = ("models", "agree", "disagree", "refused", "failed", "crashed", "time
 
 
 def _package_table(packages: Sequence[PackageTally]) -> Iterator[str]:
-    yield f"| package | {' | '.join(_COLUMNS)} | no whole model |"
+    yield f"| package | {' | '.join(_COLUMNS)} | not loadable or static |"
     yield "|---|" + "---:|" * (len(_COLUMNS) + 1)
     for package in packages:
         counts = [getattr(package, name) for name in _COLUMNS]
@@ -68,9 +68,9 @@ def _package_table(packages: Sequence[PackageTally]) -> Iterator[str]:
 
 
 _NARROWED = """\
-Every path agrees on them, but not with the usual starts: diverged simulations are
-[left out](method/agreement.md#diverged-simulations), and where more than three in four diverge,
-starts and controls are drawn closer together."""
+All ways of stepping agree on these models, but some simulations diverge from the usual start
+states. Diverged simulations are [left out](method/agreement.md#diverged-simulations). Where more
+than three in four diverge, start states and controls are drawn from a narrower range."""
 
 
 def _remarks(packages: Sequence[PackageTally]) -> Iterator[str]:
@@ -80,7 +80,7 @@ def _remarks(packages: Sequence[PackageTally]) -> Iterator[str]:
     yield from _remark_table(differing) if differing else ["None."]
     narrowed = [pair for pair in remarks if pair[1].outcome == Outcome.AGREES]
     if narrowed:
-        yield from ("", "## Models that agree on fewer or closer starts", "", _NARROWED, "")
+        yield from ("", "## Models compared from fewer or narrower start states", "", _NARROWED, "")
         yield from _remark_table(narrowed)
 
 
@@ -93,7 +93,7 @@ def _remark_table(remarks: Sequence[tuple[PackageTally, FileResult]]) -> Iterato
 
 
 def _no_models(packages: Sequence[PackageTally]) -> Iterator[str]:
-    yield from ("", "## Files that are no whole model", "")
+    yield from ("", "## Files that are not loadable or static", "")
     results = [(p, r) for p in packages for r in p.remarks]
     yield "| why | files | packages |"
     yield "|---|---:|---|"

@@ -76,7 +76,7 @@ def test_on_windows_a_command_works_or_is_refused_in_one_line(
         assert ended.stdout == ""
         assert ended.stderr == (
             f"mjbench: `mjbench {command}` does not run on Windows; use WSL2."
-            " lint, show, diff, paths and falls do\n"
+            " Commands that run on Windows: lint, show, diff, paths, falls\n"
         )
 
 

@@ -20,7 +20,7 @@ from mjbench.cli.shared import (
     Share,
     Shares,
 )
-from mjbench.instrument.machine import MAX_THREADS
+from mjbench.instrument.limits import MAX_THREADS
 
 
 @pytest.mark.parametrize(

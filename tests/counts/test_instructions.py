@@ -54,6 +54,7 @@ def test_a_json_row_holds_the_self_cost_of_functions_and_no_states() -> None:
     assert to_json(count.row()) == {
         "model": "pile",
         "release": "4.0.0",
+        "build": "",
         "status": "ok",
         "detail": "",
         "instructions_per_step": None,

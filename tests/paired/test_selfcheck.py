@@ -33,7 +33,7 @@ def test_a_slowdown_is_a_whole_number_of_simulations(slowdown: float, nbatch: in
 
 @pytest.mark.parametrize("slowdown", [0.003, -0.01, 1e-6])
 def test_a_slowdown_that_is_no_whole_number_of_simulations_is_bad_input(slowdown: float) -> None:
-    with pytest.raises(InputError, match="not a whole number"):
+    with pytest.raises(InputError, match="must be a whole number"):
         Case.create(CARTPOLE.model, slowdown)
 
 
