@@ -1,6 +1,7 @@
 """The command `mjbench ab`: any two targets against each other."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,8 @@ def ab(
 
     pairs = [targets.parse(baseline, candidate)]
     plan = paired_options.verdict_plan(**chosen)
+    if len({target.release.key for target in pairs[0]}) == 1:
+        plan = replace(plan, as_shipped=True)  # both have their code at the same place
     fail_on = FailOn(findings, allow_inconclusive)
     output = OutputOptions(results, resume, wait, json_file)
     sys.exit(paired_options.compare_targets("ab", pairs, plan, fail_on, output))

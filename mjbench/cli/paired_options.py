@@ -81,6 +81,7 @@ def verdict_plan(
     nstep: int | None,
     hold: int,
     seed: int,
+    as_shipped: bool,
 ) -> "VerdictPlan":
     """Return the plan that the options JUDGING and SIZES ask for.
 
@@ -92,7 +93,7 @@ def verdict_plan(
 
     check_sizes(nstep, hold)
     sizes = Sizes(nbatch, nstep, hold, seed)
-    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes)
+    return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
 def compare_targets(

@@ -49,6 +49,7 @@ def selfcheck(
     confidence: float,
     precision: float,
     time_limit: float,
+    as_shipped: bool,
     results: Path,
     resume: Path | None,
     wait: bool,
@@ -69,7 +70,7 @@ def selfcheck(
 
     sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     cases = [checks.Case.create(source, share) for source in sources for share in slowdowns]
-    plan = VerdictPlan(min_effect, confidence, precision, time_limit)
+    plan = VerdictPlan(min_effect, confidence, precision, time_limit, as_shipped=as_shipped)
     paired_options.warn_if_unpinned()
     arguments = {**asdict(plan), "trials": trials, "busy": busy}
     arguments |= {"slowdowns": slowdowns, "models": [source.name for source in sources]}

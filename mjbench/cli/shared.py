@@ -255,6 +255,12 @@ JUDGING = (
         help="Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",
     ),
+    click.option(
+        "--as-shipped",
+        is_flag=True,
+        help="Compare builds with their machine code where it lies in memory. By default mjbench"
+        " moves it from launch to launch, so that only what the code does makes a difference.",
+    ),
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)
 SIZES = (

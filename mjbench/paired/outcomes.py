@@ -19,6 +19,19 @@ class Verdict(StrEnum):
     """The launches do not decide."""
 
 
+class Cause(StrEnum):
+    """Why the times of two builds differ."""
+
+    CODE = "code"
+    """Their machine code: the difference remains when the placement of code is averaged out."""
+    PLACEMENT = "placement"
+    """Where their code lies in memory: the difference is there only as shipped."""
+    WORK = "work"
+    """They do different work, such as more contacts."""
+    UNDECIDED = "undecided"
+    """The measurements do not tell."""
+
+
 class Metric(StrEnum):
     """What a comparison compares."""
 

@@ -8,8 +8,9 @@ candidate began. Launches are the samples that `verdict` judges, as many as the 
 one launch is measured, the programs of the next start on the other cores.
 """
 
+import itertools
 import random
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import LAYOUTS, TimeLimit, launch_s, quad_count
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
+from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +35,14 @@ class Launch:
       cores: that as many threads as the targets have got just before; None for one thread.
       orders: of each quad, `ABBA` or `BAAB`, layout by layout; A is the baseline.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
+      placements: of the targets' libraries.
     """
 
     core: int | None
     cores: float | None
     orders: Sequence[str]
     ns: np.ndarray
+    placements: PlacementPair = AS_SHIPPED
 
     def pair_log_ratios(self) -> np.ndarray:
         """Return (quads, 2) natural logarithms of candidate over baseline time.
@@ -64,7 +68,9 @@ class Launch:
 
     def row(self) -> LaunchRow:
         """Return the launch as a run file stores it."""
-        return LaunchRow(self.core, self.cores, list(self.orders), self.ns.tolist())
+        return LaunchRow(
+            self.core, self.cores, list(self.orders), self.ns.tolist(), self.placements
+        )
 
 
 class TargetPair:
@@ -83,6 +89,7 @@ class TargetPair:
         candidate: Target,
         sizes: Sizes | None = None,
         time_limit: TimeLimit | None = None,
+        placements: Iterator[PlacementPair] | None = None,
     ):
         """Load the models, and make sure that both targets can do the same work.
 
@@ -92,6 +99,8 @@ class TargetPair:
           candidate: the other.
           sizes: of a block; None for the usual ones.
           time_limit: starts when the models are loaded; None for no limit.
+          placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
+            them; None for as shipped.
 
         Raises:
           InputError: a target cannot do it.
@@ -102,6 +111,8 @@ class TargetPair:
         self._nthread = max(baseline.nthread, candidate.nthread)
         # Processes that were started ahead, for the next launch: baseline and candidate.
         self._next: list[WorkerProcess] = []
+        self._placements = placements or itertools.repeat(AS_SHIPPED)
+        self._next_placements = AS_SHIPPED
         self._calibrator: WorkerProcess | None = None
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         self._prepared = preparation.prepare(
@@ -121,6 +132,7 @@ class TargetPair:
         if not self._next:
             self._start_ahead(cores.USABLE)
         processes, self._next = self._next, []
+        placements = self._next_placements
         try:
             for process, target in zip(processes, self._targets, strict=True):
                 self._pool.wait_for(process, target.release)
@@ -138,7 +150,8 @@ class TargetPair:
         finally:
             self._pool.end(processes)
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
-        return Launch(core, calibrated, orders, np.concatenate([ns for _, ns in layouts]))
+        ns = np.concatenate([ns for _, ns in layouts])
+        return Launch(core, calibrated, orders, ns, placements)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
@@ -153,10 +166,12 @@ class TargetPair:
     def _start_ahead(self, allowed: Collection[int]) -> None:
         """Start the processes of a launch on the allowed cores, without waiting for them."""
         names = preparation.describe(self._targets)
+        pair = self._next_placements = next(self._placements)
+        placements = (pair.old, pair.new)
         started: dict[int, WorkerProcess] = {}
         try:
             for i in random.sample((0, 1), 2):  # neither target is always the first
-                started[i] = self._pool.start(self._targets[i].release, names[i])
+                started[i] = self._pool.start(self._targets[i].release, names[i], placements[i])
                 cores.confine([started[i].pid], allowed)
                 started[i].ask(
                     requests.Equip(self._prepared.models[i], self._prepared.workloads[i])

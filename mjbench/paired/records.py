@@ -15,7 +15,8 @@ from mjbench.instrument.bounds import (
     PositiveFloat,
     PositiveInt,
 )
-from mjbench.paired.outcomes import Metric, Verdict
+from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
 
@@ -76,6 +77,24 @@ class WarningsPair:
     new: Mapping[str, NonNegativeInt]
 
 
+@dataclass(frozen=True)
+class PlacementEffect:
+    """What the placement of code has to do with a ratio of times.
+
+    Attributes:
+      averaged: whether `VerdictRow.ratio` is an average over placements of both sides; it compares
+        the builds as they are shipped otherwise.
+      problem: why it is not, although it was to be; empty otherwise.
+      as_shipped: the ratio of the builds as they are shipped; None where it was not measured.
+      effect: that ratio over the averaged one.
+    """
+
+    averaged: bool
+    problem: str = ""
+    as_shipped: Ratio | None = None
+    effect: Ratio | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class VerdictRow:
     """One paired comparison, as people and programs read it; None is what cannot be said.
@@ -91,6 +110,9 @@ class VerdictRow:
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
       ratio: of time, or of instructions.
+      cause: why the times of two builds differ; None where they do not, or the targets differ in
+        more than the build.
+      placement: of machine code; None for instructions.
       changed_work: whether the two do other work.
       work: contacts, constraints, solver iterations per step.
       drift: largest difference of qpos, qvel and act one step after the same states, in SI units.
@@ -113,6 +135,8 @@ class VerdictRow:
     detail: str = ""
     verdict: Verdict | None = None
     ratio: Ratio | None = None
+    cause: Cause | None = None
+    placement: PlacementEffect | None = None
     changed_work: bool | None = None
     work: WorkPair | None = None
     drift: float | None = None
@@ -134,12 +158,14 @@ class LaunchRow:
       cores: that as many threads as the targets have got just before; None for one thread.
       orders: of each quad, `ABBA` or `BAAB`; A is the baseline.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
+      placements: of the targets' libraries.
     """
 
     core: int | None
     cores: PositiveFloat | None
     orders: Sequence[str]
     ns: Sequence[Sequence[int]]
+    placements: PlacementPair = AS_SHIPPED
 
 
 @dataclass(frozen=True, kw_only=True)

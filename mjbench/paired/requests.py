@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
+from mjbench.releases.placement import Placement
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -46,17 +48,34 @@ class Done(Generic[Answer]):
 
 
 @dataclass(frozen=True)
+class Move:
+    """How to move the libraries of a release.
+
+    Attributes:
+      movable_file: a pickled `MovableInstall`.
+      folder: to create the moved install in.
+      placement: how far.
+    """
+
+    movable_file: Path
+    folder: Path
+    placement: Placement
+
+
+@dataclass(frozen=True)
 class StartRelease(Request[None]):
     """Import MuJoCo, and make sure that it is the release meant, whole.
 
     Attributes:
       version: that it must be.
       check_files: whether to look at every file of the release.
+      move: how to move its libraries first; None imports it as installed.
     """
 
     activity = "importing MuJoCo"
     version: str
     check_files: bool
+    move: "Move | None" = None
 
 
 @dataclass(frozen=True)

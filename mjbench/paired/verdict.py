@@ -6,19 +6,21 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import stats
-from mjbench.paired.outcomes import Verdict
+from mjbench.paired.averaging import Averaging, averaging
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import Sizes, WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
     DivergedPair,
     LaunchRow,
+    PlacementEffect,
     Ratio,
     VerdictRecord,
     VerdictRow,
@@ -117,6 +119,8 @@ class VerdictPlan:
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
       sizes: of a block's work.
+      as_shipped: whether code stays where each build has it, instead of being moved from launch to
+        launch, so that its placement averages out.
     """
 
     min_effect: float = 0.01
@@ -124,6 +128,7 @@ class VerdictPlan:
     precision: float = 0.005
     time_limit_s: float = 60.0
     sizes: Sizes = field(default_factory=Sizes)
+    as_shipped: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +144,9 @@ class PairedResult:
       workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None where
         the comparison ended before that.
       launches: what each launch measured.
-      judgement: None without launches.
+      averaging: whether launches moved the libraries; None where the comparison ended before that.
+      judgement: of the launches that averaging is made of; None without any.
+      as_shipped: of the launches as shipped, beside them; None without any.
       seconds: from start to verdict, the workers' start included.
     """
 
@@ -150,7 +157,9 @@ class PairedResult:
     work_check: WorkCheck | None = None
     workload_file: Path | None = None
     launches: Sequence[Launch] = ()
+    averaging: Averaging | None = None
     judgement: Judgement | None = None
+    as_shipped: Judgement | None = None
     seconds: float = 0.0
 
     def row(self) -> VerdictRow:
@@ -166,6 +175,8 @@ class PairedResult:
             detail=self.detail,
             verdict=self._verdict(),
             ratio=ratio_of(judgement) if judgement else None,
+            cause=self._cause(),
+            placement=self._placement(),
             changed_work=check.changed if check else None,
             work=WorkPair(check.baseline, check.candidate) if check else None,
             drift=check.drift if check else None,
@@ -183,6 +194,40 @@ class PairedResult:
         if self.judgement is not None:
             return self.judgement.verdict
         return Verdict.INCONCLUSIVE if self.status == Status.OK else None
+
+    def _cause(self) -> Cause | None:
+        """Return why the builds differ; None where they do not, or where more than the build does.
+
+        What is called `same` differs as shipped only if those launches say so.
+        """
+        baseline, candidate = self.baseline, replace(self.candidate, release=self.baseline.release)
+        if self.judgement is None or self.averaging is None or baseline != candidate:
+            return None
+        verdict = self.judgement.verdict
+        if verdict == Verdict.SAME:
+            differs = self.as_shipped and self.as_shipped.verdict in (
+                Verdict.FASTER,
+                Verdict.SLOWER,
+            )
+            return Cause.PLACEMENT if differs else None
+        if verdict == Verdict.INCONCLUSIVE:
+            return Cause.UNDECIDED
+        if self.work_check is not None and self.work_check.changed:
+            return Cause.WORK
+        return Cause.CODE if self.averaging.is_on else Cause.UNDECIDED
+
+    def _placement(self) -> PlacementEffect | None:
+        if self.averaging is None:
+            return None
+        if not self.averaging.is_on:
+            return PlacementEffect(False, self.averaging.problem)
+        if self.judgement is None or self.as_shipped is None:
+            return PlacementEffect(True)
+        return PlacementEffect(
+            True,
+            as_shipped=ratio_of(self.as_shipped),
+            effect=_quotient(ratio_of(self.as_shipped), ratio_of(self.judgement)),
+        )
 
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
@@ -204,6 +249,15 @@ def ratio_of(judgement: Judgement) -> Ratio:
     if not math.isfinite(judgement.high):
         return Ratio(judgement.ratio, None, None)
     return Ratio(judgement.ratio, judgement.low, judgement.high)
+
+
+def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
+    """Return a ratio over another; its interval holds the truth if both of theirs do."""
+    estimate = numerator.estimate / denominator.estimate
+    if None in (numerator.low, numerator.high, denominator.low, denominator.high):
+        return Ratio(estimate, None, None)
+    assert numerator.low and numerator.high and denominator.low and denominator.high
+    return Ratio(estimate, numerator.low / denominator.high, numerator.high / denominator.low)
 
 
 def decide(
@@ -231,9 +285,11 @@ def decide(
     time_limit = TimeLimit(plan.time_limit_s, MIN_LAUNCHES, clock)
     launches: list[Launch] = []
     pair: TargetPair | None = None
+    averaged: Averaging | None = None
     status, detail = Status.OK, ""
     try:
-        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit)
+        averaged = Averaging(False) if plan.as_shipped else averaging(pool, baseline, candidate)
+        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, averaged.placements())
         _launch_until_enough(pair, plan, time_limit, launches, on_launch)
     except OutOfTimeError as error:
         detail = str(error)
@@ -253,7 +309,9 @@ def decide(
         work_check=pair.work_check if pair else None,
         workload_file=pair.baseline_workload if pair else None,
         launches=launches,
-        judgement=_judge_launches(launches, plan) if launches else None,
+        averaging=averaged,
+        judgement=_judge_launches(launches, plan),
+        as_shipped=_judge_as_shipped(launches, plan) if averaged and averaged.is_on else None,
         seconds=clock() - begin,
     )
 
@@ -274,11 +332,27 @@ def _launch_until_enough(
     while True:
         launches.append(pair.launch())
         judgement = _judge_launches(launches, plan)
-        on_launch(judgement)
-        if judgement.enough or not time_limit.allows_another(len(launches), before_s):
+        if judgement is not None:
+            on_launch(judgement)
+        enough = judgement is not None and judgement.enough
+        if enough or not time_limit.allows_another(len(launches), before_s):
             return
 
 
-def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement:
-    log_ratios = [launch.log_ratio for launch in launches]
+def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
+    """Judge the launches in which code was moved, or all if it never was; None without any."""
+    moved = [launch for launch in launches if launch.placements.is_moved]
+    used = moved or launches
+    if not used:
+        return None
+    return judge(
+        [launch.log_ratio for launch in used], plan.min_effect, plan.confidence, plan.precision
+    )
+
+
+def _judge_as_shipped(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
+    """Judge the launches as shipped beside those in which code was moved; None without any."""
+    log_ratios = [launch.log_ratio for launch in launches if not launch.placements.is_moved]
+    if not log_ratios:
+        return None
     return judge(log_ratios, plan.min_effect, plan.confidence, plan.precision)

@@ -100,6 +100,9 @@ class Worker:
 
     def _start_release(self, request: requests.StartRelease) -> None:
         self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
+        if request.move is not None:
+            movable = pickle.loads(request.move.movable_file.read_bytes())
+            movable.use(request.move.folder, request.move.placement)
         import mujoco  # noqa: F401  now, so that its libraries lie behind the padding
 
         from mjbench.releases import install_check

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pickle
+import shutil
 import socket
 import struct
 import subprocess
@@ -16,7 +17,9 @@ from mjbench.errors import Failure, InputError, MachineError, one_line, writing
 from mjbench.instrument import child, machine
 from mjbench.paired import release_python, requests
 from mjbench.paired.requests import Request
-from mjbench.releases import installs
+from mjbench.releases import installs, movable
+from mjbench.releases.moved_install import MovableInstall
+from mjbench.releases.placement import Placement
 from mjbench.status import Status
 
 _T = TypeVar("_T")
@@ -47,10 +50,12 @@ class WorkerProcess:
         limit_s: float,
         process: child.Child,
         output_file: Path,
+        moved_install: Path | None = None,
     ):
         self.connection, self.name, self.limit_s = connection, name, limit_s
         self.pid = process.process.pid
         self._process, self._output_file = process, output_file
+        self._moved_install = moved_install
         self._pending: deque[Request[Any]] = deque()
 
     def call(self, request: Request[_T]) -> _T:
@@ -107,6 +112,8 @@ class WorkerProcess:
         self.connection.close()
         self._process.end()
         self._output_file.unlink(missing_ok=True)
+        if self._moved_install is not None:
+            shutil.rmtree(self._moved_install, ignore_errors=True)
 
     def _answer(self) -> Any:
         """Return the answer to the oldest pending request."""
@@ -172,7 +179,10 @@ class WorkerPool:
         self.limit_s = limit_s
         self._closing = contextlib.ExitStack()
         self._processes: list[WorkerProcess] = []
+        # By the key of a release: its install, what moves in it, and the file that holds that.
         self._installs: dict[str, Path | None] = {}
+        self._movable: dict[str, MovableInstall] = {}
+        self._movable_files: dict[str, Path] = {}
         # Releases whose files were checked. They cannot change while the install is in use.
         self._checked: set[str] = set()
         self._file_count = 0
@@ -216,28 +226,50 @@ class WorkerPool:
         finally:
             file.unlink(missing_ok=True)
 
-    def start(self, release: installs.ReleaseSpec, name: str = "") -> WorkerProcess:
+    def start(
+        self,
+        release: installs.ReleaseSpec,
+        name: str = "",
+        placement: Placement | None = None,
+    ) -> WorkerProcess:
         """Start a process that imports a release, without waiting for it (see `wait_for`).
 
         Args:
           release: of MuJoCo; installed first if it is missing.
           name: of the process, for error messages.
+          placement: of the release's libraries; None for as shipped.
 
         Raises:
           InputError: there is no such release.
           MachineError: it cannot be installed, or no process can be started.
+          ImmovableError: its libraries cannot be moved.
         """
-        if release.key not in self._installs:
-            install = self._closing.enter_context(installs.use(release))
-            self._installs[release.key] = install
-        install, output_file = self._installs[release.key], self.new_file(".output")
+        install, output_file = self._install(release), self.new_file(".output")
+        move = None
+        if placement is not None:
+            movable_file = self._movable_file(release)
+            move = requests.Move(movable_file, self.new_file(".moved"), placement)
         connection, process = self._spawn(install, output_file)
         name = name or f"MuJoCo {release.version}"
-        worker = WorkerProcess(connection, name, self.limit_s, process, output_file)
+        moved_install = move.folder if move else None
+        worker = WorkerProcess(connection, name, self.limit_s, process, output_file, moved_install)
         self._processes.append(worker)
         check_files = release.key not in self._checked
-        worker.ask(requests.StartRelease(release.version, check_files))
+        worker.ask(requests.StartRelease(release.version, check_files, move))
         return worker
+
+    def movable(self, release: installs.ReleaseSpec) -> MovableInstall:
+        """Return what moves in a release; it is installed first if it is missing.
+
+        Raises:
+          InputError: there is no such release.
+          MachineError: it cannot be installed.
+          ImmovableError: its libraries cannot be moved.
+        """
+        if release.key not in self._movable:
+            site = movable.site_folder(self._install(release))
+            self._movable[release.key] = movable.read(site)
+        return self._movable[release.key]
 
     def wait_for(self, process: WorkerProcess, release: installs.ReleaseSpec) -> None:
         """Wait until a process has imported its release and answered all other requests.
@@ -254,6 +286,19 @@ class WorkerPool:
         for process in processes:
             process.end()
             self._processes.remove(process)
+
+    def _install(self, release: installs.ReleaseSpec) -> Path | None:
+        """Return the folder of a release's install, which lasts as long as this pool."""
+        if release.key not in self._installs:
+            install = self._closing.enter_context(installs.use(release))
+            self._installs[release.key] = install
+        return self._installs[release.key]
+
+    def _movable_file(self, release: installs.ReleaseSpec) -> Path:
+        """Return the file that holds what moves in a release."""
+        if release.key not in self._movable_files:
+            self._movable_files[release.key] = self.save(self.movable(release))
+        return self._movable_files[release.key]
 
     def _spawn(self, install: Path | None, output_file: Path) -> tuple[Connection, child.Child]:
         try:

@@ -91,7 +91,8 @@ def imported_problem(expected: str | None = None, check_files: bool = True) -> s
     folders |= {Path(str(d.locate_file("mujoco"))).resolve() for d in distributions}
     if folders != {folder}:
         return f"MuJoCo {expected} is mixed from {', '.join(sorted(map(str, folders)))}"
-    return _stray_module(folder) or (_broken_file(distributions) if check_files else None)
+    package = Path(mujoco.__file__).parent
+    return _stray_module(package) or (_broken_file(distributions) if check_files else None)
 
 
 def _wrong_versions(expected: str, distributions: Sequence[metadata.Distribution]) -> list[str]:
@@ -120,11 +121,18 @@ def _distributions() -> Iterator[metadata.Distribution]:
             yield metadata.distribution(name)
 
 
-def _stray_module(folder: Path) -> str | None:
+def _stray_module(package: Path) -> str | None:
+    """Return which module was not loaded from the folder of the package; None if all were."""
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__file__", None)
-        if name.split(".")[0] == "mujoco" and file and folder not in Path(file).resolve().parents:
-            return f"module {name} was loaded from {file}, not from {folder}"
+        if name.split(".")[0] != "mujoco" or not file:
+            continue
+        # subfolders of a moved install are links
+        if (
+            package not in Path(file).parents
+            and package.resolve() not in Path(file).resolve().parents
+        ):
+            return f"module {name} was loaded from {file}, not from {package}"
     return None
 
 

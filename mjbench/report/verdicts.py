@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from mjbench.paired.outcomes import Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
@@ -14,10 +14,9 @@ from mjbench.simulation import agreement
 
 def print_table(out: Console, rows: Sequence[VerdictRow]) -> None:
     """Print the table of all comparisons, and below it a sentence for each."""
-    headings = ["model", "old → new", "new / old", "interval", "verdict", "work", "drift"]
-    table = tables.plain_table(
-        [*headings, "launches", "pairs", "seconds"], right=(2, 3, 6, 7, 8, 9)
-    )
+    headings = ["model", "old → new", "new / old", "interval", "verdict", "cause", "placement"]
+    headings += ["work", "drift", "launches", "seconds"]
+    table = tables.plain_table(headings, right=(2, 3, 6, 8, 9, 10))
     for row in rows:
         table.add_row(*_cells(row))
     out.print(table)
@@ -35,7 +34,8 @@ def describe_verdict(row: VerdictRow) -> str:
         return f"{name}: {outcome}{row.detail or 'not measured'}"
     work = f"changed work: {describe_work(row)}" if row.changed_work else "same work"
     detail = f"; {row.detail}" if row.detail else ""
-    return f"{name}: {_describe_ratio(row.verdict, row.ratio)}, {work}{detail}"
+    ratio = _describe_ratio(row.verdict, row.ratio)
+    return f"{name}: {ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
 
 
 def _warning_lines(row: VerdictRow) -> list[str]:
@@ -110,6 +110,32 @@ def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
     return f"{verdict} by {_change(abs(ratio.estimate - 1))} % (interval {interval})"
 
 
+def _describe_cause(row: VerdictRow) -> str:
+    """Return what follows a change of time: whether the code changed, where that is known."""
+    is_different = row.verdict in (Verdict.FASTER, Verdict.SLOWER)
+    if row.cause == Cause.CODE:
+        return " because of its code"
+    if row.cause == Cause.UNDECIDED and is_different:
+        return " because of its code or of where that lies in memory"
+    return ""
+
+
+def _describe_placement(row: VerdictRow) -> str:
+    """Return what the placement of code adds, or why it was not averaged out."""
+    placement = row.placement
+    if placement is None:
+        return ""
+    if placement.problem:
+        return f"; compared as shipped, because of {placement.problem}"
+    if placement.effect is None:
+        return ""
+    ratio = placement.effect
+    ends = [end for end in (ratio.low, ratio.high) if end is not None]
+    interval = f" (interval {_signed(ends[0])} to {_signed(ends[1])} %)" if len(ends) == 2 else ""
+    unsure = "" if interval else " (too few launches for an interval)"
+    return f"; the placement of this build adds {_signed(ratio.estimate)} %{interval}{unsure}"
+
+
 def _change(share: float) -> str:
     """Return a share in percent, without the percent sign, to two significant digits."""
     return tables.plain(100 * share, 2)
@@ -132,7 +158,7 @@ def _settings(target: TargetRow) -> Mapping[str, Any]:
 
 
 def _cells(row: VerdictRow) -> list[str]:
-    ratio = row.ratio
+    ratio, effect = row.ratio, row.placement.effect if row.placement else None
     has_interval = ratio is not None and None not in (ratio.low, ratio.high)
     return [
         row.model,
@@ -140,9 +166,10 @@ def _cells(row: VerdictRow) -> list[str]:
         f"{ratio.estimate:.4f}" if ratio else "",
         f"{ratio.low:.4f}–{ratio.high:.4f}" if ratio and has_interval else "",
         row.verdict or row.status,
+        row.cause or "",
+        "" if effect is None else f"{_signed(effect.estimate)} %",
         "" if row.work is None else "changed" if row.changed_work else "same",
         "" if row.drift is None else f"{row.drift:.1g}",
         str(row.launches),
-        str(row.pairs),
         f"{row.seconds:.1f}",
     ]

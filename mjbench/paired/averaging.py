@@ -1,0 +1,52 @@
+"""Whether a comparison averages over placements of machine code, and why it does not."""
+
+import itertools
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from mjbench.paired import moved_check
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import placement
+from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.placement import AS_SHIPPED, PlacementPair
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """How the launches of a comparison place the libraries of both targets.
+
+    Attributes:
+      is_on: whether they are moved from launch to launch.
+      problem: why they cannot be; empty where they are, or were not to be.
+    """
+
+    is_on: bool
+    problem: str = ""
+
+    def placements(self) -> Iterator[PlacementPair]:
+        """Return the placements of one launch after the other."""
+        if self.is_on:
+            return placement.schedule(random.Random())
+        return itertools.repeat(AS_SHIPPED)
+
+
+def averaging(pool: WorkerPool, baseline: Target, candidate: Target) -> Averaging:
+    """Return that placements are averaged, if the libraries of both targets can be moved.
+
+    Args:
+      pool: starts the processes.
+      baseline: the one target.
+      candidate: the other.
+
+    Raises:
+      InputError: a release does not exist.
+      MachineError: a release cannot be installed.
+    """
+    for target in (baseline, candidate):
+        try:
+            moved_check.check(pool, target.release)
+        except ImmovableError as error:
+            return Averaging(False, f"MuJoCo {target.release.version}: {error}")
+    return Averaging(True)

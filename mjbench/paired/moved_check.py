@@ -1,0 +1,64 @@
+"""Check, once for each release, that moved libraries do what the installed ones do."""
+
+import contextlib
+import random
+
+import numpy as np
+
+from mjbench.paired import requests
+from mjbench.paired.worker_pool import TargetError, WorkerPool, WorkerProcess
+from mjbench.releases import movable
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.placement import RESIDUES, Placement
+from mjbench.simulation import models
+
+# A model with many contacts, which most of the engine's loops work on; simulations and steps of it.
+_MODEL, _NBATCH, _NSTEP = "pile", 2, 20
+
+
+def check(pool: WorkerPool, release: ReleaseSpec) -> None:
+    """Make sure that a release can be moved: to every residue, and within its page.
+
+    Moved libraries must load, report the version of the release, and step a model to the same
+    states to the last bit. A release that passed is not checked again.
+
+    Args:
+      pool: starts the processes.
+      release: of MuJoCo; installed first if it is missing.
+
+    Raises:
+      ImmovableError: it cannot.
+      InputError: there is no such release.
+      MachineError: it cannot be installed.
+    """
+    marker = movable.checked_file(pool.movable(release))
+    if marker.exists():
+        return
+    placements = [None, *(Placement.draw(residue, random.Random(0)) for residue in RESIDUES)]
+    processes: list[WorkerProcess] = []
+    try:
+        processes.extend(pool.start(release, placement=placement) for placement in placements)
+        _compare(pool, release, processes)
+    except TargetError as error:
+        raise ImmovableError(f"with moved libraries it fails: {error}") from error
+    finally:
+        pool.end(processes)
+    with contextlib.suppress(OSError):  # without it, it is checked again next time
+        marker.touch()
+
+
+def _compare(pool: WorkerPool, release: ReleaseSpec, processes: list[WorkerProcess]) -> None:
+    """Raise ImmovableError unless all processes reach the states of the first one."""
+    source, expected = models.resolve(_MODEL), None
+    for process in processes:
+        pool.wait_for(process, release)
+        process.call(requests.LoadModel(source.name, source.path, {}))
+        if expected is None:
+            workload = process.call(requests.MakeWorkload(_NBATCH, _NSTEP, hold=1, seed=0))
+            file = pool.save(workload)
+        states = process.call(requests.Observe(file)).final_state
+        if expected is None:
+            expected = states
+        elif not np.array_equal(states, expected):
+            raise ImmovableError("with moved libraries it steps to other states")

@@ -1,0 +1,275 @@
+"""Read what has to change in a shared library when its image is moved (see `moved_image`).
+
+Sources: the System V ABI, generic and AMD64 supplement (headers, dynamic tags, relocations); the
+Intel manual, volume 2 (the encoding of VEX instructions).
+"""
+
+import functools
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from mjbench.releases.moved_image import ImmovableError, MovableImage
+from mjbench.releases.placement import PAGE_BYTES
+
+# Tags of the dynamic section whose value is an address.
+_ADDRESS_TAGS = {
+    *("DT_PLTGOT", "DT_HASH", "DT_STRTAB", "DT_SYMTAB", "DT_RELA", "DT_JMPREL", "DT_INIT"),
+    *("DT_FINI", "DT_INIT_ARRAY", "DT_FINI_ARRAY", "DT_PREINIT_ARRAY", "DT_GNU_HASH"),
+    *("DT_VERSYM", "DT_VERNEED", "DT_VERDEF", "DT_TLSDESC_PLT", "DT_TLSDESC_GOT"),
+}
+# Tags whose value is not.
+_OTHER_TAGS = {
+    *("DT_NULL", "DT_NEEDED", "DT_SONAME", "DT_RPATH", "DT_RUNPATH", "DT_FLAGS", "DT_FLAGS_1"),
+    *("DT_RELASZ", "DT_RELAENT", "DT_RELACOUNT", "DT_PLTRELSZ", "DT_PLTREL", "DT_SYMENT"),
+    *("DT_STRSZ", "DT_INIT_ARRAYSZ", "DT_FINI_ARRAYSZ", "DT_PREINIT_ARRAYSZ"),
+    *("DT_VERNEEDNUM", "DT_VERDEFNUM", "DT_BIND_NOW", "DT_SYMBOLIC", "DT_DEBUG"),
+}
+# Relocations whose addend is an address (RELATIVE, IRELATIVE), and those for which moving their
+# place is enough: 64, GLOB_DAT, JUMP_SLOT, DTPMOD64, DTPOFF64, TPOFF64.
+_ADDEND_IS_ADDRESS = (8, 37)
+_OTHER_RELOCATIONS = (1, 6, 7, 16, 17, 18)
+_JUMP_SLOT = 7
+_SYMBOL = np.dtype(
+    [("name", "<u4"), ("info", "u1"), ("other", "u1"), ("shndx", "<u2"), ("value", "<u8"),
+     ("size", "<u8")]
+)  # fmt: skip
+_RELOCATION = np.dtype([("offset", "<u8"), ("info", "<u8"), ("addend", "<i8")])
+_UNDEFINED, _ABSOLUTE, _TLS = 0, 0xFFF1, 6
+
+
+def read(content: bytes) -> MovableImage:
+    """Return what has to change in a library when it is moved.
+
+    Args:
+      content: of its file.
+
+    Raises:
+      ImmovableError: it is no library for x86-64 Linux, or holds something that is not known here.
+    """
+    try:
+        from elftools.common.exceptions import ELFError
+        from elftools.elf.elffile import ELFFile
+    except ImportError as error:
+        raise ImmovableError("pyelftools is not installed") from error
+    try:
+        reader = _Reader(content, ELFFile(io.BytesIO(content)))
+        reader.check()
+        return MovableImage(
+            reader.headers_end,
+            np.unique(np.concatenate([*reader.addresses()])),
+            np.array([*_aligned_instructions(content, reader.code())], np.int64).reshape(-1, 2),
+        )
+    except (ELFError, ValueError, KeyError) as error:
+        raise ImmovableError(f"it is no shared library for Linux ({error})") from error
+
+
+class _Reader:
+    """Finds what names an address in a library."""
+
+    def __init__(self, content: bytes, elf: Any):
+        self._content, self._elf = content, elf
+        header = elf.header
+        self._segments = [segment.header for segment in elf.iter_segments()]
+        self.headers_end = header.e_phoff + header.e_phnum * header.e_phentsize
+
+    def check(self) -> None:
+        """Raise ImmovableError where the file is of another kind or layout than is known here."""
+        header = self._elf.header
+        if header.e_machine != "EM_X86_64" or header.e_type != "ET_DYN":
+            raise ImmovableError("it is not a shared library for x86-64")
+        first = self._loads[0]
+        if first.p_offset or first.p_vaddr or first.p_filesz != first.p_memsz:
+            raise ImmovableError("its first segment does not begin with its headers")
+        if any(segment.p_type == "PT_INTERP" for segment in self._segments):
+            raise ImmovableError("it is a program")
+        for section in self._elf.iter_sections():
+            if 0 < section["sh_offset"] < self.headers_end and section["sh_size"]:
+                raise ImmovableError("its program headers come after other content")
+        self._check_pages()
+
+    def _check_pages(self) -> None:
+        """Raise ImmovableError where two segments would come to share a page."""
+        for before, after in zip(self._loads, self._loads[1:], strict=False):
+            same_distance = (
+                after.p_vaddr - after.p_offset == before.p_vaddr - before.p_offset
+                and before.p_filesz == before.p_memsz
+            )
+            # at least a page between the last byte of the one and the first byte of the other
+            if not same_distance and after.p_vaddr - self._end(before) + 1 < PAGE_BYTES:
+                raise ImmovableError("two of its segments lie too close to each other")
+
+    def _end(self, segment: Any) -> int:
+        """Return where the last section of a segment ends that is not padding."""
+        begin, end = segment.p_vaddr, segment.p_vaddr + segment.p_memsz
+        ends = [
+            section["sh_addr"] + section["sh_size"]
+            for section in self._elf.iter_sections()
+            if section["sh_flags"] & 2  # SHF_ALLOC
+            and not (section["sh_flags"] & 0x400 and section["sh_type"] == "SHT_NOBITS")  # SHF_TLS
+            and begin <= section["sh_addr"] < end
+            and section.name != ".relro_padding"
+        ]
+        return int(max(ends, default=end))
+
+    @functools.cached_property
+    def _loads(self) -> list[Any]:
+        loads = [segment for segment in self._segments if segment.p_type == "PT_LOAD"]
+        if not loads:
+            raise ImmovableError("it has no segments")
+        return loads
+
+    def code(self) -> list[tuple[int, int]]:
+        """Return where code begins and ends in the file: sections, a pair for each."""
+        return [
+            (section["sh_offset"], section["sh_offset"] + section["sh_size"])
+            for section in self._elf.iter_sections()
+            if section["sh_flags"] & 4  # SHF_EXECINSTR
+        ]
+
+    def addresses(self) -> Iterator[np.ndarray]:
+        """Yield places in the file of 8-byte numbers that grow by the shift."""
+        yield np.array(list(self._in_headers()), dtype=np.int64)
+        yield self._in_dynamic_section()
+        for name in (".dynsym", ".symtab"):
+            yield self._in_symbols(self._elf.get_section_by_name(name))
+        for tag, size in (("DT_RELA", "DT_RELASZ"), ("DT_JMPREL", "DT_PLTRELSZ")):
+            if tag in self._dynamic:
+                yield from self._in_relocations(self._dynamic[tag], self._dynamic[size])
+
+    def _in_headers(self) -> Iterator[int]:
+        """Yield places in the header of the file, of its segments and of its sections."""
+        header = self._elf.header
+        if header.e_shoff:
+            yield 40  # e_shoff
+        seen_load = False
+        for i, segment in enumerate(self._segments):
+            place = header.e_phoff + i * header.e_phentsize
+            if segment.p_type == "PT_LOAD" and not seen_load:
+                seen_load = True  # begins with the headers, which stay
+                yield from (place + 32, place + 40)  # p_filesz, p_memsz
+            elif segment.p_type not in ("PT_PHDR", "PT_GNU_STACK"):
+                yield from (place + 8, place + 16, place + 24)  # p_offset, p_vaddr, p_paddr
+        for i, section in enumerate(self._elf.iter_sections()):
+            place = header.e_shoff + i * header.e_shentsize
+            if section["sh_addr"]:
+                yield place + 16
+            if section["sh_offset"] >= self.headers_end:
+                yield place + 24
+
+    @functools.cached_property
+    def _dynamic(self) -> dict[str, int]:
+        """The value of each tag of the dynamic section."""
+        return {str(tag.entry.d_tag): int(tag.entry.d_val) for tag in self._dynamic_tags()}
+
+    def _dynamic_tags(self) -> Iterator[Any]:
+        for segment in self._elf.iter_segments():
+            if segment.header.p_type == "PT_DYNAMIC":
+                yield from segment.iter_tags()
+
+    def _in_dynamic_section(self) -> np.ndarray:
+        unknown = set(self._dynamic) - _ADDRESS_TAGS - _OTHER_TAGS
+        if unknown:
+            raise ImmovableError(f"its dynamic section has {', '.join(sorted(unknown))}")
+        header = next(s for s in self._segments if s.p_type == "PT_DYNAMIC")
+        places = [
+            header.p_offset + 16 * i + 8
+            for i, tag in enumerate(self._dynamic_tags())
+            if tag.entry.d_tag in _ADDRESS_TAGS and tag.entry.d_val
+        ]
+        # the first entry of the global offset table holds the address of the dynamic section
+        if "DT_PLTGOT" in self._dynamic:
+            table = self._offset(self._dynamic["DT_PLTGOT"])
+            if self._number(table) == header.p_vaddr:
+                places.append(table)
+        return np.array(places, dtype=np.int64)
+
+    def _in_symbols(self, section: Any) -> np.ndarray:
+        if section is None:
+            return np.empty(0, np.int64)
+        begin, size = section["sh_offset"], section["sh_size"]
+        symbols = np.frombuffer(self._content, _SYMBOL, size // _SYMBOL.itemsize, begin)
+        index = symbols["shndx"]
+        moves = (index != _UNDEFINED) & (index != _ABSOLUTE) & (symbols["info"] & 15 != _TLS)
+        return np.asarray(begin + np.flatnonzero(moves) * _SYMBOL.itemsize + 8)
+
+    def _in_relocations(self, address: int, size: int) -> Iterator[np.ndarray]:
+        begin = self._offset(address)
+        entries = np.frombuffer(self._content, _RELOCATION, size // _RELOCATION.itemsize, begin)
+        kinds = entries["info"] & 0xFFFFFFFF
+        unknown = set(kinds.tolist()) - {*_ADDEND_IS_ADDRESS, *_OTHER_RELOCATIONS}
+        if unknown:
+            raise ImmovableError(f"it has relocations of type {', '.join(map(str, unknown))}")
+        places = begin + np.arange(len(entries)) * _RELOCATION.itemsize
+        yield places
+        yield places[np.isin(kinds, _ADDEND_IS_ADDRESS)] + 16
+        slots = [self._offset(int(a)) for a in entries["offset"][kinds == _JUMP_SLOT]]
+        yield np.array([slot for slot in slots if self._number(slot)], dtype=np.int64)
+
+    def _offset(self, address: int) -> int:
+        """Return where the content of an address lies in the file."""
+        for segment in self._loads:
+            if segment.p_vaddr <= address < segment.p_vaddr + segment.p_filesz:
+                return int(address - segment.p_vaddr + segment.p_offset)
+        raise ImmovableError(f"nothing lies at its address {address:#x}")
+
+    def _number(self, place: int) -> int:
+        return int.from_bytes(self._content[place : place + 8], "little")
+
+
+# The second byte of an instruction that needs an aligned address, and of its twin that does not:
+# vmovaps and vmovapd (load, store), and vmovntps and vmovntpd, whose twin stores through the cache.
+_TWINS = {0x28: 0x10, 0x29: 0x11, 0x2B: 0x11}
+# vmovdqa (load, store) and vmovntdq: their twin vmovdqu has another prefix, and may have another
+# opcode.
+_INTEGER_TWINS = {0x6F: 0x6F, 0x7F: 0x7F, 0xE7: 0x7F}
+
+
+def _aligned_instructions(
+    content: bytes, sections: list[tuple[int, int]]
+) -> Iterator[tuple[int, int]]:
+    """Yield the bytes to replace so that no instruction needs an address aligned to 32 bytes.
+
+    Args:
+      content: of the file.
+      sections: that hold code: where each begins and ends in the file.
+    """
+    try:
+        import capstone
+    except ImportError as error:
+        raise ImmovableError("capstone is not installed") from error
+    decoder = capstone.Cs(capstone.CS_ARCH_X86, capstone.CS_MODE_64)
+    decoder.skipdata = True
+    for begin, end in sections:
+        for place, size, name, operands in decoder.disasm_lite(content[begin:end], begin):
+            if "zmm" in operands and "[" in operands and name.startswith(("vmova", "vmovdqa")):
+                raise ImmovableError("it has instructions that need data aligned to 64 bytes")
+            if (
+                "ymm" in operands
+                and "[" in operands
+                and name.startswith(("vmovap", "vmovdqa", "vmovnt"))
+            ):
+                yield from _unaligned(content[place : place + size], place)
+
+
+def _unaligned(instruction: bytes, place: int) -> Iterator[tuple[int, int]]:
+    """Yield the bytes to replace in a VEX instruction, so that it works at any address."""
+    try:
+        # a VEX prefix has two bytes (C5) or three (C4); its last one ends with `pp`
+        last = instruction.index(0xC5) + 1 if 0xC5 in instruction[:1] else 2
+        if instruction[0] not in (0xC4, 0xC5) or (
+            instruction[0] == 0xC4 and instruction[1] & 0x1F != 1
+        ):
+            raise KeyError
+        opcode = instruction[last + 1]
+        if opcode in _INTEGER_TWINS and instruction[last] & 3 == 1:
+            yield place + last, instruction[last] & ~3 | 2
+            yield place + last + 1, _INTEGER_TWINS[opcode]
+        else:
+            yield place + last + 1, _TWINS[opcode]
+    except (KeyError, IndexError):
+        raise ImmovableError(
+            f"the instruction {instruction.hex()} needs aligned data, and has no known twin"
+        ) from None

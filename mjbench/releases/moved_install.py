@@ -1,0 +1,123 @@
+"""An installed release whose libraries are moved: as the original, but for where its code lies.
+
+Moved libraries are not stored: every process of a launch creates its own before it imports MuJoCo,
+which takes about 20 ms. So this module needs NumPy alone; `movable` finds what moves.
+"""
+
+import csv
+import functools
+import hashlib
+import io
+import os
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.releases.install_check import DISTRIBUTIONS
+from mjbench.releases.moved_image import MovableImage
+from mjbench.releases.placement import Placement
+
+# What the names of libraries begin with that a step runs through.
+ENGINE = "libmujoco."
+_EXTENSIONS = ("_functions.", "_structs.", "_rollout.", "_batch.")
+_PACKAGE = "mujoco"
+
+
+@dataclass(frozen=True, eq=False)
+class MovableInstall:
+    """A release whose libraries can be moved.
+
+    Attributes:
+      site: the folder that holds the package and its metadata, as installed.
+      images: what changes in each library that moves, by the name of its file.
+    """
+
+    site: Path
+    images: Mapping[str, MovableImage]
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """A short name for the content of the libraries that move."""
+        contents = [(self.site / _PACKAGE / name).read_bytes() for name in sorted(self.images)]
+        return digest(b"".join(contents))
+
+    def use(self, folder: Path, placement: Placement) -> None:
+        """Create a moved install in a new folder, and have this process import from it.
+
+        Raises:
+          OSError: it cannot be written.
+        """
+        moved, others = folder / "moved", folder / "others"
+        self.create(moved, placement)
+        others.mkdir()
+        own = {_PACKAGE, *(metadata.name for metadata in _metadata_folders(self.site))}
+        for entry in self.site.iterdir():
+            if entry.name not in own:
+                (others / entry.name).symlink_to(entry)
+        site = self.site.resolve()
+        sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != site]
+        sys.path += [str(moved), str(others)]
+
+    def create(self, folder: Path, placement: Placement) -> None:
+        """Create the package and its metadata in a new folder, libraries moved.
+
+        Raises:
+          OSError: it cannot be written.
+        """
+        package = folder / _PACKAGE
+        package.mkdir(parents=True)
+        sizes = {}
+        for entry in (self.site / _PACKAGE).iterdir():
+            image = self.images.get(entry.name)
+            if image is None:
+                _link(entry, package / entry.name)
+                continue
+            is_engine = entry.name.startswith(ENGINE)
+            shift = placement.engine_bytes if is_engine else placement.extension_bytes
+            content = image.moved(entry.read_bytes(), shift)
+            (package / entry.name).write_bytes(content)
+            sizes[f"{_PACKAGE}/{entry.name}"] = len(content)
+        for metadata in _metadata_folders(self.site):
+            _copy_metadata(metadata, folder / metadata.name, sizes)
+
+
+def moves(name: str) -> bool:
+    """Return whether a file of the package is a library that a step runs through."""
+    return name.startswith((ENGINE, *_EXTENSIONS)) and ".so" in name
+
+
+def digest(content: bytes) -> str:
+    """Return a short name for the content of a library."""
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+def _metadata_folders(site: Path) -> Iterator[Path]:
+    """Yield the folders in which an installer recorded the distributions of MuJoCo."""
+    for name in DISTRIBUTIONS:
+        yield from site.glob(f"{name.replace('-', '_')}-*.dist-info")
+
+
+def _link(entry: Path, link: Path) -> None:
+    """Create a link: symbolic for a folder, hard for a file, or a copy where that is impossible."""
+    if entry.is_dir():
+        link.symlink_to(entry)
+        return
+    try:
+        os.link(entry, link)
+    except OSError:  # another file system, or one without links
+        shutil.copy2(entry, link)
+
+
+def _copy_metadata(source: Path, target: Path, sizes: Mapping[str, int]) -> None:
+    """Copy a folder of metadata; files that were moved get their new size, and no hash."""
+    shutil.copytree(source, target)
+    record = target / "RECORD"
+    rows = [
+        [row[0], "", str(sizes[row[0]])] if row and row[0] in sizes else row
+        for row in csv.reader(record.read_text(encoding="utf-8").splitlines())
+    ]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    record.write_text(text.getvalue(), encoding="utf-8")

@@ -1,0 +1,80 @@
+"""Where the machine code of a release lies: placements, and their order over launches.
+
+What decides the speed of a loop is first its position within a cache line of 64 bytes. Sections are
+aligned to 16 bytes, so there are four residues, and a linker could have chosen any of them. A
+placement moves all libraries that a step runs through to one residue, and each to a random place
+within its page besides.
+"""
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+PAGE_BYTES, CACHE_LINE_BYTES = 4096, 64
+# Sections are aligned to as much.
+STEP_BYTES = 16
+RESIDUES = range(0, CACHE_LINE_BYTES, STEP_BYTES)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How far the libraries of a release are moved from where they were built for.
+
+    Attributes:
+      engine_bytes: of libmujoco.
+      extension_bytes: of the extension modules of the Python package.
+
+    Raises:
+      ValueError: one is not a multiple of STEP_BYTES below PAGE_BYTES.
+    """
+
+    engine_bytes: int
+    extension_bytes: int
+
+    def __post_init__(self) -> None:
+        for shift in (self.engine_bytes, self.extension_bytes):
+            if shift not in range(0, PAGE_BYTES, STEP_BYTES):
+                raise ValueError(f"cannot move a library by {shift} bytes")
+
+    @property
+    def residue(self) -> int:
+        """Bytes by which the libraries are moved within a cache line."""
+        return self.engine_bytes % CACHE_LINE_BYTES
+
+    @classmethod
+    def draw(cls, residue: int, rng: random.Random) -> "Placement":
+        """Return a random placement of one of the RESIDUES."""
+        lines = range(0, PAGE_BYTES, CACHE_LINE_BYTES)
+        return cls(residue + rng.choice(lines), residue + rng.choice(lines))
+
+
+@dataclass(frozen=True)
+class PlacementPair:
+    """The placements of the baseline and of the candidate in one launch; None is as shipped."""
+
+    old: Placement | None = None
+    new: Placement | None = None
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether the libraries of both are moved."""
+        return self.old is not None and self.new is not None
+
+
+AS_SHIPPED = PlacementPair()
+
+
+def schedule(rng: random.Random) -> Iterator[PlacementPair]:
+    """Yield the placements of one launch after the other, endlessly.
+
+    Of every five launches one is as shipped, but never the first. In the other four each side takes
+    every residue once, in an order of its own.
+    """
+    while True:
+        orders = (rng.sample(RESIDUES, len(RESIDUES)) for _ in range(2))
+        block = [
+            PlacementPair(Placement.draw(old, rng), Placement.draw(new, rng))
+            for old, new in zip(*orders, strict=True)
+        ]
+        block.insert(rng.randrange(1, len(block) + 1), AS_SHIPPED)
+        yield from block
