@@ -21,7 +21,7 @@ from mjbench.paired import cores, preparation, requests
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import LAYOUTS, TimeLimit, launch_s, quad_count
+from mjbench.paired.time_limit import LAYOUTS, MAX_LAYOUTS, TimeLimit, launch_s, quad_count
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
@@ -146,6 +146,8 @@ class TargetPair:
                 if starts_ahead:
                     self._start_ahead(cores.USABLE - {core})
                 layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
+                while len(layouts) < MAX_LAYOUTS and not self._is_next_ready():
+                    layouts.append(self._time_layout(processes, core))
             cores.confine([process.pid for process in self._next], cores.USABLE)
         finally:
             self._pool.end(processes)
@@ -162,6 +164,10 @@ class TargetPair:
             self._calibrator = None
         for file in (*self._prepared.models, self._prepared.workloads[1]):
             file.unlink(missing_ok=True)
+
+    def _is_next_ready(self) -> bool:
+        """Return whether nothing is started ahead that is still starting."""
+        return all(process.is_ready() for process in self._next)
 
     def _start_ahead(self, allowed: Collection[int]) -> None:
         """Start the processes of a launch on the allowed cores, without waiting for them."""

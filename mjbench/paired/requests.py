@@ -68,7 +68,7 @@ class StartRelease(Request[None]):
 
     Attributes:
       version: that it must be.
-      check_files: whether to look at every file of the release.
+      check_files: whether to check the whole install, rather than the version that was imported.
       move: how to move its libraries first; None imports it as installed.
     """
 

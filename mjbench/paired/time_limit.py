@@ -12,6 +12,8 @@ from collections.abc import Callable
 # How often a launch lays out its memory anew. Layouts of one program differ about as much as
 # programs do, and take less time.
 LAYOUTS = 3
+# More of them are timed while the processes of the next launch start, up to this number.
+MAX_LAYOUTS = 12
 # Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
 LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.1, 2, 100
 # Blocks that a target runs to prepare a layout: one to check its states, one to warm up.

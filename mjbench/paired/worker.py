@@ -107,7 +107,10 @@ class Worker:
 
         from mjbench.releases import install_check
 
-        problem = install_check.imported_problem(request.version, request.check_files)
+        if request.check_files:
+            problem = install_check.imported_problem(request.version)
+        else:
+            problem = install_check.engine_problem(request.version)
         if problem:
             raise MachineError(problem)
 

@@ -85,6 +85,17 @@ class WorkerProcess:
         while self._pending:
             self._answer()
 
+    def is_ready(self) -> bool:
+        """Return whether all requests are answered, without waiting for one.
+
+        Raises:
+          InputError: what was asked for cannot be.
+          TargetError: the process failed or crashed.
+        """
+        while self._pending and self.connection.poll():
+            self._answer()
+        return not self._pending
+
     def time_block(self) -> int:
         """Have one block run, after `TimeBlocks` was asked; return its nanoseconds.
 

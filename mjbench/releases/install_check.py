@@ -64,7 +64,7 @@ def changed_file() -> str | None:
     return None
 
 
-def imported_problem(expected: str | None = None, check_files: bool = True) -> str | None:
+def imported_problem(expected: str | None = None) -> str | None:
     """Return why the MuJoCo of this process is not the expected release; None if it is.
 
     A release installed over another, or next to another on the path, imports without an error
@@ -74,7 +74,6 @@ def imported_problem(expected: str | None = None, check_files: bool = True) -> s
 
     Args:
       expected: the version; by default the one that the installer recorded.
-      check_files: whether to look at every file of the release, which takes longest.
     """
     import mujoco
 
@@ -92,17 +91,29 @@ def imported_problem(expected: str | None = None, check_files: bool = True) -> s
     if folders != {folder}:
         return f"MuJoCo {expected} is mixed from {', '.join(sorted(map(str, folders)))}"
     package = Path(mujoco.__file__).parent
-    return _stray_module(package) or (_broken_file(distributions) if check_files else None)
+    return _stray_module(package) or _broken_file(distributions)
+
+
+def engine_problem(expected: str) -> str | None:
+    """Return why the engine of this process is not of the expected version; None if it is.
+
+    It is what can change between two processes of one install, and takes no time.
+    """
+    wrong = _wrong_engine_versions(expected)
+    return f"expected MuJoCo {expected}, but {', '.join(wrong)}" if wrong else None
 
 
 def _wrong_versions(expected: str, distributions: Sequence[metadata.Distribution]) -> list[str]:
     """Return what says that it is another version, such as `the C library is 2.0.0`."""
-    import mujoco
-
     versions = {f"distribution {d.metadata['Name']}": d.version for d in distributions}
-    wrong = [
+    return _wrong_engine_versions(expected) + [
         f"the {name} is {version}" for name, version in versions.items() if version != expected
     ]
+
+
+def _wrong_engine_versions(expected: str) -> list[str]:
+    import mujoco
+
     # The engine, and the package after it, know only numbers: 4.1.0 also in 4.1.0rc1 and in
     # 4.1.0+g1a2b3c. Which of these it is, the distributions say.
     numbers = re.match(r"[\d.]*\d", expected)
@@ -112,7 +123,7 @@ def _wrong_versions(expected: str, distributions: Sequence[metadata.Distribution
         f"the {name} is {version}"
         for name, version in engine_versions.items()
         if version not in accepted
-    ] + wrong
+    ]
 
 
 def _distributions() -> Iterator[metadata.Distribution]:

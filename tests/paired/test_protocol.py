@@ -48,6 +48,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(protocol, "_time_quads", spying)
+        patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
         pair = TargetPair(pool, CARTPOLE, CARTPOLE)
         spied.launches += [pair.launch() for _ in range(LAUNCHES)]
         pair.close()
@@ -79,6 +80,18 @@ def test_both_targets_run_on_the_core_of_this_process(spied: Spied) -> None:
 def test_every_launch_is_a_new_process(spied: Spied) -> None:
     assert len(spied.pids) == LAUNCHES * time_limit.LAYOUTS
     assert len({pid for pids in spied.pids for pid in pids}) == 2 * LAUNCHES
+
+
+def test_a_launch_goes_on_while_the_next_processes_start(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers = iter([False, False, True])
+    monkeypatch.setattr(TargetPair, "_is_next_ready", lambda pair: next(answers))
+    monkeypatch.setattr(protocol, "quad_count", lambda pair_s: time_limit.MIN_QUADS)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    launch = pair.launch()
+    pair.close()
+    assert len(launch.orders) == (time_limit.LAYOUTS + 2) * time_limit.MIN_QUADS
 
 
 def test_a_launch_is_stored_with_its_raw_times(spied: Spied) -> None:

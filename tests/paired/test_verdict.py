@@ -31,7 +31,7 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
 
 def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
     ticks = iter(range(0, 10_000, 100))
-    plan = verdict.VerdictPlan(time_limit_s=350.0)
+    plan = verdict.VerdictPlan(time_limit_s=350.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))
     assert result.judgement is not None
     assert result.judgement.verdict == Verdict.INCONCLUSIVE
@@ -47,7 +47,7 @@ def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None
 def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     pool: WorkerPool,
 ) -> None:
-    plan = verdict.VerdictPlan(time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000))
+    plan = verdict.VerdictPlan(as_shipped=True, time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000))
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert (result.status, result.judgement, list(result.launches)) == (Status.OK, None, [])
     row = result.row()
@@ -62,7 +62,7 @@ def test_a_launch_that_proves_too_heavy_is_not_finished(
 ) -> None:
     monkeypatch.setattr(preparation, "launch_s", lambda pair_s: 0.01)
     monkeypatch.setattr(protocol, "launch_s", lambda pair_s: 100.0)
-    plan = verdict.VerdictPlan(time_limit_s=60.0)
+    plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert result.row().verdict == Verdict.INCONCLUSIVE
     assert result.detail.startswith("a launch takes about 100 s")
