@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.paired.outcomes import Verdict
+from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ FAIL_ON = (
         metavar="FINDING,…",
         callback=_findings,
         help=f"Exit 1 for one of these: {', '.join(Finding)}. Exit 3 when it cannot be decided:"
-        " the verdict is inconclusive, or the work was not compared.",
+        " the verdict is inconclusive, it may be due to where the code of a build lies in memory, or"
+        " the work was not compared.",
     ),
     click.option(
         "--allow-inconclusive",
@@ -67,7 +68,9 @@ class FailOn:
         code = exit_code(row.status for row in rows)
         if code != ExitCode.OK:
             return code
-        outcomes: set[str] = {row.verdict for row in rows if row.verdict is not None}
+        outcomes: set[str] = {
+            row.verdict for row in rows if row.verdict is not None and not _may_be_placement(row)
+        }
         if any(row.changed_work for row in rows):
             outcomes.add(Finding.CHANGED_WORK)
         if outcomes & set(self.findings):
@@ -76,8 +79,17 @@ class FailOn:
 
     def _is_undecided(self, rows: Sequence["VerdictRow"]) -> bool:
         asks_for_speed = bool({Finding.SLOWER, Finding.FASTER} & set(self.findings))
-        is_speed_open = any(row.verdict in (None, Verdict.INCONCLUSIVE) for row in rows)
+        is_speed_open = any(
+            row.verdict in (None, Verdict.INCONCLUSIVE) or _may_be_placement(row) for row in rows
+        )
         is_work_open = any(row.changed_work is None for row in rows)
         return (asks_for_speed and is_speed_open and not self.allow_inconclusive) or (
             Finding.CHANGED_WORK in self.findings and is_work_open
         )
+
+
+def _may_be_placement(row: "VerdictRow") -> bool:
+    """Return whether times differ, and it could not be averaged out where the code lies."""
+    could_not_average = row.placement is not None and bool(row.placement.problem)
+    is_different = row.verdict in (Verdict.SLOWER, Verdict.FASTER)
+    return is_different and could_not_average and row.cause == Cause.UNDECIDED

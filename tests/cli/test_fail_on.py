@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from mjbench.cli.fail_on import FailOn, Finding
-from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import Ratio, VerdictRow
+from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.records import PlacementEffect, Ratio, VerdictRow
 from mjbench.status import Status
 
 SPEED = (Finding.SLOWER,)
@@ -54,6 +54,16 @@ def test_an_inconclusive_verdict_passes_where_the_user_allows_it() -> None:
     open_rows = [row(Verdict.INCONCLUSIVE), row(Verdict.SAME)]
     assert FailOn(SPEED, allow_inconclusive=True).exit_code(open_rows) == 0
     assert FailOn(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)]) == 1
+
+
+def test_a_difference_that_may_be_placement_is_undecided_unless_asked_for_as_shipped() -> None:
+    could_not = PlacementEffect(averaged=False, problem="MuJoCo 2: its package holds no libmujoco")
+    slower = replace(row(Verdict.SLOWER), cause=Cause.UNDECIDED, placement=could_not)
+    assert FailOn(SPEED).exit_code([slower]) == 3
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code([slower]) == 0
+    assert FailOn(SPEED).exit_code([replace(slower, placement=PlacementEffect(False))]) == 1
+    assert FailOn(SPEED).exit_code([replace(slower, cause=Cause.WORK)]) == 1
+    assert FailOn(SPEED).exit_code([replace(slower, verdict=Verdict.SAME, cause=None)]) == 0
 
 
 def test_work_that_was_not_compared_does_not_pass() -> None:

@@ -47,7 +47,9 @@ def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None
 def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     pool: WorkerPool,
 ) -> None:
-    plan = verdict.VerdictPlan(as_shipped=True, time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000))
+    plan = verdict.VerdictPlan(
+        as_shipped=True, time_limit_s=2.0, sizes=Sizes(nbatch=1_000_000, nstep=1000)
+    )
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert (result.status, result.judgement, list(result.launches)) == (Status.OK, None, [])
     row = result.row()
