@@ -36,6 +36,7 @@ class Launch:
       orders: of each quad, `ABBA` or `BAAB`, layout by layout; A is the baseline.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       placements: of the targets' libraries.
+      layouts: how many quads each layout of memory has, in the order they ran.
     """
 
     core: int | None
@@ -43,6 +44,7 @@ class Launch:
     orders: Sequence[str]
     ns: np.ndarray
     placements: PlacementPair = AS_SHIPPED
+    layouts: Sequence[int] = ()
 
     def pair_log_ratios(self) -> np.ndarray:
         """Return (quads, 2) natural logarithms of candidate over baseline time.
@@ -69,7 +71,12 @@ class Launch:
     def row(self) -> LaunchRow:
         """Return the launch as a run file stores it."""
         return LaunchRow(
-            self.core, self.cores, list(self.orders), self.ns.tolist(), self.placements
+            self.core,
+            self.cores,
+            list(self.orders),
+            self.ns.tolist(),
+            self.placements,
+            list(self.layouts),
         )
 
 
@@ -153,7 +160,8 @@ class TargetPair:
             self._pool.end(processes)
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
-        return Launch(core, calibrated, orders, ns, placements)
+        sizes = [len(layout_orders) for layout_orders, _ in layouts]
+        return Launch(core, calibrated, orders, ns, placements, sizes)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""

@@ -159,6 +159,7 @@ class LaunchRow:
       orders: of each quad, `ABBA` or `BAAB`; A is the baseline.
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       placements: of the targets' libraries.
+      layouts: how many quads each layout of memory has, in the order they ran.
     """
 
     core: int | None
@@ -166,6 +167,7 @@ class LaunchRow:
     orders: Sequence[str]
     ns: Sequence[Sequence[int]]
     placements: PlacementPair = AS_SHIPPED
+    layouts: Sequence[PositiveInt] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -67,14 +67,14 @@ AS_SHIPPED = PlacementPair()
 def schedule(rng: random.Random) -> Iterator[PlacementPair]:
     """Yield the placements of one launch after the other, endlessly.
 
-    Of every five launches one is as shipped, but never the first. In the other four each side takes
-    every residue once, in an order of its own.
+    Of every five launches one is as shipped, but never the first. The other four take every residue
+    once, in random order. Both sides take the same one: what a residue adds to the log time of each
+    side adds up, and its mean over the four is the same however residues are paired.
     """
     while True:
-        orders = (rng.sample(RESIDUES, len(RESIDUES)) for _ in range(2))
         block = [
-            PlacementPair(Placement.draw(old, rng), Placement.draw(new, rng))
-            for old, new in zip(*orders, strict=True)
+            PlacementPair(Placement.draw(residue, rng), Placement.draw(residue, rng))
+            for residue in rng.sample(RESIDUES, len(RESIDUES))
         ]
         block.insert(rng.randrange(1, len(block) + 1), AS_SHIPPED)
         yield from block

@@ -1,0 +1,141 @@
+"""Where the noise of launches comes from: blocks, layouts of memory, or launches themselves.
+
+    python -m benchmarks.variance_components [MODEL]... [--launches 60] [--moved]
+
+compares the installed release with itself, and splits the variance of launches' log ratios into
+three components. More blocks in a launch reduce the first, more layouts the second; only more
+launches reduce the third. With `--moved` the code of both sides is moved from launch to launch.
+
+It also prints the standard deviation of a launch for several ways to sum up its blocks. Leave the
+machine alone meanwhile; 60 launches take about half a minute for each model.
+"""
+
+import argparse
+import random
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs, placement
+from mjbench.simulation import models
+
+# Ratio of the standard deviation of normal noise to its median absolute deviation, and of the
+# standard error of a median to that of a mean.
+_SD_PER_MAD, _MEDIAN_ERROR = 1.4826, 1.2533
+
+
+@dataclass(frozen=True)
+class Components:
+    """Standard deviations of a launch's log ratio, in percent; their squares add up.
+
+    Attributes:
+      blocks: of the noise of blocks, for all blocks of a launch together.
+      layouts: of layouts of memory, for all layouts of a launch together.
+      launches: between launches, beyond both.
+      total: of the log ratios of launches.
+    """
+
+    blocks: float
+    layouts: float
+    launches: float
+    total: float
+
+
+def layout_pairs(launch: Launch) -> list[np.ndarray]:
+    """Return the (quads, 2) pair log ratios of each layout of a launch."""
+    ends = np.cumsum(launch.layouts)[:-1]
+    return np.split(launch.pair_log_ratios(), ends)
+
+
+def components(launches: Sequence[Launch]) -> Components:
+    """Split the variance of launches, each with several layouts, by the method of moments."""
+    medians, errors = [], []
+    for launch in launches:
+        layouts = layout_pairs(launch)
+        medians.append(np.array([_median(pairs) for pairs in layouts]))
+        errors.append(np.array([_median_variance(pairs) for pairs in layouts]))
+    counts = np.array([len(m) for m in medians])
+    block = np.mean([e.mean() for e in errors])
+    between_layouts = np.mean([m.var(ddof=1) for m in medians])
+    layout = max(between_layouts - block, 0.0)
+    per_launch = float(np.mean(1 / counts))
+    total = float(np.var([m.mean() for m in medians], ddof=1))
+    remaining = max(total - (layout + block) * per_launch, 0.0)
+    parts = (block * per_launch, layout * per_launch, remaining, total)
+    return Components(*(100 * float(np.sqrt(part)) for part in parts))
+
+
+def _median(pairs: np.ndarray) -> float:
+    return float(np.median(pairs, axis=0).mean())
+
+
+def _median_variance(pairs: np.ndarray) -> float:
+    """Return the variance of `_median`, from how pairs spread within a layout."""
+    mads = np.median(np.abs(pairs - np.median(pairs, axis=0)), axis=0)
+    errors = _MEDIAN_ERROR * _SD_PER_MAD * mads / np.sqrt(len(pairs))
+    return float((errors**2).sum() / 4)
+
+
+def _trimmed(pairs: np.ndarray) -> float:
+    ordered = np.sort(pairs, axis=0)
+    cut = len(pairs) // 5
+    return float(ordered[cut : len(pairs) - cut].mean())
+
+
+SUMMARIES: dict[str, Callable[[Launch], float]] = {
+    "median of all pairs": lambda launch: launch.log_ratio,
+    "mean of the layouts' medians": lambda launch: float(
+        np.mean([_median(pairs) for pairs in layout_pairs(launch)])
+    ),
+    "trimmed mean of all pairs": lambda launch: _trimmed(launch.pair_log_ratios()),
+    "mean of the layouts' trimmed means": lambda launch: float(
+        np.mean([_trimmed(pairs) for pairs in layout_pairs(launch)])
+    ),
+}
+
+
+def _spread(values: Sequence[float]) -> float:
+    """Return a standard deviation in percent that disturbed launches do not decide."""
+    low, high = np.quantile(values, [0.1, 0.9])
+    return float(100 * (high - low) / 2.5631)  # of normal values
+
+
+def measure(pool: WorkerPool, model: str, count: int, moved: bool) -> list[Launch]:
+    """Return launches of the installed release with itself."""
+    target = Target(installs.parse_release(installs.INSTALLED), models.resolve(model))
+    pairs = placement.schedule(random.Random()) if moved else None
+    pair = TargetPair(pool, target, target, placements=pairs)
+    launches = [pair.launch() for _ in range(count)]
+    pair.close()
+    return launches
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="variance_components", description=__doc__)
+    parser.add_argument("models", nargs="*", metavar="MODEL")
+    parser.add_argument("--launches", type=int, default=60)
+    parser.add_argument("--moved", action="store_true")
+    options = parser.parse_args(arguments)
+    with WorkerPool() as pool:
+        for model in options.models or models.shipped():
+            launches = measure(pool, model, options.launches, options.moved)
+            parts = components(launches)
+            layouts = np.mean([len(launch.layouts) for launch in launches])
+            print(
+                f"{model}: {parts.total:.2f} % = blocks {parts.blocks:.2f} %, layouts"
+                f" {parts.layouts:.2f} %, launches {parts.launches:.2f} %"
+                f" ({layouts:.1f} layouts a launch)"
+            )
+            for name, summary in SUMMARIES.items():
+                spread = _spread([summary(launch) for launch in launches])
+                print(f"  {name}: {spread:.2f} %", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
