@@ -40,8 +40,8 @@ FAIL_ON = (
         metavar="FINDING,…",
         callback=_findings,
         help=f"Exit 1 for one of these: {', '.join(Finding)}. Exit 3 when it cannot be decided:"
-        " the verdict is inconclusive, it may be due to where the code of a build lies in memory, or"
-        " the work was not compared.",
+        " the verdict is inconclusive, it may be due to where a build's code lies in memory, or the"
+        " work was not compared.",
     ),
     click.option(
         "--allow-inconclusive",
