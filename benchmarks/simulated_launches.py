@@ -116,7 +116,7 @@ def simulate(
       seed: of the random numbers.
     """
     plan = plan or VerdictPlan()
-    rng = np.random.default_rng([seed, round(1e5 * change)])
+    rng = np.random.default_rng([seed, round(1e5 * (1 + change))])
     truth = float(np.log1p(change))
     launches = _Launches.draw(rng, scenario, count)
     active = np.arange(count)
@@ -146,12 +146,7 @@ def simulate(
 def _evidence(cells: np.ndarray, confidence: float, length: int) -> Sequence[Evidence]:
     """Return what launches show, for each comparison."""
     fitted = anytime.fit(cells)
-    columns = (
-        fitted.mean,
-        fitted.half_width(confidence),
-        fitted.e_value(),
-        anytime.fit(-cells).e_value(),
-    )
+    columns = (fitted.mean, fitted.half_width(confidence), *fitted.e_values())
     return [
         Evidence(Interval(mean, mean - half_width, mean + half_width, length), above, below)
         for mean, half_width, above, below in zip(*map(np.ndarray.tolist, columns), strict=True)

@@ -1,6 +1,6 @@
 """How often verdicts are wrong, undecided or late, on launches whose truth is known.
 
-    python -m benchmarks.verdict_simulation [--comparisons 2000] [--only NAME …]
+    python -m benchmarks.verdict_simulation [--comparisons 4000] [--only NAME …]
 
 draws launches at random, judges them as `mjbench` does, prints how each scenario ends, and writes
 results/verdicts.json and docs/method/verdict-errors.md. It takes about ten minutes. `--only`
@@ -19,14 +19,19 @@ from mjbench.status import ExitCode
 ROOT = Path(__file__).resolve().parent.parent
 TALLY: Path = ROOT / "results" / "verdicts.json"
 PAGE: Path = ROOT / "docs" / "method" / "verdict-errors.md"
-COMPARISONS = 2000
+COMPARISONS = 4000
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command; return its exit code."""
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--comparisons", type=int, default=COMPARISONS, help="of each scenario")
+    parser.add_argument(
+        "--comparisons",
+        type=int,
+        default=COMPARISONS,
+        help="of each scenario, and number of families",
+    )
     parser.add_argument("--only", action="append", metavar="NAME", help="part of a scenario's name")
     options = parser.parse_args(arguments)
     names = options.only or [""]

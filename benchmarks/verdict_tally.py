@@ -138,7 +138,11 @@ def scenario_rows(scenarios: Sequence[Scenario], comparisons: int) -> Iterator[S
 
 
 def family_rows(comparisons: int) -> Iterator[FamilyRow]:
-    """Simulate families in which none or one of FAMILY comparisons is slower."""
+    """Simulate families in which none or one of FAMILY comparisons is slower.
+
+    Args:
+      comparisons: number of families.
+    """
     level = 1 - VerdictPlan().confidence
     rules = (
         ("each verdict alone", VerdictPlan(), 1),
@@ -147,47 +151,38 @@ def family_rows(comparisons: int) -> Iterator[FamilyRow]:
     )
     for scenario in (_with_placement(Scenario("normal, 0.85 %")), _COMBINED):
         for rule, plan, family in rules:
-            unchanged, *changed = (
-                simulate(scenario, change, comparisons, plan, family) for change in CHANGES
-            )
-            for change, slower in zip(CHANGES, (unchanged, *changed), strict=True):
-                yield _family_row(scenario, change, rule, unchanged, slower, family, level)
+            unchanged = simulate(scenario, 0.0, FAMILY * comparisons, plan, family)
+            for change in CHANGES:
+                changed = simulate(scenario, change, comparisons, plan, family, seed=1)
+                found = _found(unchanged, changed, level if family > 1 else None)
+                yield FamilyRow(
+                    scenario.name,
+                    change,
+                    rule,
+                    failed=float(found.any(axis=1).mean()),
+                    wrong=float(found[:, 1 if change else 0 :].any(axis=1).mean()),
+                    launches=float(unchanged.launches.mean()),
+                    launches_changed=float(changed.launches.mean()),
+                )
 
 
-def _family_row(
-    scenario: Scenario,
-    change: float,
-    rule: str,
-    unchanged: Outcomes,
-    changed: Outcomes,
-    family: int,
-    level: float,
-) -> FamilyRow:
-    """Put comparisons into families: one of `changed`, all others of `unchanged`."""
-    count = len(unchanged.launches) // FAMILY
-    found = []
-    for i in range(count):
-        members = slice(i * FAMILY, (i + 1) * FAMILY)
-        first = unchanged if change == 0 else changed
-        verdicts = [first.verdicts[i * FAMILY], *unchanged.verdicts[members][1:]]
-        e_values = [first.e_slower[i * FAMILY], *unchanged.e_slower[members][1:]]
-        rejected = [True] * FAMILY
-        if family > 1:
-            rejected = list(anytime.e_benjamini_hochberg(e_values, level))
-        found.append(
-            [v == Verdict.SLOWER and r for v, r in zip(verdicts, rejected, strict=True)]
-        )
-    table = np.array(found)
-    wrong = table[:, 1:] if change else table
-    return FamilyRow(
-        scenario.name,
-        change,
-        rule,
-        failed=float(table.any(axis=1).mean()),
-        wrong=float(wrong.any(axis=1).mean()),
-        launches=float(unchanged.launches.mean()),
-        launches_changed=float(changed.launches.mean()),
-    )
+def _found(unchanged: Outcomes, changed: Outcomes, level: float | None) -> np.ndarray:
+    """Return which comparisons are found slower, of shape (families, FAMILY).
+
+    Args:
+      unchanged: FAMILY comparisons of each family, of which the first is replaced.
+      changed: the first comparison of each family.
+      level: of the family; None if each verdict stands alone.
+    """
+    shape = (-1, FAMILY)
+    is_slower = (unchanged.verdicts == Verdict.SLOWER).reshape(shape)
+    is_slower[:, 0] = changed.verdicts == Verdict.SLOWER
+    if level is None:
+        return is_slower
+    e_values = unchanged.e_slower.reshape(shape).copy()
+    e_values[:, 0] = changed.e_slower
+    rejected = [anytime.e_benjamini_hochberg(family, level) for family in e_values.tolist()]
+    return is_slower & np.array(rejected)
 
 
 @dataclass(frozen=True)

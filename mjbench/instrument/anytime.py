@@ -92,10 +92,14 @@ class Fit:
         is_finite = (self.freedom > 0) & (ratio < growth)
         room = np.where(is_finite, 1 - ratio / growth, 1.0)
         u = np.where(is_finite, (ratio - 1) / room, np.inf)
-        return np.sqrt(np.where(is_finite, self.leverage * self.squares, 1.0) * u)
+        half_width: np.ndarray = np.sqrt(np.where(is_finite, self.leverage * self.squares, 1) * u)
+        return half_width
 
-    def e_value(self) -> np.ndarray:
-        """Return the e-value against "the mean is at most 0"; 1 with too few launches."""
+    def e_values(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return e-values against "the mean is at most 0" and "the mean is at least 0".
+
+        They are 1 with too few launches. See `e_value`.
+        """
         from scipy.special import stdtr
 
         growth, scale = self._growth, self.leverage * self.squares
@@ -103,10 +107,14 @@ class Fit:
         share = np.divide(self.mean**2, total, out=np.zeros_like(total), where=total > 0)
         gain = (growth - 1) * share
         power = (self.freedom + 1) / 2
-        # two-sided Bayes factor, and the posterior probability of a positive mean
-        factor = (1 + gain) ** power / np.sqrt(growth)
-        positive = stdtr(self.freedom + 1, np.sign(self.mean) * np.sqrt(2 * power * gain))
-        return np.where(self.freedom > 0, 2 * factor * positive, 1.0)
+        # twice the two-sided Bayes factor, and the posterior probability of a positive mean
+        factor = 2 * (1 + gain) ** power / np.sqrt(growth)
+        quantile = np.sign(self.mean) * np.sqrt(2 * power * gain)
+        positive, negative = (
+            np.where(self.freedom > 0, factor * stdtr(self.freedom + 1, side), 1.0)
+            for side in (quantile, -quantile)
+        )
+        return positive, negative
 
     @property
     def _growth(self) -> np.ndarray:
@@ -160,7 +168,8 @@ def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     is_allowed = (of_residue.sum(axis=1) <= most) & np.all(
         (of_residue == 0) | (counts >= 2 * of_residue + 3), axis=1
     )
-    return far & is_allowed[:, None, None]
+    disturbed: np.ndarray = far & is_allowed[:, None, None]
+    return disturbed
 
 
 def _medians(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
@@ -171,7 +180,8 @@ def _middle(ordered: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return the medians along the last axis of ordered values, of which the first ones count."""
     ends = (counts[..., None] - 1) // 2, counts[..., None] // 2
     low, high = (np.take_along_axis(ordered, end, axis=-1)[..., 0] for end in ends)
-    return (low + high) / 2
+    medians: np.ndarray = (low + high) / 2
+    return medians
 
 
 @functools.cache
@@ -193,12 +203,10 @@ def evidence(
     samples: Sequence[float], confidence: float, placements: Sequence[Placement] | None = None
 ) -> Evidence:
     """Return what launches show: `anytime_interval`, and `e_value` for both directions."""
-    above, below = (fit(_cells(values, placements)) for values in (samples, [-x for x in samples]))
-    return Evidence(
-        _interval(above, confidence, len(samples)),
-        float(above.e_value()[0]),
-        float(below.e_value()[0]),
-    )
+    fitted = fit(_cells(samples, placements))
+    positive, negative = fitted.e_values()
+    interval = _interval(fitted, confidence, len(samples))
+    return Evidence(interval, float(positive[0]), float(negative[0]))
 
 
 def anytime_interval(
@@ -244,7 +252,7 @@ def e_value(samples: Sequence[float], placements: Sequence[Placement] | None = N
     Raises:
       ValueError: no samples, or placements of other launches.
     """
-    return float(fit(_cells(samples, placements)).e_value()[0])
+    return float(fit(_cells(samples, placements)).e_values()[0][0])
 
 
 def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool, ...]:
@@ -267,9 +275,7 @@ def e_benjamini_hochberg(e_values: Sequence[float], level: float) -> tuple[bool,
         raise ValueError(f"need a level in (0, 1), got {level}")
     count = len(e_values)
     ordered = sorted(e_values, reverse=True)
-    least = min(
-        (e for k, e in enumerate(ordered, 1) if e >= count / (k * level)), default=math.inf
-    )
+    least = min((e for k, e in enumerate(ordered, 1) if e >= count / (k * level)), default=math.inf)
     return tuple(e >= least for e in e_values)
 
 

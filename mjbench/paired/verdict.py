@@ -51,7 +51,7 @@ class Judgement:
       high: upper end of its interval.
       launches: number of launches.
       enough: whether more launches are unnecessary for the verdict and precision asked for.
-      e_slower: e-value against "not slower" (see `anytime.e_value`); 1 is no evidence.
+      e_slower: e-value against "not slower" (see `anytime.e_value`); 1 or less is no evidence.
       e_faster: e-value against "not faster".
     """
 
@@ -100,7 +100,15 @@ def judge(
 def conclude(
     evidence: Evidence, min_effect: float, confidence: float, precision: float, family: int = 1
 ) -> Judgement:
-    """Judge what launches show; see `judge`."""
+    """Judge what launches show; see `judge` for the rule and the other arguments.
+
+    Args:
+      evidence: interval and e-values of the log ratios.
+      min_effect: smallest effect that matters.
+      confidence: of the interval.
+      precision: half-width at which to stop.
+      family: number of comparisons that are decided together.
+    """
     interval = evidence.interval
     log_effect = float(np.log1p(min_effect))
     has_launches = interval.count >= MIN_LAUNCHES
