@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.up-to-date
 
-.PHONY: help bench test lint c-floor slowdown soak fuzz foreign clean
+.PHONY: help bench test lint c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
 	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (3 to 7 minutes)"
@@ -14,6 +14,7 @@ help:
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (an hour or two)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
+	@echo "make verdicts  simulate how often verdicts are wrong (10 minutes)"
 	@echo "make foreign   compare the C paths on the models of 13 packages, downloaded (half an hour)"
 	@echo "make clean     remove the virtual environment and caches"
 	@echo "All but clean set up .venv first, if it is missing or out of date."
@@ -42,6 +43,9 @@ soak: $(STAMP)
 
 fuzz: $(STAMP)
 	$(BIN)/python -m benchmarks.fuzz
+
+verdicts: $(STAMP)
+	$(BIN)/python -m benchmarks.verdict_simulation
 
 foreign: $(STAMP)
 	$(BIN)/python -m benchmarks.foreign

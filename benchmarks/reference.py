@@ -42,7 +42,7 @@ class Reference(Tracked):
             pair = TargetPair(pool, reference, under_test)
             log_ratios = [pair.launch().log_ratio for _ in range(LAUNCHES)]
             pair.close()
-        return float(np.exp(stats.anytime_interval(log_ratios, 0.99).mean))
+        return float(np.exp(stats.trimmed_mean(log_ratios)))
 
     track_ratio_to_reference.unit = "new/reference"
     track_ratio_to_reference.pretty_name = f"time of a step over that of MuJoCo {REFERENCE}, paired"

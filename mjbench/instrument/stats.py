@@ -13,10 +13,7 @@ import numpy as np
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
-# Variance of the prior on the ratio of mean to deviation. The interval is narrowest where the
-# effect is somewhat larger than the deviation between launches: ten or twenty launches suffice.
-PRIOR = 2.0
-# Share of the launches left out at each end.
+# Share of the samples that `trimmed_mean` leaves out at each end.
 TRIM = 0.2
 
 
@@ -119,67 +116,13 @@ def median_interval(
     return (None if np.isnan(low) else low), (None if np.isnan(high) else high)
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A trimmed mean with an anytime-valid interval (see `anytime_interval`).
-
-    Attributes:
-      mean: trimmed mean of the samples.
-      low: lower end; minus infinity with too few samples.
-      high: upper end; infinity with too few samples.
-      count: number of samples.
-    """
-
-    mean: float
-    low: float
-    high: float
-    count: int
-
-    @property
-    def half_width(self) -> float:
-        """Half of its width."""
-        return (self.high - self.low) / 2
-
-
-def anytime_interval(samples: Sequence[float], confidence: float) -> Interval:
-    """Return the trimmed mean of independent samples with its anytime-valid interval.
-
-    The interval may be computed after every new sample, and sampling stopped at any time: the
-    probability that any of these intervals misses the centre is about 1 - confidence. It contains
-    the values that the t-test's Bayes factor, with right-Haar prior on the deviation and a normal
-    prior of variance PRIOR on the ratio of mean to deviation, does not reject at
-    1 / (1 - confidence). For normal samples that factor is a test martingale, and the bound is
-    exact (Pérez-Ortiz, Lardy, de Heij and Grünwald, E-statistics, group invariance and
-    anytime-valid testing, Annals of Statistics 52, 2024; the factor: Gönen, Johnson, Lu and
-    Westfall, The American Statistician 59, 2005).
-
-    A launch that another process disturbed is off by ten times as much as others. So a share TRIM
-    of the samples is left out at each end, and mean and error are those of Yuen (Biometrika 61,
-    1974), which behave like those of the remaining samples. tests/instrument/test_stats.py
-    simulates both kinds of noise.
-
-    Args:
-      samples: independent samples.
-      confidence: such as 0.99.
+def trimmed_mean(samples: Sequence[float]) -> float:
+    """Return the mean of the samples that remain without the TRIM smallest and largest of them.
 
     Raises:
-      ValueError: no samples, or a confidence not between 0 and 1.
+      ValueError: no samples.
     """
-    if not samples or not 0 < confidence < 1:
-        raise ValueError(f"need samples and a confidence in (0, 1), got {confidence}")
-    values = np.sort(np.asarray(samples, dtype=float))
-    count = len(values)
-    cut = int(TRIM * count)
-    left = count - 2 * cut  # samples that remain
-    mean = float(values[cut : count - cut].mean())
-    growth = 1 + left * PRIOR
-    # The factor reaches 1 / (1 - confidence) where (1 + u) / (1 + u / growth) equals `ratio`; u is
-    # t² divided by the degrees of freedom.
-    ratio = (np.sqrt(growth) / (1 - confidence)) ** (2 / left)
-    if left < 2 or ratio >= growth:
-        return Interval(mean, -np.inf, np.inf, count)
-    winsorized = np.clip(values, values[cut], values[count - cut - 1])
-    error = np.sqrt((count - 1) * winsorized.var(ddof=1) / (left * (left - 1)))
-    u = (ratio - 1) / (1 - ratio / growth)
-    half_width = float(error * np.sqrt((left - 1) * u))
-    return Interval(mean, mean - half_width, mean + half_width, count)
+    if not samples:
+        raise ValueError("need samples")
+    cut = int(TRIM * len(samples))
+    return float(np.sort(np.asarray(samples, dtype=float))[cut : len(samples) - cut].mean())

@@ -60,6 +60,11 @@ class PlacementPair:
         """Whether the libraries of both are moved."""
         return self.old is not None and self.new is not None
 
+    @property
+    def residue(self) -> int:
+        """Bytes by which the candidate is moved within a cache line; 0 as shipped."""
+        return self.new.residue if self.new is not None else 0
+
 
 AS_SHIPPED = PlacementPair()
 
@@ -68,13 +73,11 @@ def schedule(rng: random.Random) -> Iterator[PlacementPair]:
     """Yield the placements of one launch after the other, endlessly.
 
     Of every five launches one is as shipped, but never the first. The other four take every residue
-    once, in random order. Both sides take the same one: what a residue adds to the log time of each
-    side adds up, and its mean over the four is the same however residues are paired.
+    once, in random order. Both sides are moved by as much: then identical code is placed alike, and
+    each residue adds one unknown to the comparison.
     """
     while True:
-        block = [
-            PlacementPair(Placement.draw(residue, rng), Placement.draw(residue, rng))
-            for residue in rng.sample(RESIDUES, len(RESIDUES))
-        ]
+        placements = [Placement.draw(r, rng) for r in rng.sample(RESIDUES, len(RESIDUES))]
+        block = [PlacementPair(placement, placement) for placement in placements]
         block.insert(rng.randrange(1, len(block) + 1), AS_SHIPPED)
         yield from block

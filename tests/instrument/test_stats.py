@@ -48,19 +48,7 @@ def test_a_fixed_interval_computed_after_every_launch_is_wrong_more_often() -> N
     assert alarms / 400 > 0.03
 
 
-def test_the_interval_is_where_the_bayes_factor_reaches_its_bound(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(stats, "TRIM", 0.0)
-    x = np.random.default_rng(1).normal(0.3, 1.0, 25)
-    interval = stats.anytime_interval(list(x), 0.99)
-    n, growth = len(x), 1 + len(x) * stats.PRIOR
-    for end in (interval.low, interval.high):
-        t2 = n * (x.mean() - end) ** 2 / x.var(ddof=1)
-        factor = growth**-0.5 * ((1 + t2 / (n - 1)) / (1 + t2 / ((n - 1) * growth))) ** (n / 2)
-        assert factor == pytest.approx(100)
-
-
-def test_no_launch_is_an_error() -> None:
+def test_a_trimmed_mean_leaves_out_a_fifth_at_each_end() -> None:
+    assert stats.trimmed_mean([100.0, 1.0, 2.0, 6.0, -50.0]) == pytest.approx(3.0)
     with pytest.raises(ValueError, match="need samples"):
-        stats.anytime_interval([], 0.99)
+        stats.trimmed_mean([])

@@ -1,19 +1,21 @@
 """Verdicts: when they stop, how they fail, and what results say of them."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mjbench.instrument.placements import design
 from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
+from benchmarks.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.instrument import runs
 from mjbench.paired import preparation, protocol, verdict
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import Judgement, PairedResult, judge
+from mjbench.paired.verdict import PairedResult, judge
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.report import verdicts
 from mjbench.simulation import models
@@ -54,7 +56,7 @@ def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
     assert (result.status, result.judgement, list(result.launches)) == (Status.OK, None, [])
     row = result.row()
     assert (row.verdict, row.ratio) == (Verdict.INCONCLUSIVE, None)
-    assert "a verdict needs at least 6 launches: give --time-limit" in row.detail
+    assert "a verdict needs at least 8 launches: give --time-limit" in row.detail
     sentence = verdicts.describe_verdict(row)
     assert ": inconclusive: a launch takes about" in sentence
 
@@ -101,59 +103,52 @@ def test_a_comparison_that_measured_nothing_says_so_with_none() -> None:
 
 # The decision, on launches whose truth is known.
 
-
-def decided(draw: Callable[[], float], most: int = 120) -> Judgement:
-    """Launch until there are enough launches, judging after each, as the command does."""
-    values: list[float] = []
-    while True:
-        values.append(draw())
-        judgement = judge(values, min_effect=0.01, confidence=0.99, precision=0.005)
-        if judgement.enough or len(values) == most:
-            return judgement
-
-
-def trials(truth: float, deviation: float, count: int, heavy: bool = False) -> list[Judgement]:
-    """Decide `count` times; with heavy noise one launch in eight is disturbed."""
-    rng = np.random.default_rng([abs(round(1e4 * truth)), round(1e4 * deviation), heavy])
-
-    def draw() -> float:
-        noise = rng.standard_normal() * (8 if heavy and rng.random() < 0.125 else 1)
-        return float(np.log1p(truth) + deviation * noise)
-
-    return [decided(draw) for _ in range(count)]
+ATTACKS = (
+    Scenario("normal, small", deviation=0.003),
+    Scenario("normal, large", deviation=0.015),
+    Scenario("two modes", deviation=0.008, noise=two_modes),
+    Scenario("skewed", noise=skewed),
+    Scenario("disturbed", disturbed=0.1),
+    Scenario("out of time", deviation=0.015, most=16),
+    Scenario("placed, two modes", deviation=0.008, noise=two_modes, placed=True),
+    Scenario("placed, disturbed", disturbed=0.1, placed=True, image_deviation=0.007),
+    Scenario("placed, few images", placed=True, images=4, image_deviation=0.007),
+)
+EASY = (Scenario("as shipped"), Scenario("placed", placed=True))
 
 
-def share(judgements: Sequence[Judgement], *verdicts: Verdict) -> float:
-    return sum(j.verdict in verdicts for j in judgements) / len(judgements)
+def name(scenario: Scenario) -> str:
+    return scenario.name
 
 
-@pytest.mark.parametrize("heavy", [False, True])
-@pytest.mark.parametrize("deviation", [0.004, 0.008, 0.015])
+@pytest.mark.parametrize("scenario", ATTACKS, ids=name)
 def test_identical_targets_are_called_different_at_most_once_in_a_hundred(
-    deviation: float, heavy: bool
+    scenario: Scenario,
 ) -> None:
-    judgements = trials(0.0, deviation, 1000, heavy)
-    assert share(judgements, Verdict.SLOWER, Verdict.FASTER) <= 0.01
+    outcomes = simulate(scenario, 0.0, 500)
+    assert outcomes.share(Verdict.SLOWER, Verdict.FASTER) <= 0.01
 
 
-@pytest.mark.parametrize("deviation", [0.004, 0.006, 0.008])
-def test_a_slowdown_of_1_percent_is_found_and_never_called_faster(deviation: float) -> None:
-    judgements = trials(0.01, deviation, 400)
-    assert share(judgements, Verdict.SLOWER) >= 0.95
-    assert share(judgements, Verdict.FASTER) == 0
+@pytest.mark.parametrize("scenario", EASY, ids=name)
+def test_a_slowdown_of_1_percent_is_found_and_never_called_faster(scenario: Scenario) -> None:
+    outcomes = simulate(scenario, 0.01, 400)
+    assert outcomes.share(Verdict.SLOWER) >= 0.95
+    assert outcomes.share(Verdict.FASTER) == 0
+    assert outcomes.launches.mean() < 25
 
 
-def test_intervals_contain_the_truth_although_computed_after_every_launch() -> None:
-    for truth in (0.0, 0.005, 0.02, -0.02):
-        judgements = trials(truth, 0.008, 500)
-        covered = [j.low <= 1 + truth <= j.high for j in judgements]
-        assert np.mean(covered) >= 0.985  # 99 % with 500 trials
+@pytest.mark.parametrize("scenario", EASY, ids=name)
+@pytest.mark.parametrize("truth", [0.0, 0.005, 0.02, -0.02])
+def test_intervals_contain_the_truth_although_computed_after_every_launch(
+    truth: float, scenario: Scenario
+) -> None:
+    assert simulate(scenario, truth, 400).covered.mean() >= 0.985  # 99 % with 400 trials
 
 
 def test_a_slowdown_well_below_the_smallest_effect_is_mostly_called_the_same() -> None:
-    judgements = trials(0.003, 0.006, 400)
-    assert share(judgements, Verdict.SAME) >= 0.9
-    assert share(judgements, Verdict.FASTER) == 0
+    outcomes = simulate(Scenario("small", deviation=0.006), 0.003, 400)
+    assert outcomes.share(Verdict.SAME) >= 0.9
+    assert outcomes.share(Verdict.FASTER) == 0
 
 
 def test_few_launches_give_no_verdict_however_clear() -> None:
@@ -164,3 +159,34 @@ def test_few_launches_give_no_verdict_however_clear() -> None:
 def test_launches_that_are_all_alike_are_judged() -> None:
     judgement = judge([0.0] * 8, 0.01, 0.99, 0.005)
     assert (judgement.verdict, judgement.low, judgement.high) == (Verdict.SAME, 1.0, 1.0)
+
+
+def test_placements_are_averaged_out() -> None:
+    """A residue that is 5 % slower in the candidate is a slowdown of 1.25 %."""
+    placements = list(islice(design(np.random.default_rng(0), images=8), 24))
+    jitter = np.random.default_rng(0).normal(scale=0.001, size=24)
+    log_ratios = [0.05 * (p.residue == 2) + j for p, j in zip(placements, jitter, strict=True)]
+    judgement = judge(log_ratios, 0.01, 0.99, 0.005, placements)
+    assert judgement.verdict == Verdict.SLOWER
+    assert judgement.ratio == pytest.approx(1.0125, abs=0.0005)
+    assert judgement.low > 1.01
+    assert judge(log_ratios, 0.01, 0.99, 0.005).verdict == Verdict.INCONCLUSIVE
+
+
+def test_a_change_in_a_family_needs_an_e_value_that_suffices_for_the_family() -> None:
+    log_ratios = list(np.random.default_rng(2).normal(0.02, 0.008, 12))
+    alone, one_of_many = (
+        judge(log_ratios, 0.01, 0.99, 0.005, family=family) for family in (1, 1000)
+    )
+    assert alone.enough
+    assert alone.verdict == one_of_many.verdict == Verdict.SLOWER
+    assert 100 <= alone.e_slower == one_of_many.e_slower < 100_000
+    assert alone.e_faster < 1
+    assert not one_of_many.enough
+    assert judge([0.0] * 8, 0.01, 0.99, 0.005, family=1000).enough  # `same` waits for no family
+
+
+def test_a_family_is_rarely_called_slower_and_hardly_takes_more_launches() -> None:
+    alone, family = (simulate(EASY[1], 0.01, 400, family=n) for n in (1, 10))
+    assert np.mean(family.e_slower >= 1000) >= 0.95
+    assert family.launches.mean() <= 1.1 * alone.launches.mean()

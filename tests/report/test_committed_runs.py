@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import ROOT
 
 from mjbench.instrument import runs
 from mjbench.paired import selfcheck
+from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import TrialRecord
 from mjbench.paired.verdict import judge
 from mjbench.report.advice import advise
@@ -39,15 +41,35 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
 
 
 @pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)
-def test_verdicts_of_the_committed_selfchecks_follow_from_their_launches(file: Path) -> None:
+def test_launches_of_the_committed_selfchecks_lead_to_no_wrong_verdict(file: Path) -> None:
+    """They ended by an earlier rule, and may be too few for today's."""
     run = runs.load(file, RECORD_TYPES)
     limits = [run.header.arguments[name] for name in ("min_effect", "confidence", "precision")]
     trials = run.of_type(TrialRecord)
     assert trials
     for trial in trials:
         judgement = judge(trial.launches, *limits)
-        assert judgement.verdict == trial.verdict
-        assert judgement.ratio == pytest.approx(trial.estimate, abs=1e-6)
+        right = {0.0: Verdict.SAME, 0.01: Verdict.SLOWER, 0.02: Verdict.SLOWER}
+        if trial.slowdown in right:
+            assert judgement.verdict in (right[trial.slowdown], Verdict.INCONCLUSIVE)
+        assert judgement.verdict != Verdict.FASTER
+        assert judgement.ratio == pytest.approx(trial.estimate, abs=0.005)
+
+
+def test_launches_of_the_committed_selfchecks_are_not_correlated() -> None:
+    """Each with the one before; residuals of n launches have a correlation of -1 / n by chance."""
+    products, variances = 0.0, 0.0
+    for file in SELFCHECKS:
+        for trial in runs.load(file, RECORD_TYPES).of_type(TrialRecord):
+            x = np.array(trial.launches)
+            distances = x - np.median(x)
+            deviation = 1.4826 * np.median(np.abs(distances))
+            clipped = np.clip(distances / deviation, -2.5, 2.5)
+            clipped -= clipped.mean()
+            variance = clipped.var(ddof=1)
+            products += (clipped[1:] * clipped[:-1]).sum() + variance * (len(x) - 1) / len(x)
+            variances += variance * (len(x) - 1)
+    assert abs(products / variances) < 0.02
 
 
 @pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)
