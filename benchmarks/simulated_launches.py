@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mjbench.instrument.placements import RESIDUES
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
@@ -58,8 +57,7 @@ class Scenario:
       correlation: of each launch with the one before.
       disturbed: share of the launches that are off by DISTURBANCE deviations, to either side.
       placed: whether launches move the libraries.
-      images: number of images of each residue.
-      image_deviation: of an image's effect on one side, drawn anew for each comparison.
+      page_deviation: of what the place within a page does to one side, drawn anew for each launch.
       most: launches after which the time limit ends a comparison.
     """
 
@@ -69,8 +67,7 @@ class Scenario:
     correlation: float = 0.0
     disturbed: float = 0.0
     placed: bool = False
-    images: int = 16
-    image_deviation: float = 0.0
+    page_deviation: float = 0.0
     most: int = MOST_LAUNCHES
 
 
@@ -159,48 +156,36 @@ class _Launches:
 
     Attributes:
       log_ratios: of shape (comparisons, launches).
-      residues: of each launch, of the same shape; zeros where libraries stay where they are.
-      images: of each launch, likewise.
-      shape: number of residues, and of images of each; (1, 0) where libraries stay.
+      residues: index of each launch's residue, of the same shape; None where libraries stay.
     """
 
     log_ratios: np.ndarray
-    residues: np.ndarray
-    images: np.ndarray
-    shape: tuple[int, int]
+    residues: np.ndarray | None
 
     @classmethod
     def draw(cls, rng: np.random.Generator, scenario: Scenario, count: int) -> "_Launches":
-        size = (count, scenario.most)
-        noise = _noise(rng, scenario, size)
+        noise = _noise(rng, scenario, (count, scenario.most))
         if not scenario.placed:
-            zeros = np.zeros(size, dtype=int)
-            return cls(noise, zeros, zeros, (1, 0))
-        residues, images = _placements(rng, scenario, count)
-        moved = rng.permuted(np.tile(BASELINE_EFFECTS, (count, 1)), axis=1)
-        effects = (moved - moved.mean(axis=1, keepdims=True)) - (
+            return cls(noise, None)
+        blocks = -(-scenario.most // len(BASELINE_EFFECTS))
+        order = np.tile(np.arange(len(BASELINE_EFFECTS)), (count, blocks, 1))
+        residues = rng.permuted(order, axis=2).reshape(count, -1)[:, : scenario.most]
+        candidate = rng.permuted(np.tile(BASELINE_EFFECTS, (count, 1)), axis=1)
+        effects = (candidate - candidate.mean(axis=1, keepdims=True)) - (
             BASELINE_EFFECTS - BASELINE_EFFECTS.mean()
         )
-        rows = np.arange(count)[:, None]
-        shape = (count, RESIDUES, scenario.images)
-        sides = rng.standard_normal(shape) - rng.standard_normal(shape)
-        noise = noise + effects[rows, residues]
-        noise = noise + scenario.image_deviation * sides[rows, residues, images]
-        return cls(noise, residues, images, (RESIDUES, scenario.images))
+        page = rng.standard_normal(noise.shape) - rng.standard_normal(noise.shape)
+        noise = noise + np.take_along_axis(effects, residues, axis=1)
+        return cls(noise + scenario.page_deviation * page, residues)
 
     def cells(self, comparisons: np.ndarray, truth: float, length: int) -> np.ndarray:
         """Return the first launches of some comparisons as `anytime.fit` takes them."""
         values = self.log_ratios[comparisons, :length] + truth
-        residues, images = self.shape
-        if not images:
+        if self.residues is None:
             return values[:, None, :]
-        sums = np.zeros((len(comparisons), residues, images))
-        counts = np.zeros_like(sums)
-        rows = np.arange(len(comparisons))[:, None]
-        index = (rows, self.residues[comparisons, :length], self.images[comparisons, :length])
-        np.add.at(sums, index, values)
-        np.add.at(counts, index, 1)
-        return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
+        residues = self.residues[comparisons, :length]
+        is_of = residues[:, None, :] == np.arange(len(BASELINE_EFFECTS))[None, :, None]
+        return np.where(is_of, values[:, None, :], np.nan)
 
 
 def _noise(rng: np.random.Generator, scenario: Scenario, size: tuple[int, int]) -> np.ndarray:
@@ -212,17 +197,3 @@ def _noise(rng: np.random.Generator, scenario: Scenario, size: tuple[int, int]) 
     is_disturbed = rng.random(size) < scenario.disturbed
     noise = noise + np.where(is_disturbed, DISTURBANCE * rng.choice([-1.0, 1.0], size), 0.0)
     return scenario.deviation * noise
-
-
-def _placements(
-    rng: np.random.Generator, scenario: Scenario, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return residue and image of each launch, drawn as `placements.design` draws them."""
-    blocks = -(-scenario.most // RESIDUES)
-    cycles = -(-blocks // scenario.images)
-    orders = np.tile(np.arange(scenario.images), (count, RESIDUES, cycles, 1))
-    orders = rng.permuted(orders, axis=3).reshape(count, RESIDUES, -1)
-    residues = rng.permuted(np.tile(np.arange(RESIDUES), (count, blocks, 1)), axis=2)
-    block = np.arange(blocks)[None, :, None]
-    images = orders[np.arange(count)[:, None, None], residues, block]
-    return tuple(a.reshape(count, -1)[:, : scenario.most] for a in (residues, images))

@@ -125,12 +125,11 @@ _TERMS = """
   2.1 % (placed: 1.2 %) of comparisons where it is 0.5.
 - *Placed*: each launch moves both libraries to one of four residues modulo 64. Between these, the
   baseline's time differs by up to 6.4 % (measured: pile, MuJoCo 3.2.1), the candidate's as much, in
-  another order. Each residue has 16 images.
-- *Images of 0.7 %*: what the images of a residue differ by (standard deviation), on each side. The
-  truth is the mean over all images that could be drawn. Repeating a few of them does not make that
-  mean more certain, and the interval says so: draw a new image for each launch where you can.
-- *All kinds of noise*: the sum of normal, two-modal and skewed noise, 10 % disturbed, with 16
-  images of 0.7 %.
+  another order.
+- *Within a page 0.7 %*: what the place of code within its page does to each side (standard
+  deviation); every launch draws another place.
+- *All kinds of noise*: the sum of normal, two-modal and skewed noise, 10 % disturbed, and places
+  within a page that differ by 0.7 %.
 - *Bias* is the mean of the estimate minus the truth. It is positive where launches stop because the
   change looks large. *Covered* is how often the last interval contains the truth.""".splitlines()
 

@@ -1,9 +1,8 @@
 import math
-from itertools import islice
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from mjbench.instrument.placements import Placement, design
 from scipy import integrate
 
 from mjbench.instrument import anytime
@@ -12,8 +11,7 @@ RNG = np.random.default_rng(1)
 NORMAL = RNG.normal(0.3, 1.0, 25)
 
 
-def placed(count: int, images: int = 16) -> list[Placement]:
-    return list(islice(design(np.random.default_rng(0), images), count))
+RESIDUES = [0, 2, 1, 3, 3, 1, 0, 2] * 4
 
 
 def bayes_factor(x: np.ndarray, mean: float) -> float:
@@ -55,11 +53,11 @@ def test_the_e_value_is_the_bayes_factor_of_positive_means() -> None:
 
 
 def test_effects_of_residues_do_not_change_the_interval() -> None:
-    placements = placed(22)
+    residues = RESIDUES[:22]
     effects = np.array([0.0, -5.0, 40.0, 7.0])
-    moved = [x + effects[p.residue] for x, p in zip(NORMAL, placements, strict=False)]
-    alone = anytime.anytime_interval(list(NORMAL[:22]), 0.99, placements)
-    interval = anytime.anytime_interval(moved, 0.99, placements)
+    moved = [x + effects[r] for x, r in zip(NORMAL, residues, strict=False)]
+    alone = anytime.anytime_interval(list(NORMAL[:22]), 0.99, residues)
+    interval = anytime.anytime_interval(moved, 0.99, residues)
     assert interval.mean - effects.mean() == pytest.approx(alone.mean)
     assert interval.half_width == pytest.approx(alone.half_width)
 
@@ -67,20 +65,24 @@ def test_effects_of_residues_do_not_change_the_interval() -> None:
 def test_residues_weigh_the_same_however_many_launches_they_have() -> None:
     residues = [0] * 9 + [1] * 3
     samples = [1.0, 2.0, 3.0] * 3 + [11.0, 12.0, 13.0]
-    placements = [Placement(r, i) for i, r in enumerate(residues)]
-    assert anytime.anytime_interval(samples, 0.99, placements).mean == pytest.approx(7.0)
+    assert anytime.anytime_interval(samples, 0.99, residues).mean == pytest.approx(7.0)
 
 
-def test_launches_of_one_placement_are_one_sample() -> None:
-    """Repeating them does not make the interval narrower than the placements allow."""
-    placements = placed(32, images=4)
-    effects = dict(zip(dict.fromkeys(placements), RNG.normal(size=16), strict=True))
-    once = [effects[p] for p in placements[:16]]
-    twice = [effects[p] for p in placements]
-    single = anytime.anytime_interval(once, 0.99, placements[:16])
-    double = anytime.anytime_interval(twice, 0.99, placements)
-    assert double.half_width == pytest.approx(single.half_width)
-    assert (single.count, double.count) == (16, 32)
+def test_a_few_launches_beside_many_have_an_interval_around_their_own_mean() -> None:
+    others = [float(x) for x in NORMAL[:20]]
+    alone = anytime.anytime_interval([7.0, 7.5], 0.99)
+    beside = anytime.interval_beside([7.0, 7.5], 0.99, others, RESIDUES[:20])
+    assert alone.high == math.inf
+    assert beside.mean == 7.25
+    assert beside.count == 22
+    # of two launches with the deviation of the others, and the degrees of freedom of both
+    fitted = anytime.fit(np.array([[[7.0, 7.5]]]))
+    more = anytime.fit(anytime._cells(others, RESIDUES[:20]))
+    fitted = replace(
+        fitted, freedom=fitted.freedom + more.freedom, squares=fitted.squares + more.squares
+    )
+    assert beside.half_width == pytest.approx(float(fitted.half_width(0.99)[0]))
+    assert anytime.interval_beside([7.0, 7.5], 0.99, [], []) == alone
 
 
 def test_a_disturbed_launch_is_left_out_once_there_are_enough_others() -> None:
@@ -117,7 +119,7 @@ def test_too_few_launches_have_no_interval_and_are_no_evidence() -> None:
     interval = anytime.anytime_interval([0.1], 0.99)
     assert (interval.mean, interval.low, interval.high) == (0.1, -math.inf, math.inf)
     assert anytime.e_value([0.1]) == 1
-    first = placed(4)
+    first = RESIDUES[:4]
     assert anytime.e_value([0.1, 0.1, 0.1, 0.1], first) == 1
     assert anytime.anytime_interval([0.1, 0.2, 0.1, 0.2], 0.99, first).high == math.inf
 
@@ -146,7 +148,7 @@ def test_what_cannot_be_judged_is_an_error() -> None:
     with pytest.raises(ValueError, match="need a confidence"):
         anytime.anytime_interval([0.0, 1.0], 1.0)
     with pytest.raises(ValueError, match="shorter"):
-        anytime.e_value([0.0, 1.0], [Placement(0)])
+        anytime.e_value([0.0, 1.0], [0])
 
 
 @pytest.mark.parametrize(
