@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 def show(file: Path | None, results: Path, json_file: str | None) -> None:
     """Print a run FILE again; without one, the newest in results/runs."""
     from mjbench.instrument import runs
-    from mjbench.paired.records import TrialRecord, VerdictRecord
+    from mjbench.paired.records import VerdictRecord
+    from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.report.documents import RECORD_TYPES
 
     file = file or runs.latest(results)
@@ -35,12 +36,12 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
 
 def _show_selfcheck(run: RunContext, stored: "Run") -> None:
     from mjbench.paired import selfcheck
-    from mjbench.paired.records import TrialRecord
-    from mjbench.report import verdicts
+    from mjbench.paired.selfcheck_records import TrialRecord
+    from mjbench.report import selfcheck as report
     from mjbench.report.documents import SelfcheckDocument
 
     rows = selfcheck.summary(stored.of_type(TrialRecord))
-    run.out.print(verdicts.selfcheck_table(rows))
+    report.print_tables(run.out, rows)
     busy = stored.header.arguments.get("busy")
     run.write(SelfcheckDocument(machine=stored.header.machine, busy=busy, results=rows))
 

@@ -37,3 +37,14 @@ class Metric(StrEnum):
 
     TIME = "time"
     INSTRUCTIONS = "instructions"
+
+
+class Arm(StrEnum):
+    """How the two targets of a selfcheck differ; the truth follows from it."""
+
+    SLOWDOWN = "slowdown"
+    """The candidate does a known share of the simulations twice; 0 compares identical targets."""
+    INSIDE_STEP = "inside_step"
+    """Every step of the candidate calls one more function of the engine: it is slower."""
+    BETWEEN_BUILDS = "between_builds"
+    """Two releases between which nothing changed that a step executes: they are the same."""

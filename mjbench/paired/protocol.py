@@ -211,6 +211,7 @@ class TargetPair:
                     options=dict(target.options),
                     cores=sorted(cores.USABLE) if core is None else [core],
                     simulations=rows + repeated,
+                    callback=target.callback,
                 )
             )
         if not self._has_timed:  # steps may have become heavier than those at the start

@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar
 
 from mjbench.instrument.bounds import (
-    LogRatio,
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
@@ -42,6 +41,7 @@ class TargetRow:
       model_options: fields of `model.opt` that were set, by name.
       slowdown: injected, as a share of the work; 0 in a real comparison.
       build: tells builds of one version apart; empty where it is unknown.
+      callback: function of the engine called inside each step; empty in a real comparison.
     """
 
     release: str
@@ -51,6 +51,7 @@ class TargetRow:
     model_options: Mapping[str, str]
     slowdown: float = 0.0
     build: str = ""
+    callback: str = ""
 
 
 @dataclass(frozen=True)
@@ -195,67 +196,3 @@ def by_sides(records: Sequence[VerdictRecord]) -> dict[str, VerdictRecord]:
 def sides_key(sides: Sequence[TargetRow]) -> str:
     """Return a text that names two targets, as they are or as a run file holds them."""
     return repr([asdict(side) for side in sides])
-
-
-@dataclass(frozen=True)
-class TrialRecord:
-    """One comparison of `mjbench selfcheck`, whose truth is known.
-
-    Attributes:
-      model: its name.
-      slowdown: injected, as a share; 0 is an A/A comparison.
-      verdict: what was decided.
-      estimate: candidate over baseline time.
-      low: lower end of its interval; None with too few launches.
-      high: upper end of its interval.
-      seconds: from start to verdict.
-      launches: log ratio of each.
-    """
-
-    record_type: ClassVar[str] = "trial"
-    model: str
-    slowdown: NonNegativeFloat
-    verdict: Verdict
-    estimate: PositiveFloat
-    low: PositiveFloat | None
-    high: PositiveFloat | None
-    seconds: NonNegativeFloat
-    launches: Sequence[LogRatio]
-
-
-def trial_records(records: Sequence[object]) -> list[TrialRecord]:
-    """Return the trials among the records of a run file; each one is finished."""
-    return [record for record in records if isinstance(record, TrialRecord)]
-
-
-@dataclass(frozen=True)
-class SelfcheckRow:
-    """What the trials of one model and slowdown say.
-
-    Attributes:
-      model: its name.
-      slowdown: injected, as a share.
-      trials: how many.
-      detected: share called slower.
-      wrong: share called faster, or called slower where nothing was injected.
-      missed: share called the same although something was injected.
-      inconclusive: share without a verdict.
-      covered: share of intervals that hold the truth.
-      error: mean of estimate minus truth.
-      seconds: mean time of a comparison.
-      launches: mean number of launches.
-      launch_sd: standard deviation between launches, of the log ratio; None with one launch each.
-    """
-
-    model: str
-    slowdown: float
-    trials: int
-    detected: float
-    wrong: float
-    missed: float
-    inconclusive: float
-    covered: float
-    error: float
-    seconds: float
-    launches: float
-    launch_sd: float | None

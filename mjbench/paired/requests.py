@@ -154,6 +154,7 @@ class Prepare(Request[int]):
       options: of the path.
       cores: to run on.
       simulations: rows of the workload to do; a row named twice is done twice.
+      callback: function of the engine that steps call (see `engine_callback`); empty for none.
     """
 
     activity = "preparing a run"
@@ -161,6 +162,7 @@ class Prepare(Request[int]):
     options: Mapping[str, Any]
     cores: Sequence[int]
     simulations: Sequence[int]
+    callback: str = ""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ class Target:
       options: of the path.
       model_options: fields of `model.opt` to set, by name.
       slowdown: share of the simulations to do twice, a slowdown of known size.
+      callback: function of the engine that every timed step calls (see `engine_callback`), a
+        slowdown of unknown size; empty for none.
     """
 
     release: installs.ReleaseSpec
@@ -36,6 +38,7 @@ class Target:
     options: Mapping[str, Any] = field(default_factory=dict)
     model_options: Mapping[str, str] = field(default_factory=dict)
     slowdown: float = 0.0
+    callback: str = ""
 
     @property
     def nthread(self) -> int:
@@ -52,6 +55,7 @@ class Target:
             model_options=dict(self.model_options),
             slowdown=self.slowdown,
             build=self.release.key,
+            callback=self.callback,
         )
 
 

@@ -179,6 +179,7 @@ class Worker:
 
     def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths
+        from mjbench.simulation import engine_callback
         from mjbench.simulation.workload import Workload
 
         if request.cores:
@@ -197,9 +198,14 @@ class Worker:
         reason = path.unavailable() or path.unsuited(selected, request.options)
         if reason:
             raise InputError(reason)
+        if request.callback:
+            engine_callback.install(model, request.callback)
         self.resources = paths.Resources(selected)
         self.prepared = path.prepare(selected, request.options, self.resources)
-        self._check_final_states(request.path, self.prepared.verified_states(), rows)
+        name = f"path {request.path}"
+        if request.callback:
+            name += f" with {request.callback} called inside each step"
+        self._check_final_states(name, self.prepared.verified_states(), rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
         gc.collect()
@@ -207,14 +213,14 @@ class Worker:
         gc.disable()
         return self._block()
 
-    def _check_final_states(self, path: str, states: "States", rows: list[int]) -> None:
+    def _check_final_states(self, name: str, states: "States", rows: list[int]) -> None:
         """Raise MachineError where a run ends in other states than the plain loop."""
         import numpy as np
 
         assert self.final_state is not None, "a run is prepared from a workload with final states"
         mask = slice(None) if states.mask is None else states.mask
         if not np.array_equal(states.values[mask], self.final_state[rows][mask]):
-            raise MachineError(f"path {path} does not reach the final states of the plain loop")
+            raise MachineError(f"{name} does not reach the final states of the plain loop")
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:
         _call_deeper(random.randrange(_DEPTH), self._answer_blocks)

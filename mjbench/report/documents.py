@@ -22,7 +22,8 @@ from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
-from mjbench.paired.records import SelfcheckRow, TrialRecord, VerdictRecord, VerdictRow
+from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.report.advice import Advice, advise
 from mjbench.report.crossovers import Crossover, crossovers

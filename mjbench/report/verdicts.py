@@ -1,13 +1,12 @@
-"""The tables of paired comparisons and of `mjbench selfcheck`, and each verdict in a sentence."""
+"""The table of paired comparisons, and each verdict in a sentence."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.records import Ratio, SelfcheckRow, TargetRow, VerdictRow
+from mjbench.paired.records import Ratio, TargetRow, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
 
@@ -78,26 +77,6 @@ def describe_work(row: VerdictRow) -> str:
             (row.diverged.old, row.diverged.new),
         )
     )
-
-
-def selfcheck_table(rows: Sequence[SelfcheckRow]) -> Table:
-    """Return the table of `mjbench selfcheck`."""
-    headings = ["model", "injected", "trials", "called slower", "wrong", "missed", "inconclusive"]
-    headings += ["truth in interval", "mean error", "seconds", "launches", "sd of launches"]
-    table = tables.plain_table(headings, right=range(1, len(headings)))
-    for row in rows:
-        shares = (row.detected, row.wrong, row.missed, row.inconclusive, row.covered)
-        table.add_row(
-            row.model,
-            f"{100 * row.slowdown:g} %",
-            str(row.trials),
-            *(f"{100 * share:.1f} %" for share in shares),
-            f"{100 * row.error:+.3f} %",
-            f"{row.seconds:.1f}",
-            f"{row.launches:.1f}",
-            "" if row.launch_sd is None else f"{100 * row.launch_sd:.2f} %",
-        )
-    return table
 
 
 def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:

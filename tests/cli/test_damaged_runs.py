@@ -14,16 +14,17 @@ from hypothesis import strategies as st
 
 from mjbench.cli import cli
 from mjbench.instrument import machine, runs
-from mjbench.paired.outcomes import Verdict
+from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.records import (
     DivergedPair,
     LaunchRow,
+    PlacementEffect,
     Ratio,
     TargetRow,
-    TrialRecord,
     VerdictRecord,
     WorkPair,
 )
+from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -53,9 +54,20 @@ VERDICTS = (
     ),
 )  # fmt: skip
 TRIALS = (
-    TrialRecord("m", 0.0, Verdict.SAME, 1.0, 0.99, 1.01, 2.0, [0.001, -0.001]),
-    TrialRecord("m", 0.01, Verdict.SLOWER, 1.01, None, None, 2.0, [0.01]),
-)
+    TrialRecord(
+        model="m", slowdown=0.0, verdict=Verdict.SAME, estimate=1.0, low=0.99, high=1.01,
+        seconds=2.0, launches=[0.001, -0.001],
+    ),
+    TrialRecord(
+        arm=Arm.BETWEEN_BUILDS, model="m", slowdown=0.0, old="3.2.1", new="3.2.2",
+        verdict=Verdict.SLOWER, cause=Cause.CODE, estimate=1.01, low=None, high=None,
+        placement=PlacementEffect(True), seconds=2.0, launches=[0.01], as_shipped=[0.02],
+    ),
+    TrialRecord(
+        arm=Arm.INSIDE_STEP, model="m", slowdown=None, callback="mj_factorM",
+        verdict=Verdict.SLOWER, estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
+    ),
+)  # fmt: skip
 KINDS = {"compare": COMPARISON, "versions": VERDICTS, "selfcheck": TRIALS}
 FOREIGN: list[Any] = [
     None, True, 0, -1, 1, 10**30, -0.0, 1e-320, 1e308, -1e308, "", "x", "NaN", "a\x1b]52;\nb",

@@ -10,11 +10,9 @@ from click.testing import CliRunner
 from commands import mjbench
 
 from mjbench.cli import cli
-from mjbench.paired import selfcheck, verdict
+from mjbench.paired import verdict
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import TrialRecord
 from mjbench.paired.targets import Target
-from mjbench.simulation import models
 from mjbench.status import Status
 
 COMPARE = ("compare", "cartpole", "linkage", "--paths", "python_loop", "--nbatch", "2", "--nstep")
@@ -104,15 +102,6 @@ def test_verdicts_that_were_interrupted_or_failed_are_measured_again(
     measured, done = run_versions(monkeypatch, [], "--resume", str(file))
     assert (measured, done.exit_code) == ([], 0)
     assert len(file.read_text().splitlines()) == 3
-
-
-def test_only_the_trials_that_are_missing_are_run() -> None:
-    cases = [
-        selfcheck.Case.create(models.resolve("cartpole"), slowdown) for slowdown in (0.0, 0.01)
-    ]
-    done = [TrialRecord("cartpole", 0.0, Verdict.SAME, 1.0, None, None, 1.0, [0.0])] * 2
-    remaining = [case.slowdown for case in selfcheck.remaining(cases, 3, done)]
-    assert remaining == [0.01, 0.01, 0.0, 0.01]
 
 
 def test_a_changed_model_is_noticed_also_beside_one_of_the_same_name(

@@ -1,50 +1,123 @@
-"""Selfcheck: slowdowns that are possible, and what its trials say."""
+"""Selfcheck: what a trial stores, and what its trials say."""
 
 import os
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import process_tree
 import pytest
-from paired_examples import CARTPOLE
+from paired_examples import CARTPOLE, CUBES
 
-from mjbench.errors import InputError
-from mjbench.paired import selfcheck
-from mjbench.paired.outcomes import Verdict
-from mjbench.paired.preparation import Sizes
-from mjbench.paired.records import TrialRecord
-from mjbench.paired.selfcheck import Case
-from mjbench.paired.verdict import VerdictPlan
+from mjbench.errors import InputError, MachineError
+from mjbench.paired import selfcheck, selfcheck_cases
+from mjbench.paired.averaging import Averaging
+from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.protocol import Launch
+from mjbench.paired.records import PlacementEffect
+from mjbench.paired.selfcheck_cases import Case
+from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
+from mjbench.paired.verdict import Judgement, PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.simulation.models import ModelSource
+from mjbench.releases.no_change_pairs import NoChangePair
+from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
+from mjbench.status import Status
+
+MOVED = PlacementPair(Placement(16, 32), Placement(48, 0))
+BUILDS = {"arm": Arm.BETWEEN_BUILDS, "old": "3.2.1", "new": "3.2.2"}
+INSIDE_STEP = {"arm": Arm.INSIDE_STEP, "slowdown": None, "callback": "mj_factorM"}
 
 
-def trial(verdict: Verdict, slowdown: float, estimate: float, half_width: float) -> TrialRecord:
-    low, high = estimate - half_width, estimate + half_width
-    return TrialRecord("m", slowdown, verdict, estimate, low, high, 2.0, [0.01, 0.03])
+def trial(verdict: Verdict, estimate: float, half_width: float = 0.005, **others: Any) -> Any:
+    """Return a trial of identical targets, but for other values."""
+    return TrialRecord(
+        **{
+            "model": "m",
+            "slowdown": 0.0,
+            "verdict": verdict,
+            "estimate": estimate,
+            "low": estimate - half_width,
+            "high": estimate + half_width,
+            "seconds": 2.0,
+            "launches": [0.01, 0.03],
+            **others,
+        }
+    )
+
+
+def launch(log_ratio: float, placements: PlacementPair) -> Launch:
+    candidate_ns = 1e6 * np.exp(log_ratio)
+    ns = np.array([[1e6, candidate_ns, candidate_ns, 1e6]])
+    return Launch(0, None, ["ABBA"], ns, placements)
+
+
+def result(
+    case: Case, averaging: Averaging, launches: Sequence[Launch], **others: Any
+) -> PairedResult:
+    judgement = Judgement(Verdict.SAME, 1.0, 0.999, 1.001, len(launches), True)
+    return PairedResult(
+        case.baseline,
+        case.candidate,
+        **{
+            "status": Status.OK,
+            "launches": launches,
+            "averaging": averaging,
+            "judgement": judgement,
+            **others,
+        },
+    )
+
+
+def test_a_trial_keeps_launches_as_shipped_apart_from_those_it_rests_on() -> None:
+    case = selfcheck_cases.between_builds(CARTPOLE.model, NoChangePair("3.2.1", "3.2.2"))
+    launches = [launch(0.001, MOVED), launch(0.03, AS_SHIPPED), launch(-0.001, MOVED)]
+    as_shipped = Judgement(Verdict.SLOWER, 1.03, 1.02, 1.04, 1, True)
+    record = selfcheck.record_of(
+        case, result(case, Averaging(True), launches, as_shipped=as_shipped)
+    )
+    assert record.case() == case.row()
+    assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
+    assert record.residues == [48, 48]
+    assert record.as_shipped == pytest.approx([0.03], abs=1e-6)
+    assert (record.verdict, record.cause) == (Verdict.SAME, Cause.PLACEMENT)
+    assert record.averaged
+
+
+def test_a_trial_of_what_cannot_be_moved_rests_on_its_launches_as_shipped() -> None:
+    case = selfcheck_cases.slowed(CARTPOLE.model, 0.0)
+    launches = [launch(0.001, AS_SHIPPED), launch(-0.001, AS_SHIPPED)]
+    record = selfcheck.record_of(case, result(case, Averaging(False, "no libmujoco"), launches))
+    assert record.launches == pytest.approx([0.001, -0.001], abs=1e-6)
+    assert (record.residues, record.as_shipped) == ([], [])
+    assert (record.averaged, record.problem) == (False, "no libmujoco")
 
 
 @pytest.mark.parametrize(
-    ("slowdown", "nbatch"), [(0.0, None), (0.005, 200), (0.01, 100), (0.05, 20), (0.5, 2)]
+    ("others", "error"),
+    [
+        ({"status": Status.INPUT}, InputError),
+        ({"status": Status.FAILED}, MachineError),
+        ({"status": Status.OK, "judgement": None}, MachineError),
+        ({"status": Status.INTERRUPTED}, KeyboardInterrupt),
+    ],
 )
-def test_a_slowdown_is_a_whole_number_of_simulations(slowdown: float, nbatch: int | None) -> None:
-    assert Case.create(CARTPOLE.model, slowdown).sizes == Sizes(nbatch=nbatch)
-
-
-@pytest.mark.parametrize("slowdown", [0.003, -0.01, 1e-6])
-def test_a_slowdown_that_is_no_whole_number_of_simulations_is_bad_input(slowdown: float) -> None:
-    with pytest.raises(InputError, match="must be a whole number"):
-        Case.create(CARTPOLE.model, slowdown)
+def test_a_comparison_that_did_not_end_well_is_no_trial(
+    others: dict[str, Any], error: type[BaseException]
+) -> None:
+    case = selfcheck_cases.slowed(CARTPOLE.model, 0.0)
+    with pytest.raises(error):
+        selfcheck.record_of(case, result(case, Averaging(True), [], **others))
 
 
 def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
     trials = [
-        trial(Verdict.SAME, 0.0, 1.0, 0.002),
-        trial(Verdict.SLOWER, 0.0, 1.004, 0.002),
-        trial(Verdict.SLOWER, 0.02, 1.02, 0.005),
-        trial(Verdict.FASTER, 0.02, 0.98, 0.005),
-        trial(Verdict.SAME, 0.02, 1.0, 0.005),
-        trial(Verdict.INCONCLUSIVE, 0.02, 1.024, 0.005),
+        trial(Verdict.SAME, 1.0, 0.002),
+        trial(Verdict.SLOWER, 1.004, 0.002),
+        trial(Verdict.SLOWER, 1.02, slowdown=0.02),
+        trial(Verdict.FASTER, 0.98, slowdown=0.02),
+        trial(Verdict.SAME, 1.0, slowdown=0.02),
+        trial(Verdict.INCONCLUSIVE, 1.024, slowdown=0.02),
     ]
     none, slowed = selfcheck.summary(trials)
     assert (none.slowdown, none.trials, none.detected, none.wrong) == (0.0, 2, 0.5, 0.5)
@@ -56,30 +129,109 @@ def test_a_summary_has_a_row_for_each_model_and_slowdown() -> None:
     assert slowed.launch_sd == pytest.approx(np.std([0.01, 0.03], ddof=1))
 
 
-def test_a_model_that_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = Case(ModelSource("broken", Path("broken.xml")), 0.0, Sizes())
-    sound = Case(CARTPOLE.model, 0.0, Sizes())
+def test_where_only_the_sign_is_known_there_is_no_error_and_no_coverage() -> None:
+    verdicts = (Verdict.SLOWER, Verdict.SLOWER, Verdict.SAME, Verdict.FASTER)
+    (row,) = selfcheck.summary([trial(verdict, 1.03, **INSIDE_STEP) for verdict in verdicts])
+    assert (row.arm, row.slowdown, row.callback) == (Arm.INSIDE_STEP, None, "mj_factorM")
+    assert (row.detected, row.missed, row.wrong) == (0.5, 0.25, 0.25)
+    assert (row.error, row.covered, row.by_code, row.by_placement) == (None, None, None, None)
+
+
+def test_differences_between_builds_are_counted_by_their_cause() -> None:
+    averaged = {**BUILDS, "placement": PlacementEffect(True)}
+    (row,) = selfcheck.summary(
+        [
+            trial(Verdict.SLOWER, 1.02, cause=Cause.CODE, **averaged),
+            trial(Verdict.SAME, 1.0, cause=Cause.PLACEMENT, **averaged),
+            trial(Verdict.SAME, 1.0, **averaged),
+            trial(Verdict.INCONCLUSIVE, 1.0, cause=Cause.UNDECIDED, **averaged),
+        ]
+    )
+    assert (row.old, row.new, row.averaged) == ("3.2.1", "3.2.2", True)
+    assert (row.wrong, row.by_code, row.by_placement) == (0.25, 0.25, 0.25)
+    assert (row.covered, row.missed) == (0.75, 0.0)
+
+
+def test_trials_as_shipped_have_a_row_of_their_own_without_a_cause() -> None:
+    problem = "MuJoCo 3.2.1: its package holds no libmujoco"
+    moved, shipped = selfcheck.summary(
+        [
+            trial(Verdict.SAME, 1.0, placement=PlacementEffect(True), **BUILDS),
+            trial(Verdict.SLOWER, 1.02, placement=PlacementEffect(False, problem), **BUILDS),
+        ]
+    )
+    assert (moved.averaged, moved.by_code, moved.problem) == (True, 0.0, "")
+    assert (shipped.averaged, shipped.by_code, shipped.problem) == (False, None, problem)
+    assert shipped.wrong == 1.0
+
+
+def test_rows_are_sorted_by_arm_model_and_slowdown() -> None:
+    trials = [
+        trial(Verdict.SAME, 1.0, **BUILDS),
+        trial(Verdict.SAME, 1.0, **{**BUILDS, "old": "3.1.2"}),
+        trial(Verdict.SAME, 1.0, **INSIDE_STEP),
+        trial(Verdict.SAME, 1.0, slowdown=0.02),
+        trial(Verdict.SAME, 1.0),
+        trial(Verdict.SAME, 1.0, slowdown=0.05, model="a"),
+    ]
+
+    def key(row: SelfcheckRow) -> tuple[Any, ...]:
+        return row.arm, row.model, row.slowdown, row.old
+
+    assert [key(row) for row in selfcheck.summary(trials)] == [
+        (Arm.SLOWDOWN, "a", 0.05, ""),
+        (Arm.SLOWDOWN, "m", 0.0, ""),
+        (Arm.SLOWDOWN, "m", 0.02, ""),
+        (Arm.INSIDE_STEP, "m", None, ""),
+        (Arm.BETWEEN_BUILDS, "m", 0.0, "3.2.1"),
+        (Arm.BETWEEN_BUILDS, "m", 0.0, "3.1.2"),
+    ]
+
+
+def test_what_fails_costs_only_its_own_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = selfcheck_cases.inside_step(CUBES.model, "mj_factorM")
+    broken_too = replace(broken, sizes=replace(broken.sizes, nbatch=7))
+    sound = [
+        selfcheck_cases.inside_step(CUBES.model, "mj_energyPos"),
+        selfcheck_cases.inside_step(CARTPOLE.model, "mj_factorM"),
+    ]
     tried, done, failed = [], [], []
 
     def try_once(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
         tried.append(case)
         if case is broken:
-            raise InputError("its timestep is 0 s")
-        return trial(Verdict.SAME, 0.0, 1.0, 0.002)
+            raise InputError("it has no such function")
+        return trial(Verdict.SAME, 1.0)
 
     monkeypatch.setattr(selfcheck, "trial", try_once)
     with WorkerPool() as pool:
         selfcheck.run(
-            *(pool, [broken, sound] * 3, VerdictPlan(), done.append),
-            lambda model, error: failed.append((model.name, str(error))),
+            *(pool, [broken, broken_too, *sound] * 2, VerdictPlan(), done.append),
+            lambda case, error: failed.append((case, str(error))),
         )
-    assert tried == [broken, sound, sound, sound]
-    assert len(done) == 3
-    assert failed == [("broken", "its timestep is 0 s")]
+    assert tried == [broken, *sound, *sound]
+    assert len(done) == 4
+    assert failed == [(broken.row(), "it has no such function")]
+
+
+def test_a_model_that_fails_is_not_tried_again_with_another_slowdown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cases = [selfcheck_cases.slowed(CARTPOLE.model, slowdown) for slowdown in (0.0, 0.01)]
+    tried = []
+
+    def fail(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
+        tried.append(case)
+        raise InputError("its timestep is 0 s")
+
+    monkeypatch.setattr(selfcheck, "trial", fail)
+    with WorkerPool() as pool:
+        selfcheck.run(pool, cases, VerdictPlan(), lambda record: None, lambda case, error: None)
+    assert tried == cases[:1]
 
 
 def test_a_trial_with_too_few_launches_has_no_interval_and_covers_the_truth() -> None:
-    record = TrialRecord("m", 0.0, Verdict.INCONCLUSIVE, 1.5, None, None, 1.0, [0.4])
+    record = trial(Verdict.INCONCLUSIVE, 1.5, low=None, high=None, launches=[0.4])
     (row,) = selfcheck.summary([record])
     assert row.covered == 1.0
     assert row.launch_sd is None

@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import cast
 
 import mujoco
+import numpy as np
 import pytest
 from commands import ROOT
-from paired_examples import CUBES
+from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
 from mjbench.paired import requests
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import TargetError, WorkerPool
+from mjbench.releases.moved_image import ImmovableError
+from mjbench.releases.placement import Placement
 from mjbench.simulation import models
 
 
@@ -36,6 +39,30 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
         pair = TargetPair(pool, target, target)
         with pytest.raises(TargetError, match="does not reach the final states"):
             pair.launch()
+
+
+@pytest.mark.parametrize("placement", [None, Placement(16, 32)], ids=["as shipped", "moved"])
+def test_steps_call_a_function_of_the_engine_that_they_step_with(
+    pool: WorkerPool, placement: Placement | None
+) -> None:
+    """One that does not change states passes the check of final states; one that does fails it."""
+    try:
+        process = pool.start(INSTALLED, placement=placement)
+    except ImmovableError as error:
+        pytest.skip(str(error))
+    model_file = pool.new_file(".mjb")
+    process.wait()
+    process.call(requests.LoadModel(CUBES.model.name, CUBES.model.path, {}))
+    process.call(requests.SaveModel(model_file))
+    workload = process.call(requests.MakeWorkload(nbatch=2, nstep=3, hold=1, seed=0))
+    observed = process.call(requests.Observe(pool.save(workload)))
+    workload = workload.only(np.arange(2), observed.final_state)
+    process.call(requests.Equip(model_file, pool.save(workload)))
+    prepare = requests.Prepare("python_loop", {}, cores=(), simulations=(0, 1))
+    assert process.call(replace(prepare, callback="mj_factorM")) > 0
+    with pytest.raises(TargetError, match="with mj_Euler called inside each step does not reach"):
+        process.call(replace(prepare, callback="mj_Euler"))
+    pool.end([process])
 
 
 def test_a_model_that_a_full_disk_cuts_short_is_an_error_of_the_machine(

@@ -9,7 +9,7 @@ from commands import ROOT
 from mjbench.instrument import runs
 from mjbench.paired import selfcheck
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import TrialRecord
+from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paired.verdict import judge
 from mjbench.report.advice import advise
 from mjbench.report.documents import RECORD_TYPES

@@ -1,0 +1,127 @@
+"""The records and rows of `mjbench selfcheck`: what a run file stores, and what `--json` gives.
+
+Field names are the keys of the JSON format (docs/formats.md).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+from mjbench.instrument.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.records import PlacementEffect
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseRow:
+    """What a trial of `mjbench selfcheck` compares; the truth about it is known.
+
+    Attributes:
+      arm: how the two targets differ.
+      model: its name.
+      slowdown: of the candidate, as a share of the baseline's time: 0 where the two are the same;
+        None where its size is unknown.
+      callback: function of the engine that the candidate calls inside each step; empty for none.
+      old: MuJoCo release of the baseline; empty where an earlier version of mjbench stored it.
+      new: MuJoCo release of the candidate, likewise.
+    """
+
+    arm: Arm = Arm.SLOWDOWN
+    model: str
+    slowdown: NonNegativeFloat | None
+    callback: str = ""
+    old: str = ""
+    new: str = ""
+
+    @property
+    def is_slower(self) -> bool:
+        """Whether the candidate is slower in truth."""
+        return self.slowdown is None or self.slowdown > 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialRecord(CaseRow):
+    """One comparison of `mjbench selfcheck`.
+
+    Attributes:
+      verdict: what was decided.
+      cause: why the times differ; None where they do not, or where more differs than the build.
+      estimate: candidate over baseline time.
+      low: lower end of its interval; None with too few launches.
+      high: upper end of its interval.
+      placement: what the placement of code has to do with it; None where an earlier version of
+        mjbench stored it, which compared as shipped.
+      seconds: from start to verdict.
+      launches: log ratio of each that the verdict rests on.
+      residues: of the placements of these launches; empty where they are as shipped.
+      as_shipped: log ratio of each launch as shipped beside them.
+    """
+
+    record_type: ClassVar[str] = "trial"
+    verdict: Verdict
+    cause: Cause | None = None
+    estimate: PositiveFloat
+    low: PositiveFloat | None
+    high: PositiveFloat | None
+    placement: PlacementEffect | None = None
+    seconds: NonNegativeFloat
+    launches: Sequence[LogRatio]
+    residues: Sequence[NonNegativeInt] = ()
+    as_shipped: Sequence[LogRatio] = ()
+
+    @property
+    def averaged(self) -> bool:
+        """Whether the placement of code is averaged out; builds are as shipped otherwise."""
+        return self.placement is not None and self.placement.averaged
+
+    @property
+    def problem(self) -> str:
+        """Why placements are not averaged, although they were to be; empty otherwise."""
+        return self.placement.problem if self.placement else ""
+
+    def case(self) -> CaseRow:
+        """Return what was compared."""
+        return CaseRow(**{f.name: getattr(self, f.name) for f in fields(CaseRow)})
+
+
+def trial_records(records: Sequence[object]) -> list[TrialRecord]:
+    """Return the trials among the records of a run file; each one is finished."""
+    return [record for record in records if isinstance(record, TrialRecord)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfcheckRow(CaseRow):
+    """What the trials of one case say.
+
+    Attributes:
+      averaged: whether they average the placement of code out; they compare as shipped otherwise.
+      problem: why they do not, although they were to; empty otherwise.
+      trials: how many.
+      detected: share called slower.
+      wrong: share called faster, or called slower where the two are the same.
+      by_code: share called different because of the code; None where more differs than the build,
+        or where placements are not averaged.
+      by_placement: share called different only as shipped; None likewise.
+      missed: share called the same although the candidate is slower.
+      inconclusive: share without a verdict.
+      covered: share of intervals that hold the truth; None where its size is unknown.
+      error: mean of estimate minus truth; None where its size is unknown.
+      seconds: mean time of a comparison.
+      launches: mean number of launches that a verdict rests on.
+      launch_sd: their standard deviation, of the log ratio; None with one launch each.
+    """
+
+    averaged: bool
+    problem: str = ""
+    trials: int
+    detected: float
+    wrong: float
+    by_code: float | None
+    by_placement: float | None
+    missed: float
+    inconclusive: float
+    covered: float | None
+    error: float | None
+    seconds: float
+    launches: float
+    launch_sd: float | None

@@ -1,0 +1,87 @@
+"""The tables of `mjbench selfcheck`: nothing of them is cut off, and what is unknown is empty."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from mjbench.paired.outcomes import Arm
+from mjbench.paired.selfcheck_records import SelfcheckRow
+from mjbench.report import selfcheck
+
+KNOWN = SelfcheckRow(
+    model="quadruped_terrain",
+    slowdown=0.005,
+    averaged=True,
+    trials=20,
+    detected=0.5,
+    wrong=0.0,
+    by_code=None,
+    by_placement=None,
+    missed=0.5,
+    inconclusive=0.0,
+    covered=1.0,
+    error=-0.001,
+    seconds=12.34,
+    launches=15.0,
+    launch_sd=0.004,
+)
+INSIDE = replace(
+    KNOWN,
+    arm=Arm.INSIDE_STEP,
+    slowdown=None,
+    callback="mj_subtreeVel",
+    covered=None,
+    error=None,
+    launch_sd=None,
+)
+BUILDS = replace(
+    KNOWN,
+    arm=Arm.BETWEEN_BUILDS,
+    slowdown=0.0,
+    old="3.2.1",
+    new="3.2.2",
+    wrong=0.15,
+    by_code=0.15,
+    by_placement=0.25,
+)
+
+
+def printed(*rows: SelfcheckRow) -> list[str]:
+    text = io.StringIO()
+    selfcheck.print_tables(Console(file=text, width=160), rows)
+    return [line.rstrip() for line in text.getvalue().splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("row", "cells"),
+    [
+        (KNOWN, "0.5 % averaged 20 50.0 % 0.0 % 50.0 % 0.0 % 100.0 % -0.100 % 12.3 15.0 0.40 %"),
+        (INSIDE, "calls mj_subtreeVel averaged 20 50.0 % 0.0 % 50.0 % 0.0 % 12.3 15.0"),
+        (
+            BUILDS,
+            "3.2.1 → 3.2.2 averaged 20 15.0 % 15.0 % 25.0 % 0.0 % 100.0 % -0.100 %"
+            " 12.3 15.0 0.40 %",
+        ),
+    ],
+)
+def test_a_row_says_what_differed_and_what_was_found(row: SelfcheckRow, cells: str) -> None:
+    lines = printed(row)
+    assert " ".join(lines[-1].split()) == f"quadruped_terrain {cells}"
+
+
+def test_builds_have_a_table_of_their_own() -> None:
+    lines = printed(KNOWN, BUILDS)
+    (slowdowns, builds) = (line for line in lines if line.startswith("model"))
+    assert "called slower" in slowdowns and "by code" not in slowdowns
+    assert "by code" in builds and "only as shipped" in builds
+
+
+def test_a_line_says_once_why_trials_are_as_shipped() -> None:
+    row = replace(KNOWN, averaged=False, problem="MuJoCo 4.0.0: no installer recorded MuJoCo")
+    lines = printed(row, replace(row, slowdown=0.0))
+    assert [line for line in lines if "as shipped," in line] == [
+        "compared as shipped, because of MuJoCo 4.0.0: no installer recorded MuJoCo"
+    ]
+    assert sum("as shipped" in line for line in lines) == 3
