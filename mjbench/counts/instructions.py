@@ -210,6 +210,7 @@ def _callgrind(folder: Path) -> list[str]:
     """Return the beginning of a command that runs the rest under Callgrind."""
     return [
         *("valgrind", "--tool=callgrind", "--quiet"),
+        "--dump-instr=yes",  # addresses, by which explain finds the code of functions
         f"--dump-before={counted_program.MARKER}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
     ]
