@@ -35,7 +35,7 @@ _LINE_REGISTERS = {"mj_stackAllocInfo": x86.X86_REG_R8D, "stackalloc": x86.X86_R
 _BRANCHES = frozenset((capstone.CS_GRP_JUMP, capstone.CS_GRP_CALL))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Instruction:
     """What one instruction does, without addresses.
 
@@ -199,13 +199,12 @@ def _instruction(
         target = operands[0].imm
         successor = successors.get(target)
         callee = None if successor is not None else surroundings.name_at(target)
-        shape = (decoded.mnemonic, "within" if successor is not None else "out")
-        return Instruction(shape, decoded.size, callee=callee, successor=successor)
+        return Instruction((decoded.mnemonic,), decoded.size, callee=callee, successor=successor)
     displacements: list[int] = []
     constants: list[bytes | None] = []
     # lea into 32 bits computes numbers, into 64 bits perhaps the address of a field
     is_arithmetic = decoded.id == x86.X86_INS_LEA and operands[0].size < 8
-    shape = [decoded.mnemonic, decoded.sse_cc, decoded.avx_cc, decoded.avx_rm]
+    shape: list[object] = [decoded.mnemonic, decoded.sse_cc, decoded.avx_cc, decoded.avx_rm]
     for operand in operands:
         shape.append(operand.size)
         if operand.type == x86.X86_OP_REG:

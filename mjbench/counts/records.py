@@ -100,6 +100,10 @@ class CodeChange(StrEnum):
     """Its code cannot be read: its library has no symbols, or is not the engine's."""
 
 
+# Of functions that execute other instructions than in the baseline.
+OTHER_CODE = (CodeChange.CHANGED, CodeChange.NEW, CodeChange.GONE)
+
+
 @dataclass(frozen=True, kw_only=True)
 class FunctionDifference:
     """Instructions per step that a function executes itself, and its code, in both releases.

@@ -15,6 +15,7 @@ from elftools.elf.constants import SH_FLAGS
 from elftools.elf.elffile import ELFFile
 from elftools.elf.relocation import RelocationSection
 from elftools.elf.sections import Section as ElfSection
+from elftools.elf.sections import SymbolTableSection
 
 from mjbench.counts.callgrind import source_name
 from mjbench.counts.machine_code import Surroundings
@@ -26,7 +27,7 @@ _STUB_BYTES = 16
 _JUMP_THROUGH_SLOT = b"\xff\x25"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Symbol:
     """A function in a symbol table.
 
@@ -141,7 +142,7 @@ def _read(elf: ELFFile, file: Path) -> SharedLibrary:
     if elf["e_machine"] != "EM_X86_64":
         raise MachineError(f"{file.name} is not for x86-64")
     table = elf.get_section_by_name(".symtab")
-    if table is None:
+    if not isinstance(table, SymbolTableSection):
         raise MachineError(f"{file.name} has no symbol table")
     symbols = sorted(
         (
@@ -174,6 +175,8 @@ def _imported(elf: ELFFile) -> dict[int, str]:
     if not isinstance(relocations, RelocationSection):
         return {}
     names = elf.get_section(relocations["sh_link"])
+    if not isinstance(names, SymbolTableSection):
+        return {}
     by_slot = {
         entry["r_offset"]: names.get_symbol(entry["r_info_sym"]).name
         for entry in relocations.iter_relocations()
