@@ -7,7 +7,7 @@ to; so mangled names, clones made by the compiler and static functions of one na
 Needs capstone and pyelftools.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from mjbench.counts.function_differences import CodeChanges
 from mjbench.counts.machine_code import Instruction
 from mjbench.counts.records import CodeChange
 from mjbench.counts.renames import MIN_SIMILARITY, renamed_functions
-from mjbench.counts.shared_library import Symbol
+from mjbench.counts.shared_library import SharedLibrary, Symbol
 from mjbench.counts.stages import ENGINE
 from mjbench.errors import MachineError
 
@@ -31,8 +31,9 @@ Places = Mapping[str, Sequence[CodePlace]]
 class CodeComparer:
     """Compares the code of releases; reads each library, and decodes each function, once."""
 
-    def __init__(self) -> None:
-        """Start without libraries."""
+    def __init__(self, read: Callable[[Path], SharedLibrary] = shared_library.read) -> None:
+        """Start without libraries; `read` returns that of a file."""
+        self._read = read
         self._libraries: dict[str, _Library] = {}
 
     def compare(self, baseline: Places, candidate: Places) -> CodeChanges:
@@ -50,7 +51,8 @@ class CodeComparer:
         """
         old, new = self._executed(baseline), self._executed(candidate)
         functions = _engine_changes(old, new)
-        elsewhere = [name for name in {**baseline, **candidate} if name not in functions.changes]
+        of_engine = {*functions.changes, *functions.old_names.values()}
+        elsewhere = [name for name in {**baseline, **candidate} if name not in of_engine]
         return CodeChanges(
             {**_file_changes(elsewhere, baseline, candidate), **functions.changes},
             functions.old_names,
@@ -62,7 +64,7 @@ class CodeComparer:
         if not file:
             raise MachineError(f"Callgrind does not say in which library {ENGINE} is")
         if file not in self._libraries:
-            self._libraries[file] = _Library(Path(file))
+            self._libraries[file] = _Library(self._read(Path(file)))
         library = self._libraries[file]
         functions = {
             name: library.functions_at(place.addresses)
@@ -76,8 +78,8 @@ class CodeComparer:
 class _Library:
     """A library whose functions are decoded when they are asked for."""
 
-    def __init__(self, file: Path):
-        self._library = shared_library.read(file)
+    def __init__(self, library: SharedLibrary):
+        self._library = library
         self._decoded: dict[int, list[Instruction]] = {}
 
     def functions_at(self, addresses: Iterable[int]) -> list[Symbol]:

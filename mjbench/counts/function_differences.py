@@ -35,8 +35,8 @@ def function_differences(
 ) -> list[FunctionDifference]:
     """Return all functions that either release executes, the largest difference first.
 
-    Functions without names are put together by their library, because their addresses differ
-    between releases.
+    Of equal differences the costliest function comes first. Functions without names are put
+    together by their library, because their addresses differ between releases.
 
     Args:
       baseline: a model in the old release, counted.
@@ -60,7 +60,7 @@ def function_differences(
         calls = {(names.get(a, a), names.get(b, b)) for a, b in baseline.calls} | candidate.calls
         min_cost = MIN_MOVED * (candidate.instructions_per_step or 0.0)
         _mark_moved(functions, calls, min_cost)
-    return sorted(functions.values(), key=lambda f: (-abs(f.difference), f.name))
+    return sorted(functions.values(), key=lambda f: (-abs(f.difference), -(f.new or 0.0), f.name))
 
 
 def is_different(function: FunctionDifference) -> bool:

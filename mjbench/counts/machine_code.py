@@ -7,9 +7,11 @@ there:
 - a call or a branch out of it, by the name of the function it leads to;
 - data at an address relative to the instruction (rip), by its content where that is constant, such
   as a floating-point number of the source, and else not at all;
-- data relative to another register, by the displacement, such as the offset of a struct's field.
+- data relative to another register, by the displacement, such as the offset of a struct's field;
+- a number that is added, by its value; a large one is taken for the offset of a field where it
+  grew by as much as a displacement in the same function.
 
-Functions that differ only in displacements and in the names of callees execute the same
+Functions that differ only in such offsets and in the names of callees execute the same
 instructions, on data that lie elsewhere; they are told apart from those that changed. So are
 functions that differ in how long an instruction is encoded, or in instructions that do nothing
 (nop) and align others, because both follow from the size of displacements; and in the lines of
@@ -20,9 +22,10 @@ x86-64 only. Needs capstone.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Literal
 
 import capstone
 from capstone import x86
@@ -32,6 +35,8 @@ from mjbench.counts.records import CodeChange
 # Functions that take the caller's line of source code, and the register of that argument, their
 # fifth: mj_stackAllocInfo(d, bytes, alignment, caller, line) in MuJoCo's engine_memory.h.
 _LINE_REGISTERS = {"mj_stackAllocInfo": x86.X86_REG_R8D, "stackalloc": x86.X86_REG_R8D}
+# Smaller numbers that are added are more often steps of a loop than offsets of fields.
+MIN_ADDEND = 256
 _BRANCHES = frozenset((capstone.CS_GRP_JUMP, capstone.CS_GRP_CALL))
 
 
@@ -42,20 +47,24 @@ class Instruction:
     Attributes:
       shape: the mnemonic and the operands; equal shapes do the same, perhaps to other data.
       size_bytes: length of its encoding.
-      displacements: of operands in memory; or the line of source code that it passes on.
+      displacements: of operands in memory.
+      addends: large numbers added to 64-bit registers, such as the offset of a field.
       constants: read at addresses relative to the instruction; None where they are not constant.
       callee: name of the function that it calls or branches to; None for other instructions, and
         where the name is unknown.
       successor: number of the instruction in the same function that it branches to, not counting
         nops; None for other instructions.
+      source_line: that it passes to a function; None for other instructions.
     """
 
     shape: tuple[object, ...]
     size_bytes: int
     displacements: tuple[int, ...] = ()
+    addends: tuple[int, ...] = ()
     constants: tuple[bytes | None, ...] = ()
     callee: str | None = None
     successor: int | None = None
+    source_line: int | None = None
 
     @property
     def is_nop(self) -> bool:
@@ -103,8 +112,8 @@ def decode(code: bytes, address: int, surroundings: Surroundings) -> list[Instru
     successors = {i.address: number for i, number in zip(decoded, numbers, strict=False)}
     instructions = [_instruction(i, successors, surroundings) for i in decoded]
     for index in _line_arguments(decoded, instructions):
-        line = decoded[index].operands[1].imm
-        instructions[index] = Instruction(("mov", "line"), decoded[index].size, (line,))
+        line, size_bytes = decoded[index].operands[1].imm, decoded[index].size
+        instructions[index] = Instruction(("mov", "line"), size_bytes, source_line=line)
     return instructions
 
 
@@ -124,13 +133,17 @@ def compare(
     pairs = list(zip(*working, strict=False))
     if len(working[0]) != len(working[1]) or any(_work_differs(old, new) for old, new in pairs):
         return CodeChange.CHANGED
+    shifts = _shifts(pairs, "displacements")
+    if not _shifts(pairs, "addends") <= {0} | shifts:
+        return CodeChange.CHANGED
     names = renamed or {}
     has_same_layout = [i.size_bytes for i in baseline] == [i.size_bytes for i in candidate]
-    has_same_data = all(old.displacements == new.displacements for old, new in pairs)
-    has_same_callees = all(
-        old.callee == new.callee or names.get(old.callee or "") == new.callee for old, new in pairs
+    has_same_references = all(
+        (old.callee == new.callee or names.get(old.callee or "") == new.callee)
+        and old.source_line == new.source_line
+        for old, new in pairs
     )
-    if has_same_layout and has_same_data and has_same_callees:
+    if has_same_layout and has_same_references and shifts <= {0}:
         return CodeChange.IDENTICAL
     return CodeChange.OFFSETS
 
@@ -150,6 +163,17 @@ def _triples(code: Sequence[Instruction]) -> Counter[tuple[object, ...]]:
     return Counter(zip(mnemonics, mnemonics[1:], mnemonics[2:], strict=False))
 
 
+def _shifts(
+    pairs: Iterable[tuple[Instruction, Instruction]], numbers: Literal["displacements", "addends"]
+) -> set[int]:
+    """Return by how much numbers of the same instructions differ, candidate minus baseline."""
+    return {
+        after - before
+        for old, new in pairs
+        for before, after in zip(getattr(old, numbers), getattr(new, numbers), strict=True)
+    }
+
+
 def _work_differs(old: Instruction, new: Instruction) -> bool:
     has_other_constant = any(
         None not in pair and pair[0] != pair[1]
@@ -167,7 +191,7 @@ def _line_arguments(
         if register is None:
             continue
         for index in range(call - 1, -1, -1):
-            if not _BRANCHES.isdisjoint(decoded[index].groups):
+            if _is_branch(decoded[index]):
                 break
             operands = [] if instructions[index].is_nop else decoded[index].operands
             if operands and operands[0].type == x86.X86_OP_REG and operands[0].reg == register:
@@ -178,6 +202,12 @@ def _line_arguments(
 
 def _is_nop(instruction: capstone.CsInsn) -> bool:
     return bool(instruction.id == x86.X86_INS_NOP)
+
+
+def _is_branch(instruction: capstone.CsInsn) -> bool:
+    """Return whether an instruction branches or calls; bytes that are none have no groups."""
+    is_valid = instruction.id != x86.X86_INS_INVALID
+    return is_valid and not _BRANCHES.isdisjoint(instruction.groups)
 
 
 def _instruction(
@@ -192,33 +222,41 @@ def _instruction(
     """
     if _is_nop(decoded):
         return Instruction((), decoded.size)
-    if decoded.id == x86.X86_INS_INVALID:  # no instruction
+    if decoded.id == x86.X86_INS_INVALID:
         return Instruction((decoded.mnemonic, bytes(decoded.bytes)), decoded.size)
-    operands = decoded.operands
-    if operands and operands[0].type == x86.X86_OP_IMM and not _BRANCHES.isdisjoint(decoded.groups):
-        target = operands[0].imm
+    if _is_branch(decoded) and decoded.operands and decoded.operands[0].type == x86.X86_OP_IMM:
+        target = decoded.operands[0].imm
         successor = successors.get(target)
         callee = None if successor is not None else surroundings.name_at(target)
         return Instruction((decoded.mnemonic,), decoded.size, callee=callee, successor=successor)
-    displacements: list[int] = []
-    constants: list[bytes | None] = []
-    # lea into 32 bits computes numbers, into 64 bits perhaps the address of a field
-    is_arithmetic = decoded.id == x86.X86_INS_LEA and operands[0].size < 8
+    return _operation(decoded, surroundings)
+
+
+def _operation(decoded: capstone.CsInsn, surroundings: Surroundings) -> Instruction:
+    """Return an instruction that works on operands, without its addresses."""
     shape: list[object] = [decoded.mnemonic, decoded.sse_cc, decoded.avx_cc, decoded.avx_rm]
+    displacements: list[int] = []
+    addends: list[int] = []
+    constants: list[bytes | None] = []
+    operands = decoded.operands
+    is_add = decoded.id == x86.X86_INS_ADD and operands[0].size == 8
+    # lea into 64 bits may compute the address of a field, into 32 bits it computes a number
+    is_arithmetic = decoded.id == x86.X86_INS_LEA and operands[0].size < 8
     for operand in operands:
-        shape.append(operand.size)
+        shape += [operand.type, operand.size]
         if operand.type == x86.X86_OP_REG:
-            shape.append(("register", operand.reg))
+            shape.append(operand.reg)
         elif operand.type == x86.X86_OP_IMM:
-            shape.append(("number", operand.imm))
+            is_addend = is_add and abs(operand.imm) >= MIN_ADDEND
+            (addends if is_addend else shape).append(operand.imm)
+        elif operand.mem.base == x86.X86_REG_RIP:
+            if decoded.id != x86.X86_INS_LEA:
+                place = decoded.address + decoded.size + operand.mem.disp
+                constants.append(surroundings.constant_at(place, operand.size))
         else:
             memory = operand.mem
-            shape += ["memory", memory.segment, memory.base, memory.index, memory.scale]
-            if is_arithmetic:
-                shape.append(memory.disp)
-            elif memory.base != x86.X86_REG_RIP:
-                displacements.append(memory.disp)
-            elif decoded.id != x86.X86_INS_LEA:
-                place = decoded.address + decoded.size + memory.disp
-                constants.append(surroundings.constant_at(place, operand.size))
-    return Instruction(tuple(shape), decoded.size, tuple(displacements), tuple(constants))
+            shape += [memory.segment, memory.base, memory.index, memory.scale]
+            (shape if is_arithmetic else displacements).append(memory.disp)
+    return Instruction(
+        tuple(shape), decoded.size, tuple(displacements), tuple(addends), tuple(constants)
+    )

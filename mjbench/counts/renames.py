@@ -24,17 +24,17 @@ def renamed_functions(gone: Codes, new: Codes) -> dict[str, str]:
       new: the code of functions of the candidate that may be the same.
     """
     pairs = [
-        (machine_code.similarity(old_code, new_code), _similarity_of_names(old, new), old, new)
-        for old, old_code in gone.items()
-        for new, new_code in new.items()
-        if min(len(old_code), len(new_code)) >= MIN_INSTRUCTIONS
+        (machine_code.similarity(code, other), _similarity_of_names(name, new_name), name, new_name)
+        for name, code in gone.items()
+        for new_name, other in new.items()
+        if min(len(code), len(other)) >= MIN_INSTRUCTIONS
     ]
     renamed: dict[str, str] = {}
-    for similarity, _, old, name in sorted(pairs, reverse=True):
+    for similarity, _, name, new_name in sorted(pairs, reverse=True):
         if similarity < MIN_SIMILARITY:
             break
-        if old not in renamed and name not in renamed.values():
-            renamed[old] = name
+        if name not in renamed and new_name not in renamed.values():
+            renamed[name] = new_name
     return renamed
 
 
