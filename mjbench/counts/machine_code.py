@@ -9,9 +9,10 @@ there:
   as a floating-point number of the source, and else not at all;
 - data relative to another register, by the displacement, such as the offset of a struct's field;
 - a number that is added, by its value; a large one is taken for the offset of a field where it
-  grew by as much as a displacement in the same function.
+  grew by as much as a displacement in the same function. A large number that an index is multiplied
+  by is taken for the size of a struct.
 
-Functions that differ only in such offsets and in the names of callees execute the same
+Functions that differ only in such offsets and sizes and in the names of callees execute the same
 instructions, on data that lie elsewhere; they are told apart from those that changed. So are
 functions that differ in how long an instruction is encoded, or in instructions that do nothing
 (nop) and align others, because both follow from the size of displacements; and in the lines of
@@ -35,8 +36,8 @@ from mjbench.counts.records import CodeChange
 # Functions that take the caller's line of source code, and the register of that argument, their
 # fifth: mj_stackAllocInfo(d, bytes, alignment, caller, line) in MuJoCo's engine_memory.h.
 _LINE_REGISTERS = {"mj_stackAllocInfo": x86.X86_REG_R8D, "stackalloc": x86.X86_REG_R8D}
-# Smaller numbers that are added are more often steps of a loop than offsets of fields.
-MIN_ADDEND = 256
+# Smaller numbers are rather those of the source code than offsets of fields and sizes of structs.
+MIN_LAYOUT_NUMBER = 256
 _BRANCHES = frozenset((capstone.CS_GRP_JUMP, capstone.CS_GRP_CALL))
 
 
@@ -47,7 +48,8 @@ class Instruction:
     Attributes:
       shape: the mnemonic and the operands; equal shapes do the same, perhaps to other data.
       size_bytes: length of its encoding.
-      displacements: of operands in memory.
+      displacements: of operands in memory, and large factors of 64-bit registers, such as the size
+        of a struct.
       addends: large numbers added to 64-bit registers, such as the offset of a field.
       constants: read at addresses relative to the instruction; None where they are not constant.
       callee: name of the function that it calls or branches to; None for other instructions, and
@@ -239,7 +241,7 @@ def _operation(decoded: capstone.CsInsn, surroundings: Surroundings) -> Instruct
     addends: list[int] = []
     constants: list[bytes | None] = []
     operands = decoded.operands
-    is_add = decoded.id == x86.X86_INS_ADD and operands[0].size == 8
+    layout = {x86.X86_INS_ADD: addends, x86.X86_INS_IMUL: displacements}.get(decoded.id)
     # lea into 64 bits may compute the address of a field, into 32 bits it computes a number
     is_arithmetic = decoded.id == x86.X86_INS_LEA and operands[0].size < 8
     for operand in operands:
@@ -247,8 +249,9 @@ def _operation(decoded: capstone.CsInsn, surroundings: Surroundings) -> Instruct
         if operand.type == x86.X86_OP_REG:
             shape.append(operand.reg)
         elif operand.type == x86.X86_OP_IMM:
-            is_addend = is_add and abs(operand.imm) >= MIN_ADDEND
-            (addends if is_addend else shape).append(operand.imm)
+            is_layout = operand.size == 8 and abs(operand.imm) >= MIN_LAYOUT_NUMBER
+            numbers = layout if is_layout and layout is not None else shape
+            numbers.append(operand.imm)
         elif operand.mem.base == x86.X86_REG_RIP:
             if decoded.id != x86.X86_INS_LEA:
                 place = decoded.address + decoded.size + operand.mem.disp

@@ -48,9 +48,7 @@ def test_functions_without_names_are_one_for_each_library() -> None:
     baseline, candidate = (
         replace(
             counted(release, **{address: 300.0, "0x9": 60.0}),
-            places={
-                name: (CodePlace("/a/_structs.cpython.so", (8,)),) for name in (address, "0x9")
-            },
+            places=dict.fromkeys((address, "0x9"), (place,)),
         )
         for release, address in (("1.0", "0x10"), ("2.0", "0x20"))
     )

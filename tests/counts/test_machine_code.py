@@ -86,6 +86,13 @@ def test_a_large_number_that_is_added_is_an_offset_if_fields_moved_as_far() -> N
     assert change(decoded(add_number(0x1000)), decoded(add_number(0x1200))) is CodeChange.CHANGED
 
 
+def test_a_large_factor_of_an_index_is_the_size_of_a_struct() -> None:
+    sizes = [bytes.fromhex(f"4869c0{low}020000") for low in ("48", "60")]  # imul rax, rax, size
+    factors = [bytes.fromhex(f"486bc0{n}") for n in ("03", "04")]  # imul rax, rax, n
+    assert change(*(decoded(code) for code in sizes)) is CodeChange.OFFSETS
+    assert change(*(decoded(code) for code in factors)) is CodeChange.CHANGED
+
+
 def test_constants_are_compared_by_their_content() -> None:
     def loaded(content: bytes | None, place: int, address: int) -> list[Instruction]:
         def constant_at(asked: int, size_bytes: int) -> bytes | None:
