@@ -1,6 +1,6 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from mjbench.counts import counted_program
@@ -15,6 +15,7 @@ from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import (
     OTHER_CODE,
     CodeChange,
+    CodeShare,
     CountedWorkPair,
     CountPair,
     ExplainRow,
@@ -72,28 +73,35 @@ def _code_lines(row: ExplainRow) -> list[str]:
     """Return whether the code changed of what executes, and which cost only moved in it."""
     if row.code is None:
         return [f"machine code not compared: {row.code_detail}"]
-    total = sum(share.functions for share in row.code.values())
-    changed = [share for change, share in row.code.items() if change in OTHER_CODE]
     details = ", ".join(
         f"{change} {share.functions} ({100 * share.share:.1f} %)"
         for change, share in row.code.items()
     )
+    moved = [_moved_line(group) for group in moved_groups(row.functions)]
+    return [f"{_code_conclusion(row.code)}: {details}", *moved]
+
+
+def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
+    """Return whether the code changed, for shares of functions by how theirs did."""
+    total = sum(share.functions for share in code.values())
+    changed = [share for change, share in code.items() if change in OTHER_CODE]
+    unknown = code.get(CodeChange.UNKNOWN, CodeShare(0, 0.0))
     if changed:
         functions = sum(share.functions for share in changed)
         cost = 100 * sum(share.share for share in changed)
-        conclusion = (
+        return (
             f"code changed in {functions} of {total} executed functions,"
             f" which execute {cost:.1f} % of the instructions"
         )
-    elif CodeChange.UNKNOWN in row.code:
-        conclusion = "code did not change in any executed function that has symbols"
-    else:
-        conclusion = (
-            f"code did not change in any of {total} executed functions:"
-            " no difference in time comes from the engine's code"
+    if unknown.share > REPEATABILITY:
+        return (
+            f"code changed in none of {total} executed functions, as far as it is known"
+            f" (unknown for {100 * unknown.share:.1f} % of the instructions)"
         )
-    moved = [_moved_line(group) for group in moved_groups(row.functions)]
-    return [f"{conclusion}: {details}", *moved]
+    return (
+        f"code changed in none of {total} executed functions,"
+        " so a difference in time has another cause, such as memory layout"
+    )
 
 
 def _moved_line(group: Sequence[FunctionDifference]) -> str:

@@ -89,6 +89,8 @@ def _print_stage_changes(out: Console, row: ExplainRow) -> None:
 
 
 def _print_function_changes(out: Console, row: ExplainRow, top: int) -> None:
+    if not row.functions:
+        return
     headings = ["function", "old/step", "new/step", "difference", "code", ""]
     table = tables.plain_table(headings, right=(1, 2, 3))
     for function in row.functions[:top]:
