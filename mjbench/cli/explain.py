@@ -45,10 +45,11 @@ def explain(
     """Explain what changed from the OLD release to the NEW one: code, work, or time alone.
 
     Needs valgrind. Lists instructions per step by function and by stage, the largest difference
-    first, with the work done and the ratio of wall-clock times. Times and counts are of the same
-    simulations. Without a MODEL: all shipped models.
+    first, with the work done and the ratio of wall-clock times, and says whether the machine code
+    changed that executes. Times and counts are of the same simulations. Without a MODEL: all
+    shipped models.
     """
-    from mjbench.counts.explain import explain_row
+    from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.paired.targets import Target
     from mjbench.paired.worker_pool import WorkerPool
@@ -76,10 +77,11 @@ def explain(
             else None
             for source in sources
         ]
+        explainer = Explainer()
         baselines, candidates = (counter.count(spec, sources) for spec in specs)
         for baseline, candidate, time in zip(baselines, candidates, times, strict=True):
-            counts.print_explanation(run.out, baseline, candidate, time, top)
-            rows.append(explain_row(baseline, candidate, time))
+            rows.append(explainer.row(baseline, candidate, time))
+            counts.print_explanation(run.out, baseline, candidate, rows[-1], top)
             statuses += [baseline.status, candidate.status, time.status if time else Status.OK]
         run.write(ExplainDocument(results=rows))
     run.exit(statuses)

@@ -2,15 +2,18 @@
 
 A dump is text, a section for each function (Valgrind manual, "Callgrind Format Specification"):
 
+    ob=(3) /a/libmujoco.so  the file whose code the functions below are
     fn=(7) mj_step          the function that the lines below belong to
-    20 100                  at line 20, the function itself executed 100 instructions
-    +1 50                   and 50 one line further on
+    0x1020 20 100           at address 0x1020, line 20, it executed 100 instructions itself
+    +4 +1 50                and 50 four bytes and one line further on
+    cob=(3)                 in this file
     cfn=(8) mj_forward      it called this function,
-    calls=2 30              twice, at the callee's line 30;
-    * 850                   from the line before, and all that the callee did cost 850 instructions
+    calls=2 0x1400 30       twice, at the callee's address and line;
+    * * 850                 from the position before; all that the callee did cost 850 instructions
 
-A name is written out once, with an id, and later stands as the id alone. Lines for source and
-object files (`fl=`, `ob=`, …) and the header say nothing about cost and are skipped.
+Addresses, which are those of the file on disk, are there only with `--dump-instr=yes`. A name is
+written out once, with an id, and later stands as the id alone. Lines for source files (`fl=`, …)
+and most of the header say nothing about cost and are skipped.
 
 The *self cost* of a function is what it executed itself. Its *inclusive cost* adds what the
 functions that it called executed, directly or through others.
@@ -18,7 +21,7 @@ functions that it called executed, directly or through others.
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from mjbench.errors import MachineError, describe
@@ -40,16 +43,33 @@ class FunctionCost:
 
 
 @dataclass(frozen=True)
+class CodePlace:
+    """Where the instructions lie that one function executed in one file.
+
+    Attributes:
+      library: the file; empty where Callgrind knows none.
+      addresses: of the instructions, sorted, as the file gives them; empty without
+        `--dump-instr=yes`.
+    """
+
+    library: str
+    addresses: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class CallgrindProfile:
     """The content of one dump.
 
     Attributes:
       self_cost: instructions that each function executed itself, by name.
       arcs: instructions of each (caller, callee), with all that the callee called.
+      places: where the code of each function lies, by name; several files may have a function
+        of that name.
     """
 
     self_cost: Mapping[str, int]
     arcs: Mapping[tuple[str, str], int]
+    places: Mapping[str, tuple[CodePlace, ...]]
 
     @property
     def total(self) -> int:
@@ -97,46 +117,82 @@ def parse(text: str) -> CallgrindProfile:
 
 
 def _parse(text: str) -> CallgrindProfile:
-    full_names: dict[str, str] = {}
+    functions, libraries = _Names(source_name), _Names(_library)
     self_cost: dict[str, int] = defaultdict(int)
     arcs: dict[tuple[str, str], int] = defaultdict(int)
-    function = callee = ""
-    is_call_cost = False
+    places: dict[tuple[str, str], set[int]] = defaultdict(set)
+    function = callee = library = ""
+    address, has_addresses, is_call_cost = 0, False, False
     for line in text.splitlines():
         key, _, value = line.partition("=")
         if key == "fn":
-            function = _function_name(value, full_names)
+            function = functions.read(value)
         elif key == "cfn":
-            callee = _function_name(value, full_names)
+            callee = functions.read(value)
+        elif key == "ob":
+            library = libraries.read(value)
+        elif key == "cob":
+            libraries.read(value)
         elif key == "calls":
             is_call_cost = True
+        elif line.startswith("positions:"):
+            has_addresses = "instr" in line.split()
         elif line and (line[0].isdigit() or line[0] in "+-*"):
-            cost = int(line.split()[1])
+            position, *_, cost = line.split()
+            if has_addresses:
+                address = _moved(address, position)
             if is_call_cost:
-                arcs[function, callee] += cost
+                arcs[function, callee] += int(cost)
             else:
-                self_cost[function] += cost
+                self_cost[function] += int(cost)
+                if has_addresses:
+                    places[function, library].add(address)
             is_call_cost = False
-    return CallgrindProfile(dict(self_cost), dict(arcs))
+    return CallgrindProfile(dict(self_cost), dict(arcs), _places(places))
 
 
-def _function_name(value: str, full_names: dict[str, str]) -> str:
-    """Return the function that `(id) name`, `(id)` or `name` stands for.
-
-    Args:
-      value: as the dump writes it.
-      full_names: by id, of the lines so far; this one is added.
-    """
-    match = re.match(r"\((\d+)\)(?: (.*))?$", value)
-    if not match:
-        return _source_name(value)
-    identifier, name = match.groups()
-    if name is not None:
-        full_names[identifier] = name
-    return _source_name(full_names[identifier])
+def _places(addresses: Mapping[tuple[str, str], set[int]]) -> dict[str, tuple[CodePlace, ...]]:
+    """Return where functions lie; `addresses` are by function and file."""
+    places: dict[str, tuple[CodePlace, ...]] = {}
+    for (function, library), found in addresses.items():
+        place = CodePlace(library, tuple(sorted(found)))
+        places[function] = (*places.get(function, ()), place)
+    return places
 
 
-def _source_name(name: str) -> str:
+class _Names:
+    """The names that stand in a dump as `(id) name`, as `(id)`, or without any id."""
+
+    def __init__(self, normal: Callable[[str], str]):
+        """Start without names; `normal` returns the form in which one is known from then on."""
+        self._normal = normal
+        self._full: dict[str, str] = {}
+
+    def read(self, value: str) -> str:
+        """Return the name that `value` stands for; remember it if it is written out."""
+        match = re.match(r"\((\d+)\)(?: (.*))?$", value)
+        if not match:
+            return self._normal(value)
+        identifier, name = match.groups()
+        if name is not None:
+            self._full[identifier] = name
+        return self._normal(self._full[identifier])
+
+
+def _moved(address: int, position: str) -> int:
+    """Return the address that a position says, which may be relative to the one before."""
+    if position == "*":
+        return address
+    number = int(position.lstrip("+-"), 0)
+    return {"+": address + number, "-": address - number}.get(position[0], number)
+
+
+def _library(name: str) -> str:
+    """Return the name of a library; empty where Callgrind knows none, and writes `???`."""
+    return "" if name.strip("?") == "" else name
+
+
+def source_name(name: str) -> str:
     """Return a function's name as in its source.
 
     Callgrind appends the depth of a recursion (`'2`), the compiler the kind of a clone

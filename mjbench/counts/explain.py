@@ -1,8 +1,27 @@
 """Explain why a release is slower: instructions by function and stage, baseline and candidate."""
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
 from mjbench.counts import counted_program
+from mjbench.counts.function_differences import (
+    CodeChanges,
+    code_shares,
+    function_differences,
+    is_different,
+    moved_groups,
+)
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import CountedWorkPair, CountPair, ExplainRow, FunctionDifference
+from mjbench.counts.records import (
+    OTHER_CODE,
+    CodeChange,
+    CodeShare,
+    CountedWorkPair,
+    CountPair,
+    ExplainRow,
+    FunctionDifference,
+)
+from mjbench.errors import MachineError
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import (
     DivergedPair,
@@ -15,23 +34,13 @@ from mjbench.paired.records import (
 from mjbench.simulation import agreement
 from mjbench.status import Status
 
+if TYPE_CHECKING:
+    from mjbench.counts.code_comparison import CodeComparer
+
 # Two counts of the same work differ by less, as a share (tests/counts/test_instructions.py).
 REPEATABILITY = 0.001
 # Ratios of time and of instructions that differ by more have a cause that instructions do not show.
 DISAGREEMENT = 0.03
-
-
-def function_differences(baseline: ModelCount, candidate: ModelCount) -> list[FunctionDifference]:
-    """Return all functions that differ, the largest difference first."""
-    before = {function.name: function.self for function in baseline.functions if function.self}
-    after = {function.name: function.self for function in candidate.functions if function.self}
-    functions = [
-        FunctionDifference.of(name, before.get(name), after.get(name))
-        for name in {**before, **after}
-    ]
-    return sorted(
-        (f for f in functions if f.difference), key=lambda f: (-abs(f.difference), f.name)
-    )
 
 
 def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[float, float]]:
@@ -40,13 +49,13 @@ def stage_pairs(baseline: ModelCount, candidate: ModelCount) -> dict[str, tuple[
     return {stage: (before.get(stage, 0.0), after.get(stage, 0.0)) for stage in {**before, **after}}
 
 
-def summary(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> list[str]:
-    """Return lines that say what changed: the instructions, the work, or the time alone.
+def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRow) -> list[str]:
+    """Return lines that say what changed: the instructions, the work, the code, or the time alone.
 
     Args:
       baseline: a model in the old release, counted.
       candidate: the same in the new one.
-      time: the paired comparison of time; None where time was not compared.
+      row: what `Explainer.row` returned for them.
     """
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
@@ -57,7 +66,48 @@ def summary(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
         f" {candidate.instructions_per_step:,.0f} ({_percent(ratio)} %)",
         "changed work: " + ", ".join(changes) if changes else "same work",
     ]
-    return lines + (_time_lines(time, ratio) if time else [])
+    return lines + _code_lines(row) + (_time_lines(row.time, ratio) if row.time else [])
+
+
+def _code_lines(row: ExplainRow) -> list[str]:
+    """Return whether the code changed of what executes, and which cost only moved in it."""
+    if row.code is None:
+        return [f"machine code not compared: {row.code_detail}"]
+    details = ", ".join(
+        f"{change} {share.functions} ({100 * share.share:.1f} %)"
+        for change, share in row.code.items()
+    )
+    moved = [_moved_line(group) for group in moved_groups(row.functions)]
+    return [f"{_code_conclusion(row.code)}: {details}", *moved]
+
+
+def _code_conclusion(code: Mapping[CodeChange, CodeShare]) -> str:
+    """Return whether the code changed, for shares of functions by how theirs did."""
+    total = sum(share.functions for share in code.values())
+    changed = [share for change, share in code.items() if change in OTHER_CODE]
+    unknown = code.get(CodeChange.UNKNOWN, CodeShare(0, 0.0))
+    if changed:
+        functions = sum(share.functions for share in changed)
+        cost = 100 * sum(share.share for share in changed)
+        return (
+            f"code changed in {functions} of {total} executed functions,"
+            f" which execute {cost:.1f} % of the instructions"
+        )
+    if unknown.share > REPEATABILITY:
+        return (
+            f"code changed in none of {total} executed functions, as far as it is known"
+            f" (unknown for {100 * unknown.share:.1f} % of the instructions)"
+        )
+    return (
+        f"code changed in none of {total} executed functions,"
+        " so a difference in time has another cause, such as memory layout"
+    )
+
+
+def _moved_line(group: Sequence[FunctionDifference]) -> str:
+    parts = " and ".join(f"{function.name} ({function.difference:+,.0f})" for function in group)
+    total = sum(function.difference for function in group)
+    return f"cost moved between {parts}, together {total:+,.0f}"
 
 
 def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
@@ -81,30 +131,64 @@ def _time_lines(time: VerdictRow, instruction_ratio: float) -> list[str]:
     return lines
 
 
-def explain_row(baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None) -> ExplainRow:
-    """Return one model's row of `mjbench explain --json`.
+class Explainer:
+    """Explains models one by one; reads the libraries of releases once."""
 
-    Args:
-      baseline: a model in the old release.
-      candidate: the same in the new one.
-      time: the paired comparison of time; None where time was not compared.
-    """
-    return ExplainRow(
-        model=candidate.model,
-        old=baseline.release,
-        new=candidate.release,
-        status=baseline.status if baseline.status != Status.OK else candidate.status,
-        instructions_per_step=CountPair(
-            baseline.instructions_per_step, candidate.instructions_per_step
-        ),
-        outside_per_step=CountPair(baseline.outside_per_step, candidate.outside_per_step),
-        work=CountedWorkPair(baseline.work, candidate.work),
-        stages={
-            stage: CountPair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()
-        },
-        functions=function_differences(baseline, candidate),
-        time=time,
-    )
+    def __init__(self) -> None:
+        """Start without libraries."""
+        self._comparer: CodeComparer | None = None
+
+    def row(
+        self, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
+    ) -> ExplainRow:
+        """Return one model's row of `mjbench explain --json`.
+
+        Args:
+          baseline: a model in the old release.
+          candidate: the same in the new one.
+          time: the paired comparison of time; None where time was not compared.
+        """
+        failed = next((c for c in (baseline, candidate) if c.status != Status.OK), None)
+        code, code_detail = None, "" if failed is None else "a release was not counted"
+        if failed is None:
+            try:
+                code = self._code_changes(baseline, candidate)
+            except MachineError as error:
+                code_detail = str(error)
+        functions = function_differences(baseline, candidate, code)
+        return ExplainRow(
+            model=candidate.model,
+            old=baseline.release,
+            new=candidate.release,
+            status=failed.status if failed else Status.OK,
+            instructions_per_step=CountPair(
+                baseline.instructions_per_step, candidate.instructions_per_step
+            ),
+            outside_per_step=CountPair(baseline.outside_per_step, candidate.outside_per_step),
+            work=CountedWorkPair(baseline.work, candidate.work),
+            stages={
+                stage: CountPair(*pair) for stage, pair in stage_pairs(baseline, candidate).items()
+            },
+            functions=[function for function in functions if is_different(function)],
+            code=code_shares(functions) if code else None,
+            code_detail=code_detail,
+            time=time,
+        )
+
+    def _code_changes(self, baseline: ModelCount, candidate: ModelCount) -> CodeChanges:
+        """Return how the code changed.
+
+        Raises:
+          MachineError: it cannot be read here.
+        """
+        try:
+            from mjbench.counts.code_comparison import CodeComparer
+        except ImportError as error:
+            raise MachineError(
+                f"{error.name} is missing; install it by `pip install 'mjbench[cli]'`"
+            ) from error
+        self._comparer = self._comparer or CodeComparer()
+        return self._comparer.compare(baseline.places, candidate.places)
 
 
 def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) -> VerdictRow:

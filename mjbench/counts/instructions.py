@@ -14,12 +14,14 @@ import shutil
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from mjbench.counts import callgrind, counted_program, messages
+from mjbench.counts.callgrind import CodePlace
 from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
 from mjbench.counts.records import FunctionCount, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
@@ -48,18 +50,22 @@ TUNABLES = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelCount(InstructionsRow):
-    """What one model's steps cost in one release; a row, and the states that two releases compare.
+    """What one model's steps cost in one release: a row, and what two releases compare.
 
     Attributes:
+      places: where the code of each of the functions lies that were executed, by name.
+      calls: (caller, callee) of them.
       after: qpos, qvel and act by name, each (nbatch, size), one step after each start state, in
         SI units; None where the model was not counted.
     """
 
+    places: Mapping[str, Sequence[CodePlace]] = field(default_factory=dict)
+    calls: AbstractSet[tuple[str, str]] = frozenset()
     after: Mapping[str, np.ndarray] | None = None
 
     def row(self) -> InstructionsRow:
         """Return the row of `mjbench instructions --json`."""
-        names = [field.name for field in fields(InstructionsRow)]
+        names = [f.name for f in fields(InstructionsRow)]
         return InstructionsRow(**{name: getattr(self, name) for name in names})
 
 
@@ -210,6 +216,7 @@ def _callgrind(folder: Path) -> list[str]:
     """Return the beginning of a command that runs the rest under Callgrind."""
     return [
         *("valgrind", "--tool=callgrind", "--quiet"),
+        "--dump-instr=yes",  # addresses, by which explain finds the code of functions
         f"--dump-before={counted_program.MARKER}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
     ]
@@ -264,6 +271,8 @@ def _model_count(
     steps, engine = counted.steps, profile.inclusive(ENGINE)
     if engine == 0:
         raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {release.version}")
+    costs = profile.reachable_from(ENGINE)
+    executed = {cost.name for cost in costs if cost.self_cost}
     return ModelCount(
         model=answer.model,
         release=release.version,
@@ -272,7 +281,7 @@ def _model_count(
         outside_per_step=(profile.total - engine) / steps,
         functions=[
             FunctionCount(cost.name, cost.self_cost / steps, cost.inclusive_cost / steps)
-            for cost in profile.reachable_from(ENGINE)
+            for cost in costs
         ],
         stages={stage: cost / steps for stage, cost in instructions_by_stage(profile).items()},
         steps=steps,
@@ -280,6 +289,8 @@ def _model_count(
         repeats=abs(repeated.inclusive(ENGINE) / engine - 1),
         diverged=counted.diverged,
         warnings=counted.warnings,
+        places={name: profile.places[name] for name in executed},
+        calls={arc for arc in profile.arcs if executed.issuperset(arc)},
         after=counted.after,
     )
 

@@ -83,43 +83,61 @@ class CountedWorkPair:
     new: Work | None
 
 
-class Occurrence(StrEnum):
-    """In which of two releases a function occurs."""
+class CodeChange(StrEnum):
+    """How the machine code of a function changed from one release to another."""
 
-    BOTH = ""
+    IDENTICAL = "identical"
+    """The same instructions, at other addresses."""
+    OFFSETS = "offsets only"
+    """The same instructions; offsets of fields in structs, or the functions called, differ."""
+    CHANGED = "changed"
+    """Other instructions."""
     NEW = "new"
-    """Only in the candidate."""
+    """Only the candidate has the function."""
     GONE = "gone"
-    """Only in the baseline."""
+    """Only the baseline has it."""
+    UNKNOWN = "unknown"
+    """Its code cannot be read: its library has no symbols, or is not the engine's."""
 
 
-@dataclass(frozen=True)
+# Of functions that execute other instructions than in the baseline.
+OTHER_CODE = (CodeChange.CHANGED, CodeChange.NEW, CodeChange.GONE)
+
+
+@dataclass(frozen=True, kw_only=True)
 class FunctionDifference:
-    """Instructions per step that a function executes itself, in both releases.
+    """Instructions per step that a function executes itself, and its code, in both releases.
 
     Attributes:
-      name: of the function.
-      old: in the baseline; None where it does not occur.
-      new: in the candidate; None where it does not occur.
+      name: of the function; in the candidate, if it was renamed.
+      old_name: of the function in the baseline, if it was renamed; None where it was not.
+      old: in the baseline; None where it does not execute.
+      new: in the candidate; None where it does not execute.
       difference: candidate minus baseline.
+      code: how its machine code changed; None where the code was not compared.
+      moved_with: functions to which cost moved from this one, or from which it came.
     """
 
     name: str
+    old_name: str | None = None
     old: float | None
     new: float | None
     difference: float
+    code: CodeChange | None = None
+    moved_with: Sequence[str] = ()
 
-    @classmethod
-    def of(cls, name: str, old: float | None, new: float | None) -> "FunctionDifference":
-        """Return the difference of a function that occurs in at least one of the releases."""
-        return cls(name, old, new, (new or 0.0) - (old or 0.0))
 
-    @property
-    def occurrence(self) -> Occurrence:
-        """In which of the releases it occurs."""
-        if self.old is None:
-            return Occurrence.NEW
-        return Occurrence.GONE if self.new is None else Occurrence.BOTH
+@dataclass(frozen=True)
+class CodeShare:
+    """The functions whose code changed in one way, of those that execute in either release.
+
+    Attributes:
+      functions: how many there are.
+      share: of the instructions that both releases execute, from 0 to 1.
+    """
+
+    functions: int
+    share: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +153,10 @@ class ExplainRow:
       outside_per_step: of everything else: the bindings, and Python.
       work: contacts, constraints, solver iterations per step.
       stages: instructions per step, by stage of the pipeline.
-      functions: that differ, the largest difference first.
+      functions: that differ in instructions executed or in code, the largest difference first.
+      code: how many functions and instructions execute, by how the code changed; None where the
+        code was not compared.
+      code_detail: why the code was not compared, in one line; empty where it was.
       time: the paired comparison of time; None where time was not compared.
     """
 
@@ -148,4 +169,6 @@ class ExplainRow:
     work: CountedWorkPair
     stages: Mapping[str, CountPair]
     functions: Sequence[FunctionDifference]
+    code: Mapping[CodeChange, CodeShare] | None = None
+    code_detail: str = ""
     time: VerdictRow | None

@@ -6,7 +6,7 @@ from rich.console import Console
 
 from mjbench.counts import explain
 from mjbench.counts.instructions import ModelCount
-from mjbench.paired.records import VerdictRow
+from mjbench.counts.records import ExplainRow, FunctionDifference
 from mjbench.report import tables
 from mjbench.status import Status
 
@@ -52,7 +52,7 @@ def _print_functions(out: Console, count: ModelCount, total: float, top: int) ->
 
 
 def print_explanation(
-    out: Console, baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None, top: int
+    out: Console, baseline: ModelCount, candidate: ModelCount, row: ExplainRow, top: int
 ) -> None:
     """Print what changed from one release to another on one model.
 
@@ -60,7 +60,7 @@ def print_explanation(
       out: where to.
       baseline: the model in the old release.
       candidate: the model in the new one.
-      time: the paired comparison of time; None where time was not compared.
+      row: what explains their difference.
       top: how many functions to list.
     """
     releases = f"MuJoCo {baseline.release} → {candidate.release}"
@@ -69,45 +69,54 @@ def print_explanation(
         if count.status != Status.OK:
             out.print(f"MuJoCo {count.release}: {count.detail}", soft_wrap=True)
             return
-    lines = [*explain.summary(baseline, candidate, time)]
+    lines = [*explain.summary(baseline, candidate, row)]
     for count in (baseline, candidate):
         lines += [f"MuJoCo {count.release}: {w}" for w in tables.warning_lines(count.warnings)]
     for line in lines:
         out.print(line, soft_wrap=True)
-    _print_stage_changes(out, baseline, candidate)
-    _print_function_changes(out, baseline, candidate, top)
+    _print_stage_changes(out, row)
+    _print_function_changes(out, row, top)
 
 
-def _print_stage_changes(out: Console, baseline: ModelCount, candidate: ModelCount) -> None:
+def _print_stage_changes(out: Console, row: ExplainRow) -> None:
     table = tables.plain_table(["stage", "old/step", "new/step", "difference"], right=(1, 2, 3))
-    pairs = explain.stage_pairs(baseline, candidate)
-    for stage in sorted(pairs, key=lambda name: -abs(pairs[name][1] - pairs[name][0])):
-        before, after = pairs[stage]
+    costs = {stage: (pair.old or 0.0, pair.new or 0.0) for stage, pair in row.stages.items()}
+    for stage in sorted(costs, key=lambda name: -abs(costs[name][1] - costs[name][0])):
+        before, after = costs[stage]
         if before or after:
             table.add_row(stage, _number(before), _number(after), f"{after - before:+,.0f}")
     out.print(table)
 
 
-def _print_function_changes(
-    out: Console, baseline: ModelCount, candidate: ModelCount, top: int
-) -> None:
-    headings = ["function", "old/step", "new/step", "difference", ""]
+def _print_function_changes(out: Console, row: ExplainRow, top: int) -> None:
+    if not row.functions:
+        return
+    headings = ["function", "old/step", "new/step", "difference", "code", ""]
     table = tables.plain_table(headings, right=(1, 2, 3))
-    functions = explain.function_differences(baseline, candidate)
-    for function in functions[:top]:
+    for function in row.functions[:top]:
         table.add_row(
             function.name,
             _number(function.old),
             _number(function.new),
             f"{function.difference:+,.0f}",
-            function.occurrence,
+            function.code or "",
+            _remarks(function),
         )
     out.print(table)
-    further = functions[top:]
+    further = row.functions[top:]
     if further:
         rest = sum(function.difference for function in further)
-        share = 100 * rest / (candidate.instructions_per_step or 1.0)
+        share = 100 * rest / (row.instructions_per_step.new or 1.0)
         out.print(f"{len(further)} further functions: {rest:+,.0f} ({share:+.2f} %)")
+
+
+def _remarks(function: FunctionDifference) -> str:
+    """Return which name a function had, and with which functions it exchanged cost."""
+    remarks = [f"was {function.old_name}"] if function.old_name else []
+    if function.moved_with:
+        direction = "from" if function.difference > 0 else "to"
+        remarks.append(f"moved {direction} {', '.join(function.moved_with)}")
+    return "; ".join(remarks)
 
 
 def _stage_shares(stages: Mapping[str, float], total: float) -> str:

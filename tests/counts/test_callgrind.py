@@ -1,10 +1,11 @@
 """Callgrind's format: compressed names, relative positions, calls and recursion."""
 
-from callgrind_dump import DUMP
+from callgrind_dump import DUMP, DUMP_WITH_ADDRESSES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjbench.counts import callgrind
+from mjbench.counts.callgrind import CodePlace
 from mjbench.errors import MachineError
 
 
@@ -20,6 +21,18 @@ def test_a_dump_is_read_with_compressed_names_and_relative_positions() -> None:
     assert profile.total == 1005
     assert profile.inclusive("mj_step") == 1000
     assert profile.inclusive("mj_collision") == 500
+
+
+def test_a_dump_with_addresses_says_where_functions_lie() -> None:
+    profile = callgrind.parse(DUMP_WITH_ADDRESSES)
+    assert profile.self_cost == {"main": 5, "mj_step": 86, "memcpy": 9}
+    assert profile.arcs == {("main", "mj_step"): 90, ("mj_step", "memcpy"): 5}
+    assert profile.places == {
+        "main": (CodePlace("", (0x10,)),),
+        "mj_step": (CodePlace("/lib/libmujoco.so", (0x1000, 0x1002, 0x1004, 0x2000)),),
+        "memcpy": (CodePlace("/lib/libc.so.6", (0x88,)), CodePlace("/lib/libmujoco.so", (0x99,))),
+    }
+    assert not callgrind.parse(DUMP).places
 
 
 def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
@@ -46,12 +59,15 @@ def test_functions_that_call_each_other_are_listed_once() -> None:
 
 
 LINES = [
+    "positions: instr line",
+    "ob=(7) a.so",
     "fn=(7) mj_step",
     "fn=(7)",
     "fn=(9)",
     "cfn=(8) f",
     "calls=1 2",
     "20 100",
+    "0x1f 20 100",
     "+1",
     "* x",
     "fn=",

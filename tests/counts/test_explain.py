@@ -1,6 +1,7 @@
 """What explains the difference of two counts, and the verdict on instructions."""
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,13 @@ from commands import mjbench
 from mjbench.cli import cli
 from mjbench.counts import explain, instructions
 from mjbench.counts.instructions import InstructionCounter, ModelCount
-from mjbench.counts.records import FunctionCount
+from mjbench.counts.records import (
+    CodeChange,
+    CodeShare,
+    ExplainRow,
+    FunctionCount,
+    FunctionDifference,
+)
 from mjbench.instrument.runs import to_json
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import Ratio, TargetRow, VerdictRow
@@ -50,20 +57,23 @@ def timed(ratio: Ratio | None, status: Status = Status.OK, detail: str = "") -> 
     )
 
 
-def test_changes_are_sorted_by_contribution_with_new_and_gone_functions() -> None:
-    baseline = counted("1.0", a=100.0, b=50.0, gone=30.0)
-    candidate = counted("2.0", a=90.0, b=50.0, fresh=200.0)
-    functions = explain.function_differences(baseline, candidate)
-    assert [(f.name, f.difference, f.occurrence) for f in functions] == [
-        ("fresh", 200.0, "new"),
-        ("gone", -30.0, "gone"),
-        ("a", -10.0, ""),
-    ]
-    assert sum(f.difference for f in functions) == (candidate.instructions_per_step or 0) - 180.0
+def explained(
+    baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
+) -> ExplainRow:
+    return explain.Explainer().row(baseline, candidate, time)
+
+
+def summarized(
+    baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None = None
+) -> list[str]:
+    """Return the summary, without the line on code, which was not compared."""
+    lines = explain.summary(baseline, candidate, explained(baseline, candidate, time))
+    assert lines.pop(2).startswith("machine code not compared: ")
+    return lines
 
 
 def test_the_json_row_has_both_releases_under_old_and_new() -> None:
-    row = explain.explain_row(counted("1.0", a=100.0), counted("2.0", a=90.0), None)
+    row = explained(counted("1.0", a=100.0), counted("2.0", a=90.0))
     work = {"contacts": 4.0, "constraints": 16.0, "solver_iterations": 3.0}
     assert to_json(row) == {
         "model": "pile",
@@ -74,7 +84,19 @@ def test_the_json_row_has_both_releases_under_old_and_new() -> None:
         "outside_per_step": {"old": 1.0, "new": 1.0},
         "work": {"old": work, "new": work},
         "stages": {"solver": {"old": 100.0, "new": 90.0}},
-        "functions": [{"name": "a", "old": 100.0, "new": 90.0, "difference": -10.0}],
+        "functions": [
+            {
+                "name": "a",
+                "old_name": None,
+                "old": 100.0,
+                "new": 90.0,
+                "difference": -10.0,
+                "code": None,
+                "moved_with": [],
+            }
+        ],
+        "code": None,
+        "code_detail": "Callgrind does not say in which library mj_step is",
         "time": None,
     }
 
@@ -105,7 +127,7 @@ def test_a_step_that_leads_elsewhere_is_changed_work() -> None:
     for after, is_changed in ((here, False), (elsewhere, True)):
         candidate = replace(counted("2.0", a=1000.0), after=after)
         assert explain.verdict_row(baseline, candidate, 0.005).changed_work is is_changed
-        lines = explain.summary(baseline, candidate, None)
+        lines = summarized(baseline, candidate)
         assert any("changed work" in line for line in lines) is is_changed
 
 
@@ -116,27 +138,65 @@ def test_a_model_that_could_not_be_counted_has_no_verdict() -> None:
     row = explain.verdict_row(counted("1.0", a=1000.0), crashed, 0.005)
     assert (row.status, row.verdict, row.ratio, row.work) == (Status.CRASHED, None, None, None)
     assert row.detail == "MuJoCo 2.0: killed by signal 11"
-    assert explain.explain_row(counted("1.0", a=1000.0), crashed, None).status is Status.CRASHED
+    assert explained(counted("1.0", a=1000.0), crashed).status is Status.CRASHED
 
 
 def test_time_that_instructions_do_not_explain_is_pointed_out() -> None:
     baseline, candidate = counted("1.0", a=1000.0), counted("2.0", a=1010.0)
-    explained = explain.summary(baseline, candidate, timed(Ratio(1.02, 1.01, 1.03)))
-    assert explained[2:] == ["time +2.00 % (+1.00 to +3.00), slower"]
-    *_, last_line = explain.summary(baseline, candidate, timed(Ratio(1.10, 1.09, 1.11)))
+    lines = summarized(baseline, candidate, timed(Ratio(1.02, 1.01, 1.03)))
+    assert lines[2:] == ["time +2.00 % (+1.00 to +3.00), slower"]
+    *_, last_line = summarized(baseline, candidate, timed(Ratio(1.10, 1.09, 1.11)))
     assert "disagree by 9.0 points" in last_line
 
 
 def test_an_interval_that_is_unknown_disagrees_with_nothing() -> None:
-    lines = explain.summary(
+    lines = summarized(
         counted("1.0", a=1000.0), counted("2.0", a=1010.0), timed(Ratio(1.5, None, None))
     )
     assert lines[2:] == ["time +50.00 % (interval unknown), slower"]
 
 
+def code_lines(**shares: tuple[int, float]) -> str:
+    """Return the line on code for numbers and shares of functions by how their code changed."""
+    count = counted("1.0", a=1000.0)
+    code = {CodeChange[name]: CodeShare(*share) for name, share in shares.items()}
+    return explain.summary(count, count, replace(explained(count, count), code=code))[2]
+
+
+def test_the_line_on_code_begins_with_its_conclusion() -> None:
+    line = code_lines(IDENTICAL=(90, 0.75), OFFSETS=(10, 0.125), CHANGED=(2, 0.1), NEW=(1, 0.025))
+    assert line == (
+        "code changed in 3 of 103 executed functions, which execute 12.5 % of the instructions:"
+        " identical 90 (75.0 %), offsets only 10 (12.5 %), changed 2 (10.0 %), new 1 (2.5 %)"
+    )
+    unchanged = code_lines(IDENTICAL=(90, 0.8999), OFFSETS=(10, 0.1), UNKNOWN=(1, 0.0001))
+    assert unchanged.startswith("code changed in none of 101 executed functions, so a difference")
+    unknown = code_lines(IDENTICAL=(90, 0.9), UNKNOWN=(1, 0.1))
+    assert "none of 91 executed functions, as far as it is known (unknown for 10.0 %" in unknown
+
+
+def test_cost_that_moved_is_named_with_what_is_left_of_it() -> None:
+    count = counted("1.0", a=1000.0)
+    moved = [
+        FunctionDifference(name=name, old=1.0, new=1.0, difference=by, moved_with=[other])
+        for name, by, other in (("f", -900.0, "g"), ("g", 950.0, "f"))
+    ]
+    row = replace(explained(count, count), functions=moved, code={})
+    assert "cost moved between f (-900) and g (+950), together +50" in explain.summary(
+        count, count, row
+    )
+
+
+def test_without_capstone_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mjbench.counts.code_comparison", None)
+    row = explained(counted("1.0", a=1000.0), counted("2.0", a=1000.0))
+    assert row.code is None
+    assert "pip install 'mjbench[cli]'" in row.code_detail
+
+
 def test_a_time_that_could_not_be_compared_says_why() -> None:
     count = counted("1.0", a=1000.0)
-    lines = explain.summary(count, count, timed(None, Status.FAILED, "no core"))
+    lines = summarized(count, count, timed(None, Status.FAILED, "no core"))
     assert lines[2:] == ["time not compared: no core"]
 
 

@@ -1,9 +1,12 @@
 """Tables of instruction counts: what they list, and what they sum up."""
 
+from dataclasses import replace
+
 import pytest
 
+from mjbench.counts.explain import Explainer
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import FunctionCount
+from mjbench.counts.records import CodeChange, FunctionCount, FunctionDifference
 from mjbench.report import counts, tables
 from mjbench.status import Status
 
@@ -18,6 +21,11 @@ def counted(release: str, **functions: float) -> ModelCount:
         functions=[FunctionCount(name, cost, cost) for name, cost in functions.items()],
         stages={"solver": total, "sensors": 0.0},
     )
+
+
+def print_explanation(baseline: ModelCount, candidate: ModelCount) -> None:
+    row = Explainer().row(baseline, candidate, None)
+    counts.print_explanation(tables.console(), baseline, candidate, row, top=1)
 
 
 CRASHED = ModelCount(model="pile", release="2.0", status=Status.CRASHED, detail="signal 11")
@@ -35,7 +43,7 @@ def test_counts_list_as_many_functions_as_asked(capsys: pytest.CaptureFixture[st
 def test_differences_that_are_not_listed_are_summed_up(capsys: pytest.CaptureFixture[str]) -> None:
     baseline = counted("1.0", a=3000.0, b=1000.0, c=500.0)
     candidate = counted("2.0", a=4000.0, b=970.0, d=30.0)
-    counts.print_explanation(tables.console(), baseline, candidate, None, top=1)
+    print_explanation(baseline, candidate)
     lines = capsys.readouterr().out.splitlines()
     assert ["solver", "4,500", "5,000", "+500"] in [line.split() for line in lines]
     assert lines[-2].split() == ["a", "3,000", "4,000", "+1,000"]
@@ -43,5 +51,24 @@ def test_differences_that_are_not_listed_are_summed_up(capsys: pytest.CaptureFix
 
 
 def test_a_failed_count_is_explained_by_its_detail(capsys: pytest.CaptureFixture[str]) -> None:
-    counts.print_explanation(tables.console(), counted("1.0", a=1.0), CRASHED, None, top=1)
+    print_explanation(counted("1.0", a=1.0), CRASHED)
     assert capsys.readouterr().out.splitlines()[-1] == "MuJoCo 2.0: signal 11"
+
+
+def test_code_old_names_and_moved_cost_stand_beside_a_function(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    count = counted("1.0", a=3000.0)
+    function = FunctionDifference(
+        name="mj_f",
+        old_name="f",
+        old=900.0,
+        new=100.0,
+        difference=-800.0,
+        code=CodeChange.CHANGED,
+        moved_with=["mj_g", "mj_h"],
+    )
+    row = replace(Explainer().row(count, count, None), functions=[function])
+    counts.print_explanation(tables.console(), count, count, row, top=1)
+    last_line = capsys.readouterr().out.splitlines()[-1]
+    assert last_line.split("  ")[-2:] == ["changed", "was f; moved to mj_g, mj_h"]

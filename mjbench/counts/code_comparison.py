@@ -1,0 +1,204 @@
+"""Compare the machine code of the functions that a step executes in two releases.
+
+Functions are matched by their names, and by their code where they were renamed. Callgrind gives
+the addresses of what was executed, and the library's symbol table the functions that they belong
+to; so mangled names, clones made by the compiler and static functions of one name need no guessing.
+
+Needs capstone and pyelftools.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.counts import machine_code, shared_library
+from mjbench.counts.callgrind import CodePlace, source_name
+from mjbench.counts.function_differences import CodeChanges
+from mjbench.counts.machine_code import Instruction
+from mjbench.counts.records import CodeChange
+from mjbench.counts.renames import MIN_SIMILARITY, renamed_functions
+from mjbench.counts.shared_library import SharedLibrary, Symbol
+from mjbench.counts.stages import ENGINE
+from mjbench.errors import MachineError
+
+# How much can have changed in a function of both releases, from least to most.
+_SEVERITY = (CodeChange.IDENTICAL, CodeChange.OFFSETS, CodeChange.CHANGED)
+
+# Where each executed function lies, by Callgrind's name.
+Places = Mapping[str, Sequence[CodePlace]]
+
+
+class CodeComparer:
+    """Compares the code of releases; reads each library, and decodes each function, once."""
+
+    def __init__(self, read: Callable[[Path], SharedLibrary] = shared_library.read) -> None:
+        """Start without libraries; `read` returns that of a file."""
+        self._read = read
+        self._libraries: dict[str, _Library] = {}
+
+    def compare(self, baseline: Places, candidate: Places) -> CodeChanges:
+        """Return how the code of the executed functions changed.
+
+        Functions of other libraries than the engine's, such as memcpy of the C library, are
+        identical where both releases execute the same file, and otherwise unknown.
+
+        Args:
+          baseline: where the functions lie that the old release executes.
+          candidate: the same in the new one.
+
+        Raises:
+          MachineError: a library cannot be read, or has no symbol table.
+        """
+        old, new = self._executed(baseline), self._executed(candidate)
+        functions = _engine_changes(old, new)
+        of_engine = {*functions.changes, *functions.old_names.values()}
+        elsewhere = [name for name in {**baseline, **candidate} if name not in of_engine]
+        return CodeChanges(
+            {**_file_changes(elsewhere, baseline, candidate), **functions.changes},
+            functions.old_names,
+        )
+
+    def _executed(self, places: Places) -> "_Executed":
+        """Return the functions of the engine that a release executes."""
+        file = next((place.library for place in places.get(ENGINE, ()) if place.addresses), "")
+        if not file:
+            raise MachineError(f"Callgrind does not say in which library {ENGINE} is")
+        if file not in self._libraries:
+            self._libraries[file] = _Library(self._read(Path(file)))
+        library = self._libraries[file]
+        functions = {
+            name: library.functions_at(place.addresses)
+            for name, in_files in places.items()
+            for place in in_files
+            if place.library == file
+        }
+        return _Executed(library, {name: found for name, found in functions.items() if found})
+
+
+class _Library:
+    """A library whose functions are decoded when they are asked for."""
+
+    def __init__(self, library: SharedLibrary):
+        self._library = library
+        self._decoded: dict[int, list[Instruction]] = {}
+
+    def functions_at(self, addresses: Iterable[int]) -> list[Symbol]:
+        """Return the functions to which instructions belong, by all of their names."""
+        return sorted({symbol for address in addresses for symbol in self._library.at(address)})
+
+    def named_like(self, symbols: Iterable[Symbol]) -> list[Symbol]:
+        """Return the functions of this library that have a name of those of another one."""
+        names = {source_name(symbol.name) for symbol in symbols}
+        return sorted({twin for name in names for twin in self._library.named(name)})
+
+    def decoded(self, symbol: Symbol) -> list[Instruction]:
+        """Return the instructions of a function."""
+        if symbol.address not in self._decoded:
+            code, surroundings = self._library.code_of(symbol), self._library.surroundings
+            self._decoded[symbol.address] = machine_code.decode(code, symbol.address, surroundings)
+        return self._decoded[symbol.address]
+
+    def main_code(self, symbols: Sequence[Symbol]) -> list[Instruction]:
+        """Return the instructions of the longest of the parts of a function."""
+        return self.decoded(max(symbols, key=lambda symbol: symbol.size_bytes))
+
+
+@dataclass(frozen=True)
+class _Executed:
+    """The functions of the engine that one release executes; their symbols by Callgrind's name."""
+
+    library: _Library
+    functions: Mapping[str, Sequence[Symbol]]
+
+
+def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
+    """Return how the functions of the engine changed."""
+    gone = {
+        name: old.library.main_code(symbols)
+        for name, symbols in old.functions.items()
+        if name not in new.functions and not _has_twin(old.library, symbols, new.library)
+    }
+    fresh = {
+        name: new.library.main_code(symbols)
+        for name, symbols in new.functions.items()
+        if name not in old.functions and not _has_twin(new.library, symbols, old.library)
+    }
+    renamed = renamed_functions(gone, fresh)
+    callees = {
+        source_name(before.name): source_name(after.name)
+        for old_name, new_name in renamed.items()
+        for before in old.functions[old_name]
+        for after in new.functions[new_name]
+    }
+    old_names = {new_name: old_name for old_name, new_name in renamed.items()}
+    changes = {
+        name: _change(old, new, old_names.get(name, name), name, callees)
+        for name in {**old.functions, **new.functions}
+        if name not in renamed
+    }
+    return CodeChanges(changes, old_names)
+
+
+def _has_twin(library: _Library, symbols: Sequence[Symbol], other: _Library) -> bool:
+    """Return whether another library has a function of the same name and of similar code."""
+    code = library.main_code(symbols)
+    return any(
+        machine_code.similarity(code, other.decoded(twin)) >= MIN_SIMILARITY
+        for twin in other.named_like(symbols)
+    )
+
+
+def _change(
+    old: _Executed, new: _Executed, old_name: str, new_name: str, renamed: Mapping[str, str]
+) -> CodeChange:
+    """Return how the code of a function changed: that of the part that changed most.
+
+    Args:
+      old: what the baseline executes.
+      new: what the candidate executes.
+      old_name: of the function in the baseline.
+      new_name: of the function in the candidate.
+      renamed: symbols that were renamed, by their names in the baseline.
+    """
+    old_parts, new_parts = old.functions.get(old_name, ()), new.functions.get(new_name, ())
+    old_choices, new_choices = old_parts, new_parts
+    if old_name == new_name:  # also parts that only one of the releases happens to execute
+        old_choices = old.library.named_like([*old_parts, *new_parts])
+        new_choices = new.library.named_like([*old_parts, *new_parts])
+    if not old_choices or not new_choices:
+        return CodeChange.GONE if old_choices else CodeChange.NEW
+
+    def least(before: Sequence[Symbol], after: Sequence[Symbol]) -> CodeChange:
+        changes = [
+            machine_code.compare(old.library.decoded(one), new.library.decoded(other), renamed)
+            for one in before
+            for other in after
+        ]
+        return min(changes, key=_SEVERITY.index)
+
+    changes = [least([part], new_choices) for part in old_parts]
+    changes += [least(old_choices, [part]) for part in new_parts]
+    return max(changes, key=_SEVERITY.index)
+
+
+def _file_changes(
+    names: Iterable[str], baseline: Places, candidate: Places
+) -> dict[str, CodeChange]:
+    """Return how functions of other libraries than the engine's changed, by the files they are in.
+
+    Args:
+      names: of the functions.
+      baseline: where functions lie in the old release.
+      candidate: the same in the new one.
+    """
+    old_files, new_files = (
+        {place.library for in_files in places.values() for place in in_files if place.library}
+        for places in (baseline, candidate)
+    )
+    in_both = old_files & new_files
+    return {
+        name: CodeChange.IDENTICAL
+        if all(p.library in in_both for p in (*baseline.get(name, ()), *candidate.get(name, ())))
+        else CodeChange.UNKNOWN
+        for name in names
+    }

@@ -1,0 +1,126 @@
+"""Match the functions of two counts: what each executes, how its code changed, what cost moved."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field, replace
+from pathlib import PurePath
+
+from mjbench.counts.instructions import ModelCount
+from mjbench.counts.moved_cost import moved_cost
+from mjbench.counts.records import OTHER_CODE, CodeChange, CodeShare, FunctionDifference
+
+# The smallest cost whose move is reported, as a share of a step.
+MIN_MOVED = 0.001
+# Functions without a name in the symbol table: Callgrind writes their address instead.
+_UNNAMED = "0x"
+
+
+@dataclass(frozen=True)
+class CodeChanges:
+    """How the code changed of the functions that either of two releases executes.
+
+    Attributes:
+      changes: of each function, by its name in the candidate; by that in the baseline, if only the
+        baseline executes it.
+      old_names: names in the baseline of functions that were renamed, by those in the candidate.
+    """
+
+    changes: Mapping[str, CodeChange] = field(default_factory=dict)
+    old_names: Mapping[str, str] = field(default_factory=dict)
+
+
+def function_differences(
+    baseline: ModelCount, candidate: ModelCount, code: CodeChanges | None
+) -> list[FunctionDifference]:
+    """Return all functions that either release executes, the largest difference first.
+
+    Of equal differences the costliest function comes first. Functions without names are put
+    together by their library, because their addresses differ between releases.
+
+    Args:
+      baseline: a model in the old release, counted.
+      candidate: the same in the new one.
+      code: how the code changed; None where it was not compared.
+    """
+    names = {old: new for new, old in code.old_names.items()} if code else {}
+    before, after = _self_costs(baseline, names), _self_costs(candidate, {})
+    functions = {
+        name: FunctionDifference(
+            name=name,
+            old_name=code.old_names.get(name) if code else None,
+            old=before.get(name),
+            new=after.get(name),
+            difference=after.get(name, 0.0) - before.get(name, 0.0),
+            code=code.changes.get(name, CodeChange.UNKNOWN) if code else None,
+        )
+        for name in {**before, **after}
+    }
+    if code:
+        calls = {(names.get(a, a), names.get(b, b)) for a, b in baseline.calls} | candidate.calls
+        min_cost = MIN_MOVED * (candidate.instructions_per_step or 0.0)
+        _mark_moved(functions, calls, min_cost)
+    return sorted(functions.values(), key=lambda f: (-abs(f.difference), -(f.new or 0.0), f.name))
+
+
+def is_different(function: FunctionDifference) -> bool:
+    """Return whether a function executes other instructions, or as many others."""
+    return bool(function.difference) or function.code in OTHER_CODE
+
+
+def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, CodeShare]:
+    """Return how many functions and instructions execute, by how the code changed.
+
+    Args:
+      functions: all that either release executes, with their code compared.
+    """
+    costs: dict[CodeChange, list[float]] = defaultdict(list)
+    for function in functions:
+        assert function.code
+        costs[function.code].append((function.old or 0.0) + (function.new or 0.0))
+    total = sum(map(sum, costs.values())) or 1.0
+    return {
+        change: CodeShare(len(costs[change]), sum(costs[change]) / total)
+        for change in CodeChange
+        if change in costs
+    }
+
+
+def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionDifference]]:
+    """Return the functions between which cost moved, each group with its largest one first."""
+    groups: dict[AbstractSet[str], list[FunctionDifference]] = defaultdict(list)
+    for function in functions:
+        if function.moved_with:
+            groups[frozenset((function.name, *function.moved_with))].append(function)
+    return list(groups.values())
+
+
+def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]:
+    """Return what each function executes itself, by name; unnamed ones by library.
+
+    Args:
+      count: of a model.
+      names: to use instead of others.
+    """
+    costs: dict[str, float] = defaultdict(float)
+    for function in count.functions:
+        name = function.name
+        if name.startswith(_UNNAMED):
+            files = [place.library for place in count.places.get(name, ()) if place.library]
+            library = PurePath(files[0]).name if files else "unknown library"
+            name = f"{library.partition('.')[0]} (no symbols)"
+        if function.self:
+            costs[names.get(name, name)] += function.self
+    return dict(costs)
+
+
+def _mark_moved(
+    functions: dict[str, FunctionDifference], calls: AbstractSet[tuple[str, str]], min_cost: float
+) -> None:
+    """Set `moved_with` of the functions between which cost moved."""
+    differences = {name: function.difference for name, function in functions.items()}
+    changes = {name: function.code for name, function in functions.items() if function.code}
+    for group in moved_cost(differences, changes, calls, min_cost):
+        for name in group:
+            others = sorted(group - {name}, key=lambda other: -abs(differences[other]))
+            functions[name] = replace(functions[name], moved_with=others)
