@@ -145,7 +145,7 @@ class PairedResult:
         the comparison ended before that.
       launches: what each launch measured.
       averaging: whether launches moved the libraries; None where the comparison ended before that.
-      judgement: of the launches that averaging is made of; None without any.
+      judgement: of the launches that moved them, or of all if none did; None without any.
       as_shipped: of the launches as shipped, beside them; None without any.
       seconds: from start to verdict, the workers' start included.
     """
@@ -282,13 +282,13 @@ def decide(
       clock: returns seconds.
     """
     begin = clock()
-    time_limit = TimeLimit(plan.time_limit_s, MIN_LAUNCHES, clock)
     launches: list[Launch] = []
     pair: TargetPair | None = None
     averaged: Averaging | None = None
     status, detail = Status.OK, ""
     try:
         averaged = Averaging(False) if plan.as_shipped else averaging(pool, baseline, candidate)
+        time_limit = TimeLimit(plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock)
         pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, averaged.placements())
         _launch_until_enough(pair, plan, time_limit, launches, on_launch)
     except OutOfTimeError as error:
@@ -332,27 +332,26 @@ def _launch_until_enough(
     while True:
         launches.append(pair.launch())
         judgement = _judge_launches(launches, plan)
-        if judgement is not None:
-            on_launch(judgement)
-        enough = judgement is not None and judgement.enough
-        if enough or not time_limit.allows_another(len(launches), before_s):
+        assert judgement is not None, "there is a launch"
+        on_launch(judgement)
+        can_judge = judgement.launches >= MIN_LAUNCHES
+        if judgement.enough or not time_limit.allows_another(len(launches), before_s, can_judge):
             return
 
 
 def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
     """Judge the launches in which code was moved, or all if it never was; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]
-    used = moved or launches
-    if not used:
-        return None
-    return judge(
-        [launch.log_ratio for launch in used], plan.min_effect, plan.confidence, plan.precision
-    )
+    return _judge(moved or launches, plan)
 
 
 def _judge_as_shipped(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
     """Judge the launches as shipped beside those in which code was moved; None without any."""
-    log_ratios = [launch.log_ratio for launch in launches if not launch.placements.is_moved]
+    return _judge([launch for launch in launches if not launch.placements.is_moved], plan)
+
+
+def _judge(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
+    log_ratios = [launch.log_ratio for launch in launches]
     if not log_ratios:
         return None
     return judge(log_ratios, plan.min_effect, plan.confidence, plan.precision)

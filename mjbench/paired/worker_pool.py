@@ -206,6 +206,10 @@ class WorkerPool:
         self._file_count += 1
         return self._work / f"{self._file_count}{suffix}"
 
+    def forbids_programs(self) -> bool:
+        """Return whether no library can be loaded from this pool's files (mount option noexec)."""
+        return bool(os.statvfs(self._work).f_flag & os.ST_NOEXEC)
+
     def save(self, value: Any) -> Path:
         """Pickle a value to a new file, for a worker to read; return the file.
 

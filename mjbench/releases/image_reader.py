@@ -202,7 +202,7 @@ class _Reader:
     def _in_dynamic_section(self) -> np.ndarray:
         unknown = set(self._dynamic) - _ADDRESS_TAGS - _OTHER_TAGS
         if unknown:
-            raise ImmovableError(f"its dynamic section has {', '.join(sorted(unknown))}")
+            raise ImmovableError(f"its dynamic section has {_some(unknown)}")
         header = next((s for s in self._segments if s.p_type == "PT_DYNAMIC"), None)
         if header is None:
             raise ImmovableError("it has no dynamic section")
@@ -233,7 +233,7 @@ class _Reader:
         kinds = entries["info"] & 0xFFFFFFFF
         unknown = set(kinds.tolist()) - {*_ADDEND_IS_ADDRESS, *_OTHER_RELOCATIONS}
         if unknown:
-            raise ImmovableError(f"it has relocations of type {', '.join(map(str, unknown))}")
+            raise ImmovableError(f"it has relocations of type {_some(unknown)}")
         places = begin + np.arange(len(entries)) * _RELOCATION.itemsize
         yield places
         yield places[np.isin(kinds, _ADDEND_IS_ADDRESS)] + 16
@@ -249,6 +249,11 @@ class _Reader:
 
     def _number(self, place: int) -> int:
         return int.from_bytes(self._content[place : place + 8], "little")
+
+
+def _some(unknown: Iterable[object]) -> str:
+    """Return the first three of what is unknown; a damaged file may have thousands."""
+    return ", ".join(sorted(map(str, unknown))[:3])
 
 
 # The second byte of an instruction that needs an aligned address, and of its twin that does not:
@@ -290,7 +295,7 @@ def _unaligned(instruction: bytes, place: int) -> Iterator[tuple[int, int]]:
     """Yield the bytes to replace in a VEX instruction, so that it works at any address."""
     try:
         # a VEX prefix has two bytes (C5) or three (C4); its last one ends with `pp`
-        last = instruction.index(0xC5) + 1 if 0xC5 in instruction[:1] else 2
+        last = 1 if instruction[0] == 0xC5 else 2
         if instruction[0] not in (0xC4, 0xC5) or (
             instruction[0] == 0xC4 and instruction[1] & 0x1F != 1
         ):
