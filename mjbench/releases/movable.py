@@ -4,6 +4,7 @@ The cache only saves time. Where its folder cannot be written, a release is read
 """
 
 import contextlib
+import io
 import platform
 import sys
 from importlib import metadata
@@ -86,7 +87,7 @@ def _image(content: bytes) -> MovableImage:
     if file is None:
         return image_reader.read(content)
     try:
-        with np.load(file) as stored:
+        with np.load(io.BytesIO(file.read_bytes())) as stored:  # itself it leaves bad files open
             return MovableImage(int(stored["insert_at"]), *(stored[name] for name in _ARRAYS))
     except Exception:  # it is missing or damaged: read the library again
         image = image_reader.read(content)
