@@ -44,6 +44,7 @@ class TimeLimit:
         seconds: float = math.inf,
         min_launches: int = 1,
         clock: Callable[[], float] = time.monotonic,
+        purpose: str = "a verdict",
     ):
         """Set the limit; it begins to count with `start`.
 
@@ -51,7 +52,9 @@ class TimeLimit:
           seconds: of the verdict.
           min_launches: that it needs.
           clock: returns seconds.
+          purpose: what it is, for messages.
         """
+        self._purpose = purpose
         self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
         self._begin_s: float | None = None
 
@@ -102,7 +105,7 @@ class TimeLimit:
     def _sentence(self, launch_s: float, before_s: float) -> str:
         enough_s = _MARGIN * (before_s + self._min_launches * launch_s)
         return (
-            f"a launch takes about {_two_digits(launch_s)} s, and a verdict needs at least"
+            f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
             f" {self._min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"
         )
 

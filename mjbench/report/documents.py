@@ -22,6 +22,7 @@ from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
+from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import SelfcheckRow, TrialRecord, VerdictRecord, VerdictRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.report.advice import Advice, advise
@@ -39,6 +40,7 @@ RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
+    SpreadRecord.record_type: SpreadRecord,
 }
 
 
@@ -132,6 +134,15 @@ class SelfcheckDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlacementDocument:
+    """What `mjbench placement --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[SpreadRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class OverheadDocument:
     """What `mjbench overhead --json` writes."""
 
@@ -197,6 +208,7 @@ DOCUMENTS: Mapping[str, type] = {
     "versions": VerdictDocument,
     "ab": VerdictDocument,
     "selfcheck": SelfcheckDocument,
+    "placement": PlacementDocument,
     "instructions": InstructionsDocument,
     "explain": ExplainDocument,
     "overhead": OverheadDocument,
