@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mjbench.errors import Failure, InputError, MachineError, one_line, writing
-from mjbench.instrument import child, machine
+from mjbench.instrument import child, machine, platforms
 from mjbench.paired import release_python, requests
 from mjbench.paired.requests import Request
 from mjbench.releases import installs, movable
@@ -208,7 +208,7 @@ class WorkerPool:
 
     def forbids_programs(self) -> bool:
         """Return whether no library can be loaded from this pool's files (mount option noexec)."""
-        return bool(os.statvfs(self._work).f_flag & os.ST_NOEXEC)
+        return platforms.forbids_programs(self._work)
 
     def save(self, value: Any) -> Path:
         """Pickle a value to a new file, for a worker to read; return the file.
