@@ -7,8 +7,9 @@ import numpy as np
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
+from mjbench.paired.judgement import MIN_LAUNCHES, conclude
 from mjbench.paired.outcomes import Verdict
-from mjbench.paired.verdict import MIN_LAUNCHES, VerdictPlan, conclude
+from mjbench.paired.verdict import VerdictPlan
 
 # A launch takes about 0.7 s; as many as the default time limit of a minute allows.
 MOST_LAUNCHES = 80
@@ -109,7 +110,7 @@ def simulate(
       change: the true change of time, such as 0.01.
       count: number of comparisons.
       plan: how certain a verdict must be; the defaults, if None.
-      family: number of comparisons that are decided together, see `verdict.judge`.
+      family: number of comparisons that are decided together, see `judgement.judge`.
       seed: of the random numbers.
     """
     plan = plan or VerdictPlan()

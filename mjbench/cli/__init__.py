@@ -16,6 +16,7 @@ from mjbench.cli import (  # each adds its command to the group
     models,
     overhead,
     paths,
+    placement,
     profile,
     releases,
     selfcheck,

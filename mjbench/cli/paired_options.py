@@ -15,9 +15,10 @@ from mjbench.instrument import platforms
 from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
+    from mjbench.paired.judgement import Judgement
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.targets import Target
-    from mjbench.paired.verdict import Judgement, VerdictPlan
+    from mjbench.paired.verdict import VerdictPlan
     from mjbench.simulation.models import ModelSource
 
 # After as many launches, the progress bar of a comparison is half full.

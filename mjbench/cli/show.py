@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 def show(file: Path | None, results: Path, json_file: str | None) -> None:
     """Print a run FILE again; without one, the newest in results/runs."""
     from mjbench.instrument import runs
+    from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.report.documents import RECORD_TYPES
@@ -30,6 +31,8 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
             _show_selfcheck(run, stored)
         elif stored.of_type(VerdictRecord):
             _show_verdicts(run, stored)
+        elif stored.of_type(SpreadRecord):
+            _show_spreads(run, stored)
         else:
             _show_comparison(run, stored)
 
@@ -54,6 +57,16 @@ def _show_verdicts(run: RunContext, stored: "Run") -> None:
     rows = [record.row() for record in stored.of_type(VerdictRecord)]
     verdicts.print_table(run.out, rows)
     run.write(VerdictDocument(machine=stored.header.machine, results=rows))
+
+
+def _show_spreads(run: RunContext, stored: "Run") -> None:
+    from mjbench.paired.placement_spread import SpreadRecord
+    from mjbench.report.documents import PlacementDocument
+    from mjbench.report.placement import print_spreads
+
+    rows = [record.row() for record in stored.of_type(SpreadRecord)]
+    print_spreads(run.out, rows)
+    run.write(PlacementDocument(machine=stored.header.machine, results=rows))
 
 
 def _show_comparison(run: RunContext, stored: "Run") -> None:

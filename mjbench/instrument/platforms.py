@@ -9,6 +9,7 @@ Every process imports this module, so it needs only the standard library.
 import os
 import sys
 from collections.abc import Iterable
+from pathlib import Path
 
 from mjbench.errors import MachineError
 
@@ -48,6 +49,13 @@ def set_affinity(pid: int, cores: Iterable[int]) -> None:
     """
     if sys.platform == "linux":
         os.sched_setaffinity(pid, cores)
+
+
+def forbids_programs(folder: Path) -> bool:
+    """Return whether no library can be loaded from a folder: its file system is mounted noexec."""
+    if sys.platform == "linux":
+        return bool(os.statvfs(folder).f_flag & os.ST_NOEXEC)
+    return False
 
 
 def pinning_problem() -> str | None:

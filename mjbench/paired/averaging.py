@@ -31,6 +31,10 @@ class Averaging:
             return placement.schedule(random.Random())
         return itertools.repeat(AS_SHIPPED)
 
+    def launches_with(self, judged: int) -> int:
+        """Return the number of launches that hold at least `judged` ones for a verdict."""
+        return placement.launches_with(judged) if self.is_on else judged
+
 
 def averaging(pool: WorkerPool, baseline: Target, candidate: Target) -> Averaging:
     """Return that placements are averaged, if the libraries of both targets can be moved.

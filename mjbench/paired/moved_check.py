@@ -1,6 +1,5 @@
 """Check, once for each release, that moved libraries do what the installed ones do."""
 
-import contextlib
 import random
 
 import numpy as np
@@ -32,10 +31,13 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
       InputError: there is no such release.
       MachineError: it cannot be installed.
     """
-    marker = movable.checked_file(pool.movable(release))
-    if marker.exists():
+    install = pool.movable(release)
+    if pool.forbids_programs():
+        raise ImmovableError("the temporary folder permits no programs: set TMPDIR")
+    if movable.was_checked(install):
         return
-    placements = [None, *(Placement.draw(residue, random.Random(0)) for residue in RESIDUES)]
+    rng = random.Random(0)
+    placements = [None, *(Placement.draw(residue, rng) for residue in RESIDUES)]
     processes: list[WorkerProcess] = []
     try:
         processes.extend(pool.start(release, placement=placement) for placement in placements)
@@ -44,8 +46,7 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
         raise ImmovableError(f"with moved libraries it fails: {error}") from error
     finally:
         pool.end(processes)
-    with contextlib.suppress(OSError):  # without it, it is checked again next time
-        marker.touch()
+    movable.note_checked(install)
 
 
 def _compare(pool: WorkerPool, release: ReleaseSpec, processes: list[WorkerProcess]) -> None:

@@ -121,7 +121,7 @@ class VerdictRow:
       warnings: how many of the others raised each warning of MuJoCo.
       nbatch: simulations of a block.
       nstep: steps of each.
-      launches: that the verdict rests on.
+      launches: in all, those as shipped included.
       pairs: of blocks, over all launches.
       seconds: from start to verdict.
     """

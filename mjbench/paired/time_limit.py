@@ -46,6 +46,7 @@ class TimeLimit:
         seconds: float = math.inf,
         min_launches: int = 1,
         clock: Callable[[], float] = time.monotonic,
+        purpose: str = "a verdict",
     ):
         """Set the limit; it begins to count with `start`.
 
@@ -53,7 +54,9 @@ class TimeLimit:
           seconds: of the verdict.
           min_launches: that it needs.
           clock: returns seconds.
+          purpose: what it is, for messages.
         """
+        self._purpose = purpose
         self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
         self._begin_s: float | None = None
 
@@ -82,28 +85,29 @@ class TimeLimit:
         if spent_s + needed_s > self._seconds:
             raise OutOfTimeError(self._sentence(launch_s, spent_s + preparation_s))
 
-    def allows_another(self, launches: int, before_s: float) -> bool:
+    def allows_another(self, launches: int, before_s: float, can_judge: bool) -> bool:
         """Return whether another launch fits, if it takes as long as those before on average.
 
         Args:
           launches: so far.
           before_s: what was spent before the first of them.
+          can_judge: whether they are enough for a verdict.
 
         Raises:
-          OutOfTimeError: it does not, and there are too few for a verdict.
+          OutOfTimeError: it does not, and they are not.
         """
         spent_s = self.spent_s()
         launch_s = (spent_s - before_s) / launches
         if spent_s + launch_s <= self._seconds:
             return True
-        if launches < self._min_launches:
+        if not can_judge:
             raise OutOfTimeError(self._sentence(launch_s, before_s))
         return False
 
     def _sentence(self, launch_s: float, before_s: float) -> str:
         enough_s = _MARGIN * (before_s + self._min_launches * launch_s)
         return (
-            f"a launch takes about {_two_digits(launch_s)} s, and a verdict needs at least"
+            f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
             f" {self._min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"
         )
 

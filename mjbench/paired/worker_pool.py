@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mjbench.errors import Failure, InputError, MachineError, one_line, writing
-from mjbench.instrument import child, machine
+from mjbench.instrument import child, machine, platforms
 from mjbench.paired import release_python, requests
 from mjbench.paired.requests import Request
 from mjbench.releases import installs, movable
@@ -216,6 +216,10 @@ class WorkerPool:
         """Return a new path in a folder that lasts as long as this pool."""
         self._file_count += 1
         return self._work / f"{self._file_count}{suffix}"
+
+    def forbids_programs(self) -> bool:
+        """Return whether no library can be loaded from this pool's files (mount option noexec)."""
+        return platforms.forbids_programs(self._work)
 
     def save(self, value: Any) -> Path:
         """Pickle a value to a new file, for a worker to read; return the file.

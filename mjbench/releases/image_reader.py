@@ -6,11 +6,12 @@ Intel manual, volume 2 (the encoding of VEX instructions).
 
 import functools
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
+from mjbench.errors import describe
 from mjbench.releases.moved_image import ImmovableError, MovableImage
 from mjbench.releases.placement import PAGE_BYTES
 
@@ -38,6 +39,8 @@ _SYMBOL = np.dtype(
 )  # fmt: skip
 _RELOCATION = np.dtype([("offset", "<u8"), ("info", "<u8"), ("addend", "<i8")])
 _UNDEFINED, _ABSOLUTE, _TLS = 0, 0xFFF1, 6
+# Flags of sections: SHF_ALLOC, SHF_EXECINSTR, SHF_TLS.
+_ALLOCATED, _EXECUTABLE, _THREAD_LOCAL = 0x2, 0x4, 0x400
 
 
 def read(content: bytes) -> MovableImage:
@@ -50,7 +53,6 @@ def read(content: bytes) -> MovableImage:
       ImmovableError: it is no library for x86-64 Linux, or holds something that is not known here.
     """
     try:
-        from elftools.common.exceptions import ELFError
         from elftools.elf.elffile import ELFFile
     except ImportError as error:
         raise ImmovableError("pyelftools is not installed") from error
@@ -60,10 +62,18 @@ def read(content: bytes) -> MovableImage:
         return MovableImage(
             reader.headers_end,
             np.unique(np.concatenate([*reader.addresses()])),
-            np.array([*_aligned_instructions(content, reader.code())], np.int64).reshape(-1, 2),
+            _replacements(reader.permissions()),
+            _replacements(_aligned_instructions(content, reader.code())),
         )
-    except (ELFError, ValueError, KeyError) as error:
-        raise ImmovableError(f"it is no shared library for Linux ({error})") from error
+    except ImmovableError:
+        raise
+    except Exception as error:  # damaged bytes raise whatever they spell
+        raise ImmovableError(f"it is no shared library for Linux ({describe(error)})") from error
+
+
+def _replacements(places_and_bytes: Iterable[tuple[int, int]]) -> np.ndarray:
+    """Return (n, 2) places in the file, and the byte that each is to hold."""
+    return np.array([*places_and_bytes], np.int64).reshape(-1, 2)
 
 
 class _Reader:
@@ -85,21 +95,43 @@ class _Reader:
             raise ImmovableError("its first segment does not begin with its headers")
         if any(segment.p_type == "PT_INTERP" for segment in self._segments):
             raise ImmovableError("it is a program")
-        for section in self._elf.iter_sections():
-            if 0 < section["sh_offset"] < self.headers_end and section["sh_size"]:
-                raise ImmovableError("its program headers come after other content")
-        self._check_pages()
+        if not any(section["sh_flags"] & _EXECUTABLE for section in self._elf.iter_sections()):
+            raise ImmovableError("no section header says where its code is")
+        if header.e_phoff != header.e_ehsize or any(
+            0 < section["sh_offset"] < self.headers_end and section["sh_size"]
+            for section in self._elf.iter_sections()
+        ):
+            raise ImmovableError("its program headers are not at its beginning")
 
-    def _check_pages(self) -> None:
-        """Raise ImmovableError where two segments would come to share a page."""
+    def permissions(self) -> Iterator[tuple[int, int]]:
+        """Yield the bytes of permissions to replace, so that segments can share a page.
+
+        Where two do, the later one decides what its content may be used for. Bit by bit that must
+        be what either needs: code of the one could not be executed otherwise.
+
+        Raises:
+          ImmovableError: the content of such a page would not be that of both.
+        """
+        flags = self._loads[0].p_flags
         for before, after in zip(self._loads, self._loads[1:], strict=False):
-            same_distance = (
-                after.p_vaddr - after.p_offset == before.p_vaddr - before.p_offset
-                and before.p_filesz == before.p_memsz
-            )
-            # at least a page between the last byte of the one and the first byte of the other
-            if not same_distance and after.p_vaddr - self._end(before) + 1 < PAGE_BYTES:
+            # a page at least from the last byte of the one to the first byte of the other
+            if after.p_vaddr - self._end(before) + 1 >= PAGE_BYTES:
+                flags = after.p_flags
+                continue
+            if (
+                after.p_vaddr - after.p_offset != before.p_vaddr - before.p_offset
+                or before.p_filesz != before.p_memsz
+            ):
                 raise ImmovableError("two of its segments lie too close to each other")
+            flags |= after.p_flags
+            if flags != after.p_flags:
+                yield self._place(after) + 4, flags
+
+    def _place(self, segment: Any) -> int:
+        """Return where the header of a segment is in the file."""
+        header = self._elf.header
+        index = next(i for i, other in enumerate(self._segments) if other is segment)
+        return int(header.e_phoff + index * header.e_phentsize)
 
     def _end(self, segment: Any) -> int:
         """Return where the last section of a segment ends that is not padding."""
@@ -107,8 +139,8 @@ class _Reader:
         ends = [
             section["sh_addr"] + section["sh_size"]
             for section in self._elf.iter_sections()
-            if section["sh_flags"] & 2  # SHF_ALLOC
-            and not (section["sh_flags"] & 0x400 and section["sh_type"] == "SHT_NOBITS")  # SHF_TLS
+            if section["sh_flags"] & _ALLOCATED
+            and not (section["sh_flags"] & _THREAD_LOCAL and section["sh_type"] == "SHT_NOBITS")
             and begin <= section["sh_addr"] < end
             and section.name != ".relro_padding"
         ]
@@ -126,7 +158,7 @@ class _Reader:
         return [
             (section["sh_offset"], section["sh_offset"] + section["sh_size"])
             for section in self._elf.iter_sections()
-            if section["sh_flags"] & 4  # SHF_EXECINSTR
+            if section["sh_flags"] & _EXECUTABLE
         ]
 
     def addresses(self) -> Iterator[np.ndarray]:
@@ -144,11 +176,9 @@ class _Reader:
         header = self._elf.header
         if header.e_shoff:
             yield 40  # e_shoff
-        seen_load = False
-        for i, segment in enumerate(self._segments):
-            place = header.e_phoff + i * header.e_phentsize
-            if segment.p_type == "PT_LOAD" and not seen_load:
-                seen_load = True  # begins with the headers, which stay
+        for segment in self._segments:
+            place = self._place(segment)
+            if segment is self._loads[0]:  # begins with the headers, which stay
                 yield from (place + 32, place + 40)  # p_filesz, p_memsz
             elif segment.p_type not in ("PT_PHDR", "PT_GNU_STACK"):
                 yield from (place + 8, place + 16, place + 24)  # p_offset, p_vaddr, p_paddr
@@ -172,8 +202,10 @@ class _Reader:
     def _in_dynamic_section(self) -> np.ndarray:
         unknown = set(self._dynamic) - _ADDRESS_TAGS - _OTHER_TAGS
         if unknown:
-            raise ImmovableError(f"its dynamic section has {', '.join(sorted(unknown))}")
-        header = next(s for s in self._segments if s.p_type == "PT_DYNAMIC")
+            raise ImmovableError(f"its dynamic section has {_some(unknown)}")
+        header = next((s for s in self._segments if s.p_type == "PT_DYNAMIC"), None)
+        if header is None:
+            raise ImmovableError("it has no dynamic section")
         places = [
             header.p_offset + 16 * i + 8
             for i, tag in enumerate(self._dynamic_tags())
@@ -201,7 +233,7 @@ class _Reader:
         kinds = entries["info"] & 0xFFFFFFFF
         unknown = set(kinds.tolist()) - {*_ADDEND_IS_ADDRESS, *_OTHER_RELOCATIONS}
         if unknown:
-            raise ImmovableError(f"it has relocations of type {', '.join(map(str, unknown))}")
+            raise ImmovableError(f"it has relocations of type {_some(unknown)}")
         places = begin + np.arange(len(entries)) * _RELOCATION.itemsize
         yield places
         yield places[np.isin(kinds, _ADDEND_IS_ADDRESS)] + 16
@@ -217,6 +249,11 @@ class _Reader:
 
     def _number(self, place: int) -> int:
         return int.from_bytes(self._content[place : place + 8], "little")
+
+
+def _some(unknown: Iterable[object]) -> str:
+    """Return the first three of what is unknown; a damaged file may have thousands."""
+    return ", ".join(sorted(map(str, unknown))[:3])
 
 
 # The second byte of an instruction that needs an aligned address, and of its twin that does not:
@@ -244,13 +281,13 @@ def _aligned_instructions(
     decoder.skipdata = True
     for begin, end in sections:
         for place, size, name, operands in decoder.disasm_lite(content[begin:end], begin):
-            if "zmm" in operands and "[" in operands and name.startswith(("vmova", "vmovdqa")):
+            if name == ".byte":  # what follows it may be decoded from a wrong place
+                raise ImmovableError("its code has bytes that are no known instruction")
+            if "[" not in operands or not name.startswith(("vmova", "vmovdqa", "vmovnt")):
+                continue
+            if "zmm" in operands:
                 raise ImmovableError("it has instructions that need data aligned to 64 bytes")
-            if (
-                "ymm" in operands
-                and "[" in operands
-                and name.startswith(("vmovap", "vmovdqa", "vmovnt"))
-            ):
+            if "ymm" in operands:
                 yield from _unaligned(content[place : place + size], place)
 
 
@@ -258,7 +295,7 @@ def _unaligned(instruction: bytes, place: int) -> Iterator[tuple[int, int]]:
     """Yield the bytes to replace in a VEX instruction, so that it works at any address."""
     try:
         # a VEX prefix has two bytes (C5) or three (C4); its last one ends with `pp`
-        last = instruction.index(0xC5) + 1 if 0xC5 in instruction[:1] else 2
+        last = 1 if instruction[0] == 0xC5 else 2
         if instruction[0] not in (0xC4, 0xC5) or (
             instruction[0] == 0xC4 and instruction[1] & 0x1F != 1
         ):

@@ -1,5 +1,10 @@
-"""Read what moves in an installed release, once: the result is kept in the cache folder."""
+"""Read what moves in an installed release, once: the result is kept in the cache folder.
 
+The cache only saves time. Where its folder cannot be written, a release is read every time.
+"""
+
+import contextlib
+import io
 import platform
 import sys
 from importlib import metadata
@@ -7,13 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
+from mjbench.errors import MachineError
 from mjbench.instrument import files
 from mjbench.releases import image_reader, installs, moved_install
 from mjbench.releases.moved_image import ImmovableError, MovableImage
 from mjbench.releases.moved_install import MovableInstall
 
 # Part of the names of cached files: another when what they hold changes.
-_FORMAT = "v1"
+_FORMAT = "v2"
+# The fields of a `MovableImage` that are arrays.
+_ARRAYS = ("addresses", "permissions", "unaligned")
 
 
 def site_folder(install: Path | None) -> Path:
@@ -47,6 +55,8 @@ def read(site: Path) -> MovableInstall:
         raise ImmovableError(f"its libraries cannot be read: {error.strerror}") from error
     if not any(name.startswith(moved_install.ENGINE) for name in contents):
         raise ImmovableError("its package holds no libmujoco")
+    if not moved_install.is_recorded(site):
+        raise ImmovableError("no installer recorded its files")
     images = {}
     for name, content in contents.items():
         try:
@@ -56,32 +66,42 @@ def read(site: Path) -> MovableInstall:
     return MovableInstall(site, images)
 
 
-def checked_file(install: MovableInstall) -> Path:
-    """Return the file whose existence says that moved images of an install were seen to work."""
-    return _cache_folder() / f"{install.digest}-{_FORMAT}.checked"
+def was_checked(install: MovableInstall) -> bool:
+    """Return whether moved images of an install were seen to work here."""
+    file = _cached(install.digest, "checked")
+    return file is not None and file.exists()
+
+
+def note_checked(install: MovableInstall) -> None:
+    """Note that moved images of an install were seen to work here."""
+    file = _cached(install.digest, "checked")
+    with contextlib.suppress(OSError):
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.touch()
 
 
 def _image(content: bytes) -> MovableImage:
     """Return what changes in a library, from the cache if it is there."""
-    file = _cache_folder() / f"{moved_install.digest(content)}-{_FORMAT}.npz"
+    file = _cached(moved_install.digest(content), "npz")
+    if file is None:
+        return image_reader.read(content)
     try:
-        with np.load(file) as stored:
-            return MovableImage(int(stored["insert_at"]), stored["addresses"], stored["unaligned"])
+        with np.load(io.BytesIO(file.read_bytes())) as stored:  # itself it leaves bad files open
+            return MovableImage(int(stored["insert_at"]), *(stored[name] for name in _ARRAYS))
     except Exception:  # it is missing or damaged: read the library again
         image = image_reader.read(content)
-    try:
+    with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with files.replacing(file) as partial, partial.open("wb") as stream:
-            np.savez(
-                stream,
-                insert_at=image.insert_at,
-                addresses=image.addresses,
-                unaligned=image.unaligned,
-            )
-    except OSError:  # the cache only saves time
-        pass
+            arrays = {name: getattr(image, name) for name in _ARRAYS}
+            np.savez(stream, insert_at=image.insert_at, **arrays)
     return image
 
 
-def _cache_folder() -> Path:
-    return installs.cache_folder() / "images"
+def _cached(name: str, suffix: str) -> Path | None:
+    """Return a file of the cache; None for a user without a home folder, in which it would be."""
+    try:
+        return installs.cache_folder() / "images" / f"{name}-{_FORMAT}.{suffix}"
+    except MachineError:
+        return None

@@ -29,12 +29,15 @@ class MovableImage:
     Attributes:
       insert_at: place in the file where bytes are inserted; whatever lies before it stays.
       addresses: (n,) places in the file of 8-byte numbers that grow by the shift.
+      permissions: (n, 2) places of bytes that say what a segment may be used for, and what each
+        becomes, because the segment may come to share a page with the one before it.
       unaligned: (n, 2) places of bytes in instructions on vectors, and what each becomes where
         vectors lose their alignment.
     """
 
     insert_at: int
     addresses: np.ndarray
+    permissions: np.ndarray
     unaligned: np.ndarray
 
     def moved(self, content: bytes, shift: int) -> bytes:
@@ -44,10 +47,13 @@ class MovableImage:
           content: as installed.
           shift: bytes to move by, as a `Placement` holds them.
         """
+        if not shift:
+            return content
         result = np.empty(len(content) + shift, np.uint8)
         source = np.frombuffer(content, np.uint8).copy()
         places = self.addresses[:, None] + np.arange(8)
         source[places] = (source[places].view("<u8") + np.uint64(shift)).view(np.uint8)
+        source[self.permissions[:, 0]] = self.permissions[:, 1]
         if shift % _VECTOR_BYTES:
             source[self.unaligned[:, 0]] = self.unaligned[:, 1]
         result[: self.insert_at] = source[: self.insert_at]

@@ -23,6 +23,8 @@ from mjbench.releases.placement import Placement
 ENGINE = "libmujoco."
 _EXTENSIONS = ("_functions.", "_structs.", "_rollout.", "_batch.")
 _PACKAGE = "mujoco"
+# The file in which an installer recorded the files of a distribution.
+_RECORD = "RECORD"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +90,12 @@ def moves(name: str) -> bool:
     return name.startswith((ENGINE, *_EXTENSIONS)) and ".so" in name
 
 
+def is_recorded(site: Path) -> bool:
+    """Return whether an installer recorded the files of MuJoCo in a folder."""
+    folders = list(_metadata_folders(site))
+    return bool(folders) and all((folder / _RECORD).is_file() for folder in folders)
+
+
 def digest(content: bytes) -> str:
     """Return a short name for the content of a library."""
     return hashlib.blake2b(content, digest_size=16).hexdigest()
@@ -113,7 +121,7 @@ def _link(entry: Path, link: Path) -> None:
 def _copy_metadata(source: Path, target: Path, sizes: Mapping[str, int]) -> None:
     """Copy a folder of metadata; files that were moved get their new size, and no hash."""
     shutil.copytree(source, target)
-    record = target / "RECORD"
+    record = target / _RECORD
     rows = [
         [row[0], "", str(sizes[row[0]])] if row and row[0] in sizes else row
         for row in csv.reader(record.read_text(encoding="utf-8").splitlines())

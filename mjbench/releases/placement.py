@@ -6,6 +6,7 @@ placement moves all libraries that a step runs through to one residue, and each 
 within its page besides.
 """
 
+import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -81,3 +82,8 @@ def schedule(rng: random.Random) -> Iterator[PlacementPair]:
         block = [PlacementPair(placement, placement) for placement in placements]
         block.insert(rng.randrange(1, len(block) + 1), AS_SHIPPED)
         yield from block
+
+
+def launches_with(moved: int) -> int:
+    """Return the number of launches of a `schedule` that hold at least `moved` moved ones."""
+    return moved + math.ceil((moved - 1) / len(RESIDUES))

@@ -22,6 +22,7 @@ from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
+from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.releases.catalogue import ReleaseRow
@@ -40,6 +41,7 @@ RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
+    SpreadRecord.record_type: SpreadRecord,
 }
 
 
@@ -133,6 +135,15 @@ class SelfcheckDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlacementDocument:
+    """What `mjbench placement --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[SpreadRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class OverheadDocument:
     """What `mjbench overhead --json` writes."""
 
@@ -198,6 +209,7 @@ DOCUMENTS: Mapping[str, type] = {
     "versions": VerdictDocument,
     "ab": VerdictDocument,
     "selfcheck": SelfcheckDocument,
+    "placement": PlacementDocument,
     "instructions": InstructionsDocument,
     "explain": ExplainDocument,
     "overhead": OverheadDocument,

@@ -105,7 +105,7 @@ def _describe_placement(row: VerdictRow) -> str:
     if placement is None:
         return ""
     if placement.problem:
-        return f"; compared as shipped, because of {placement.problem}"
+        return f"; compared as shipped, because its code cannot be moved: {placement.problem}"
     if placement.effect is None:
         return ""
     ratio = placement.effect

@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks import simulated_launches, verdict_page, verdict_simulation, verdict_tally
 from benchmarks.simulated_launches import Scenario, simulate
-from mjbench.paired.verdict import VerdictPlan, judge
+from mjbench.paired.judgement import judge
+from mjbench.paired.verdict import VerdictPlan
 
 
 @pytest.mark.parametrize(

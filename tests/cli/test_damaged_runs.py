@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from mjbench.cli import cli
 from mjbench.instrument import machine, runs
 from mjbench.paired.outcomes import Arm, Cause, Verdict
+from mjbench.paired.placement_spread import ResidueRow, Spread, SpreadRecord
 from mjbench.paired.records import (
     DivergedPair,
     LaunchRow,
@@ -25,6 +26,7 @@ from mjbench.paired.records import (
     WorkPair,
 )
 from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.releases.placement import Placement, PlacementPair
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -44,13 +46,18 @@ COMPARISON = (
     model_record(model="n", status=Status.FAILED, detail="it failed", facts=None, work=None),
     measurement(model="n", status=Status.FAILED, agrees=None),
 )  # fmt: skip
+MOVED = PlacementPair(Placement(16, 4080), Placement(0, 64))
 VERDICTS = (
     VerdictRecord(
         model="m", path="rollout", old="3.3.0", new="4.0.0", sides=(SIDE, SIDE), status=Status.OK,
         verdict=Verdict.SLOWER, ratio=Ratio(1.02, 1.01, 1.03), changed_work=True,
         work=WorkPair(WORK, WORK), drift=1e-3, diverged=DivergedPair(0, 1), nbatch=4, nstep=100,
-        launches=8, pairs=64, seconds=2.0,
-        samples=[LaunchRow(0, 1.0, ["ABBA"], [[10, 11, 10, 11]])],
+        launches=8, pairs=64, seconds=2.0, cause=Cause.WORK,
+        placement=PlacementEffect(True, "", Ratio(1.03, 1.0, 1.05), Ratio(1.01, 0.99, 1.03)),
+        samples=[
+            LaunchRow(0, 1.0, ["ABBA"], [[10, 11, 10, 11]]),
+            LaunchRow(0, None, ["BAAB"], [[10, 11, 10, 11]], MOVED),
+        ],
     ),
 )  # fmt: skip
 TRIALS = (
@@ -68,7 +75,17 @@ TRIALS = (
         verdict=Verdict.SLOWER, estimate=1.01, low=1.0, high=1.02, seconds=2.0, launches=[0.01],
     ),
 )  # fmt: skip
-KINDS = {"compare": COMPARISON, "versions": VERDICTS, "selfcheck": TRIALS}
+SPREADS = (
+    SpreadRecord(
+        model="m", release="4.0.0", build="b", status=Status.OK, spread=Spread(0.1, 0.0, 0.2),
+        residues=[ResidueRow(16, Ratio(1.1, 1.0, 1.2), 7)], nbatch=4, nstep=100, launches=28,
+        seconds=9.0, samples=[LaunchRow(0, None, ["ABBA"], [[10, 11, 10, 11]], MOVED)],
+    ),
+    SpreadRecord(model="n", release="4.0.0", build="b", status=Status.FAILED, detail="killed"),
+)  # fmt: skip
+KINDS = {
+    "compare": COMPARISON, "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
+}  # fmt: skip
 FOREIGN: list[Any] = [
     None, True, 0, -1, 1, 10**30, -0.0, 1e-320, 1e308, -1e308, "", "x", "NaN", "a\x1b]52;\nb",
     "ok", "python_loop", "mjx", [], [0.0], [-1.0], [1e-320, 1e308], [[]], {}, {"a": [{}]},

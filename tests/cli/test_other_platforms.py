@@ -29,6 +29,7 @@ MACOS = {
                  "--time-limit", "0.1s", "--results", "runs"],
     "selfcheck": ["selfcheck", "cartpole", "--trials", "1", "--slowdowns", "0",
                   "--time-limit", "0.1s", "--results", "runs"],
+    "placement": ["placement", "cartpole", "--results", "runs"],
     "profile": ["profile", "cartpole"],
     "overhead": ["overhead", "cartpole"],
     "models": ["models", "cartpole"],
@@ -86,7 +87,7 @@ def test_on_windows_help_is_help(windows: dict[str, Ended], name: str) -> None:
     assert windows[name].stdout.startswith("Usage: ")
 
 
-WORK_ON_MACOS = sorted(set(MACOS) - {"instructions", "busy"})
+WORK_ON_MACOS = sorted(set(MACOS) - {"instructions", "busy", "placement"})
 
 
 @pytest.mark.parametrize("name", WORK_ON_MACOS)
@@ -102,6 +103,12 @@ def test_on_macos_a_command_works(macos: dict[str, Ended], name: str) -> None:
 def test_on_macos_what_needs_linux_says_so(macos: dict[str, Ended], name: str, why: str) -> None:
     assert macos[name].code == 3
     assert why in macos[name].stderr.splitlines()[-1]
+
+
+def test_on_macos_nothing_can_be_moved(macos: dict[str, Ended]) -> None:
+    assert macos["placement"].code == 3
+    assert "only libraries for Linux on x86-64 can be moved" in macos["placement"].stdout
+    assert "as shipped, because its code cannot be moved" in macos["versions"].stdout
 
 
 def test_on_macos_paths_agree_and_are_timed(macos: dict[str, Ended], folder: Path) -> None:

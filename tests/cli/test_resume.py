@@ -11,6 +11,7 @@ from commands import mjbench
 
 from mjbench.cli import cli
 from mjbench.paired import verdict
+from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.targets import Target
 from mjbench.status import Status
@@ -66,7 +67,7 @@ def test_what_is_no_run_file_cannot_be_continued(tmp_path: Path, name: str) -> N
 
 def decided(baseline: Target, candidate: Target, status: Status) -> verdict.PairedResult:
     """Return an invented verdict on two targets."""
-    judgement = verdict.Judgement(Verdict.SAME, 1.0, 0.999, 1.001, 8, True)
+    judgement = Judgement(Verdict.SAME, 1.0, 0.999, 1.001, 8, True)
     return verdict.PairedResult(baseline, candidate, status, judgement=judgement)
 
 

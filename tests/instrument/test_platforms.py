@@ -4,6 +4,8 @@ import os
 import select
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import other_platforms
 import pytest
@@ -20,6 +22,16 @@ def test_every_command_runs_but_on_windows(monkeypatch: pytest.MonkeyPatch, syst
     platforms.check_command("lint")
     with pytest.raises(MachineError, match="`mjbench compare` does not run on Windows; use WSL2"):
         platforms.check_command("compare")
+
+
+@pytest.mark.parametrize(("system", "forbids"), [("linux", True), ("darwin", False)])
+def test_a_folder_mounted_noexec_forbids_programs(
+    monkeypatch: pytest.MonkeyPatch, system: str, forbids: bool
+) -> None:
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr(os, "ST_NOEXEC", 8, raising=False)
+    monkeypatch.setattr(os, "statvfs", lambda folder: SimpleNamespace(f_flag=8))
+    assert platforms.forbids_programs(Path("folder")) == forbids
 
 
 def test_a_system_without_affinity_leaves_processes_where_they_are(

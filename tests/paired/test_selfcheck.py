@@ -13,12 +13,13 @@ from paired_examples import CARTPOLE, CUBES
 from mjbench.errors import InputError, MachineError
 from mjbench.paired import selfcheck, selfcheck_cases
 from mjbench.paired.averaging import Averaging
+from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Arm, Cause, Verdict
 from mjbench.paired.protocol import Launch
 from mjbench.paired.records import PlacementEffect
 from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
-from mjbench.paired.verdict import Judgement, PairedResult, VerdictPlan
+from mjbench.paired.verdict import PairedResult, VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.no_change_pairs import NoChangePair
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair

@@ -70,9 +70,9 @@ def test_launches_go_on_while_another_fits(clock: Clock) -> None:
     limit = TimeLimit(60.0, min_launches=2, clock=clock)
     limit.start()
     clock.now += 50.0
-    assert limit.allows_another(launches=8, before_s=2.0)  # 6 s each
+    assert limit.allows_another(launches=8, before_s=2.0, can_judge=True)  # 6 s each
     clock.now += 6.0
-    assert not limit.allows_another(launches=9, before_s=2.0)
+    assert not limit.allows_another(launches=9, before_s=2.0, can_judge=True)
 
 
 def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -> None:
@@ -80,7 +80,7 @@ def test_time_that_ends_before_there_are_enough_launches_is_said(clock: Clock) -
     limit.start()
     clock.now += 0.75
     with pytest.raises(OutOfTimeError, match="--time-limit 4s or more"):
-        limit.allows_another(launches=1, before_s=0.35)
+        limit.allows_another(launches=1, before_s=0.35, can_judge=False)
 
 
 def test_without_a_limit_nothing_is_refused() -> None:
@@ -88,7 +88,7 @@ def test_without_a_limit_nothing_is_refused() -> None:
     limit.check_first_launch(launch_s=1e9)
     limit.start()
     limit.check_first_launch(launch_s=1e9)
-    assert limit.allows_another(launches=1, before_s=0.0)
+    assert limit.allows_another(launches=1, before_s=0.0, can_judge=False)
 
 
 @pytest.mark.parametrize(

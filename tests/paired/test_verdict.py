@@ -1,7 +1,9 @@
 """Verdicts: when they stop, how they fail, and what results say of them."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +12,19 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED
 from benchmarks.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.instrument import runs
 from mjbench.paired import preparation, protocol, verdict
-from mjbench.paired.outcomes import Verdict
-from mjbench.paired.preparation import Sizes
+from mjbench.paired.averaging import Averaging
+from mjbench.paired.judgement import Judgement, judge
+from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.preparation import Sizes, WorkCheck
+from mjbench.paired.protocol import Launch
 from mjbench.paired.targets import Target
-from mjbench.paired.verdict import PairedResult, judge
+from mjbench.paired.verdict import PairedResult
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.report import verdicts
 from mjbench.simulation import models
+from mjbench.simulation.work import Work
 from mjbench.status import Status
 
 
@@ -35,7 +43,7 @@ def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))
     assert result.judgement is not None
     assert result.judgement.verdict == Verdict.INCONCLUSIVE
-    assert result.judgement.launches == 2
+    assert len(result.launches) == 2
     assert "--time-limit" in result.detail
     record = result.record()
     assert record.launches == len(record.samples) == 2
@@ -188,3 +196,110 @@ def test_a_family_is_rarely_called_slower_and_hardly_takes_more_launches() -> No
     alone, family = (simulate(EASY[1], 0.01, 400, family=n) for n in (1, 10))
     assert np.mean(family.e_slower >= 1000) >= 0.95
     assert family.launches.mean() <= 1.1 * alone.launches.mean()
+
+
+# Why two builds differ.
+
+OTHER_BUILD = replace(CARTPOLE, release=ReleaseSpec("3.5.0", "3.5.0"))
+WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
+SAME_WORK = WorkCheck(WORK, WORK, 0.0, (0, 0), ({}, {}), nbatch=4, nstep=10)
+OTHER_WORK = replace(SAME_WORK, candidate=replace(WORK, contacts=2.0))
+MOVED = Averaging(True)
+
+
+def judgement(outcome: Verdict, ratio: float = 1.02, half_width: float = 0.003) -> Judgement:
+    return Judgement(outcome, ratio, ratio - half_width, ratio + half_width, 10, True)
+
+
+def builds(**fields: Any) -> PairedResult:
+    """Return how a comparison of two builds ended; same work, averaged, unless said otherwise."""
+    defaults = {"work_check": SAME_WORK, "averaging": MOVED}
+    return PairedResult(OTHER_BUILD, CARTPOLE, Status.OK, **{**defaults, **fields})
+
+
+SLOWER, SAME = judgement(Verdict.SLOWER), judgement(Verdict.SAME, 1.001)
+UNSURE = judgement(Verdict.INCONCLUSIVE, 1.001, 0.03)
+
+
+@pytest.mark.parametrize(
+    ("fields", "cause"),
+    [
+        ({"judgement": SLOWER}, Cause.CODE),
+        ({"judgement": judgement(Verdict.FASTER, 0.98), "as_shipped": SLOWER}, Cause.CODE),
+        ({"judgement": SLOWER, "averaging": Averaging(False)}, Cause.UNDECIDED),
+        ({"judgement": SLOWER, "averaging": Averaging(False, "no")}, Cause.UNDECIDED),
+        ({"judgement": SLOWER, "work_check": OTHER_WORK}, Cause.WORK),
+        (
+            {"judgement": SLOWER, "work_check": OTHER_WORK, "averaging": Averaging(False)},
+            Cause.WORK,
+        ),
+        ({"judgement": SAME, "as_shipped": SLOWER}, Cause.PLACEMENT),
+        ({"judgement": SAME, "as_shipped": SAME}, None),
+        ({"judgement": SAME, "as_shipped": UNSURE}, None),
+        ({"judgement": SAME}, None),
+        ({"judgement": SAME, "work_check": OTHER_WORK}, None),
+        ({"judgement": UNSURE, "as_shipped": SLOWER}, Cause.UNDECIDED),
+        ({"judgement": UNSURE, "work_check": OTHER_WORK}, Cause.UNDECIDED),
+        ({}, None),
+        ({"judgement": SLOWER, "averaging": None}, None),
+        ({"judgement": SLOWER, "candidate": replace(CARTPOLE, path="rollout")}, None),
+        ({"judgement": SLOWER, "candidate": replace(CARTPOLE, slowdown=0.02)}, None),
+    ],
+)
+def test_a_difference_of_two_builds_has_the_cause_that_its_launches_show(
+    fields: dict[str, Any], cause: Cause | None
+) -> None:
+    candidate = fields.pop("candidate", CARTPOLE)
+    assert replace(builds(**fields), candidate=candidate).row().cause == cause
+
+
+def test_the_placement_adds_what_is_there_only_as_shipped() -> None:
+    as_shipped = judgement(Verdict.SLOWER, 1.05, 0.002)
+    effect = builds(judgement=SAME, as_shipped=as_shipped).row().placement
+    assert effect is not None
+    assert effect.averaged
+    assert effect.effect is not None
+    assert effect.as_shipped == verdict.ratio_of(as_shipped)
+    assert effect.effect.estimate == pytest.approx(1.05 / 1.001)
+    assert effect.effect.low == pytest.approx(1.048 / 1.004)
+    assert effect.effect.high == pytest.approx(1.052 / 0.998)
+
+
+def test_few_launches_as_shipped_give_an_effect_without_an_interval() -> None:
+    few = Judgement(Verdict.INCONCLUSIVE, 1.05, 0.0, math.inf, 2, False)
+    effect = builds(judgement=SAME, as_shipped=few).row().placement
+    assert effect is not None
+    assert effect.effect is not None
+    assert (effect.effect.low, effect.effect.high) == (None, None)
+
+
+def test_builds_that_cannot_be_moved_are_compared_as_shipped_and_the_row_says_why() -> None:
+    row = builds(judgement=SLOWER, averaging=Averaging(False, "MuJoCo 3.5.0: no reason")).row()
+    assert row.placement is not None
+    assert (row.placement.averaged, row.placement.problem) == (False, "MuJoCo 3.5.0: no reason")
+    sentence = verdicts.describe_verdict(row)
+    assert "because of its code or of where that lies in memory, same work" in sentence
+    assert sentence.endswith("; compared as shipped, because its code cannot be moved:"
+                             " MuJoCo 3.5.0: no reason")  # fmt: skip
+
+
+def launch(log_ratio: float, placements: PlacementPair) -> Launch:
+    """Return a launch of one quad with a log ratio."""
+    slower = round(1e9 * math.exp(log_ratio))
+    ns = np.array([[10**9, slower, slower, 10**9]])
+    return Launch(0, None, ["ABBA"], ns, placements)
+
+
+def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
+    moved = PlacementPair(Placement(16, 16), Placement(0, 0))
+    launches = [launch(0.0, moved)] * 8 + [launch(0.05, AS_SHIPPED)] * 2
+    plan = verdict.VerdictPlan()
+    averaged, shipped = (
+        judged(launches, plan) for judged in (verdict._judge_launches, verdict._judge_as_shipped)
+    )
+    assert averaged is not None
+    assert shipped is not None
+    assert (averaged.verdict, averaged.launches) == (Verdict.SAME, 8)
+    # the others help to estimate how far launches spread
+    assert (shipped.verdict, shipped.launches) == (Verdict.SLOWER, 10)
+    assert shipped.ratio == pytest.approx(math.exp(0.05))

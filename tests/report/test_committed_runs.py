@@ -8,9 +8,9 @@ from commands import ROOT
 
 from mjbench.instrument import runs
 from mjbench.paired import selfcheck
+from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.selfcheck_records import TrialRecord
-from mjbench.paired.verdict import judge
 from mjbench.report.advice import advise
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all

@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjbench.paired.outcomes import Verdict
-from mjbench.paired.records import DivergedPair, Ratio, TargetRow, VerdictRow, WorkPair
+from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.records import (
+    DivergedPair,
+    PlacementEffect,
+    Ratio,
+    TargetRow,
+    VerdictRow,
+    WorkPair,
+)
 from mjbench.report import verdicts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -35,6 +42,20 @@ ROW = VerdictRow(
 def test_a_verdict_is_a_sentence() -> None:
     expected = "humanoid, 3.3.0 → 4.0.0: slower by 1.4 % (interval +1.10 to +1.70 %), same work"
     assert verdicts.describe_verdict(ROW) == expected
+
+
+@pytest.mark.parametrize(
+    ("effect", "text"),
+    [
+        (Ratio(1.03, 1.01, 1.05), "adds +3.00 % (interval +1.00 to +5.00 %)"),
+        (Ratio(0.97, None, None), "adds -3.00 % (too few launches for an interval)"),
+    ],
+)
+def test_a_verdict_says_what_the_placement_adds(effect: Ratio, text: str) -> None:
+    row = replace(ROW, cause=Cause.CODE, placement=PlacementEffect(True, "", effect, effect))
+    sentence = verdicts.describe_verdict(row)
+    assert ": slower by 1.4 % (interval +1.10 to +1.70 %) because of its code, same" in sentence
+    assert sentence.endswith(f"; the placement of this build {text}")
 
 
 @pytest.mark.parametrize(

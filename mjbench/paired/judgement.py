@@ -1,0 +1,119 @@
+"""What launches show about two targets: the verdict, its interval, and whether they are enough."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjbench.instrument import anytime
+from mjbench.instrument.anytime import Evidence, Interval
+from mjbench.paired.outcomes import Verdict
+
+# A verdict of faster or slower is final when its interval's half-width is at most this share of the
+# change.
+SHARE = 0.8
+# Fewer launches give no verdict, however clear: of launches in two modes, the first six are of one
+# mode in 3 % of comparisons, the first eight in 0.8 %. With placements, it is two of each residue.
+MIN_LAUNCHES = 8
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What launches show about the ratio of candidate time to baseline time.
+
+    Attributes:
+      verdict: the outcome.
+      ratio: estimate of candidate time over baseline time.
+      low: lower end of its interval.
+      high: upper end of its interval.
+      launches: number of launches.
+      enough: whether more launches are unnecessary for the verdict and precision asked for.
+      e_slower: e-value against "not slower" (see `anytime.e_value`); 1 or less is no evidence.
+      e_faster: e-value against "not faster".
+    """
+
+    verdict: Verdict
+    ratio: float
+    low: float
+    high: float
+    launches: int
+    enough: bool
+    e_slower: float = 1.0
+    e_faster: float = 1.0
+
+
+def judge(
+    log_ratios: Sequence[float],
+    min_effect: float,
+    confidence: float,
+    precision: float,
+    residues: Sequence[int] | None = None,
+    family: int = 1,
+) -> Judgement:
+    """Judge launches, each the natural logarithm of candidate time over baseline time.
+
+    The verdict is `same` if the whole interval is within the smallest effect that matters. It is
+    `slower` or `faster` if the interval excludes "no change" and the estimate is nearer to that
+    effect than to no change.
+
+    Launches are enough if the verdict is `same`, or if the interval's half-width is at most a SHARE
+    of the change (to stop as soon as the interval excludes "no change" would overstate the change).
+    They are also enough if the half-width is at most `precision`, or half of the smallest effect if
+    that is less. In a family of comparisons, `slower` and `faster` need more: an e-value that
+    suffices for any number of changes in the family (see `anytime.e_benjamini_hochberg`).
+
+    Args:
+      log_ratios: one per launch.
+      min_effect: smallest effect that matters, such as 0.01.
+      confidence: such as 0.99; of the whole procedure, however often it is called.
+      precision: such as 0.005.
+      residues: of the launches' placements; None if libraries stay where they are.
+      family: number of comparisons that are decided together.
+    """
+    evidence = anytime.evidence(log_ratios, confidence, residues)
+    return conclude(evidence, min_effect, confidence, precision, family)
+
+
+def conclude(
+    evidence: Evidence, min_effect: float, confidence: float, precision: float, family: int = 1
+) -> Judgement:
+    """Judge what launches show; see `judge` for the rule and the other arguments.
+
+    Args:
+      evidence: interval and e-values of the log ratios.
+      min_effect: smallest effect that matters.
+      confidence: of the interval.
+      precision: half-width at which to stop.
+      family: number of comparisons that are decided together.
+    """
+    interval = evidence.interval
+    log_effect = float(np.log1p(min_effect))
+    has_launches = interval.count >= MIN_LAUNCHES
+    verdict = _verdict(interval, log_effect) if has_launches else Verdict.INCONCLUSIVE
+    # half of the effect: an interval as wide as the effect on both sides could never be `same`
+    precise = min(float(np.log1p(precision)), log_effect / 2)
+    is_narrow = interval.half_width <= max(precise, abs(interval.mean) * SHARE)
+    is_change = verdict in (Verdict.SLOWER, Verdict.FASTER)
+    e_value = evidence.e_positive if interval.mean > 0 else evidence.e_negative
+    is_sure = not is_change or e_value * (1 - confidence) >= family
+    return Judgement(
+        verdict,
+        float(np.exp(interval.mean)),
+        float(np.exp(interval.low)),
+        float(np.exp(interval.high)),
+        interval.count,
+        has_launches and (verdict == Verdict.SAME or (is_narrow and is_sure)),
+        evidence.e_positive,
+        evidence.e_negative,
+    )
+
+
+def _verdict(interval: Interval, log_effect: float) -> Verdict:
+    """Return the verdict on an interval of log ratios (see `judge`)."""
+    if -log_effect < interval.low and interval.high < log_effect:
+        return Verdict.SAME
+    if interval.low > 0 and interval.mean > log_effect / 2:
+        return Verdict.SLOWER
+    if interval.high < 0 and interval.mean < -log_effect / 2:
+        return Verdict.FASTER
+    return Verdict.INCONCLUSIVE

@@ -1,0 +1,88 @@
+"""What `mjbench placement` prints: a sentence for each model, and the table of residues."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from mjbench.paired.placement_spread import SpreadRow
+from mjbench.paired.records import Ratio
+from mjbench.releases.placement import RESIDUES
+from mjbench.report import tables
+
+
+def print_spreads(out: Console, rows: Sequence[SpreadRow]) -> None:
+    """Print a sentence for each model, and below them the table of all residues."""
+    for row in rows:
+        out.print(describe_spread(row), soft_wrap=True)
+    headings = ["model", "release", "spread", "interval"]
+    headings += [f"moved by {residue}" for residue in RESIDUES]
+    headings += ["launches", "seconds"]
+    table = tables.plain_table(headings, right=(2, len(headings) - 2, len(headings) - 1))
+    measured = [row for row in rows if row.residues]
+    for row in measured:
+        table.add_row(*_cells(row))
+    if measured:
+        out.print()
+        out.print(table)
+        out.print(
+            "spread: slowest over fastest; moved by: bytes modulo 64, change of a step's time"
+            " against the release as shipped (99 % interval)",
+            soft_wrap=True,
+        )
+
+
+def describe_spread(row: SpreadRow) -> str:
+    """Return in a sentence how far the time of a step depends on where the code lies."""
+    name = f"{row.model}, MuJoCo {row.release}"
+    spread = row.spread
+    if spread is None:
+        return f"{name}: {row.detail or 'too few launches'}"
+    detail = f" ({row.detail})" if row.detail else ""
+    if spread.low is None or spread.high is None:
+        return (
+            f"{name}: the placements differ by {_percent(spread.estimate)} %, by chance or not: too"
+            f" few launches for an interval{detail}"
+        )
+    if not spread.low:
+        return (
+            f"{name}: no dependence on where the code lies was seen; it is at most"
+            f" {_percent(spread.high)} %{detail}"
+        )
+    return (
+        f"{name}: where the code lies changes the time of a step by {_percent(spread.estimate)} %"
+        f" (interval {_percent(spread.low)} to {_percent(spread.high)} %), so a benchmark of one"
+        f" build says no more than that{detail}"
+    )
+
+
+def _cells(row: SpreadRow) -> list[str]:
+    spread, ratios = row.spread, {residue.residue: residue.ratio for residue in row.residues}
+    has_interval = spread is not None and spread.low is not None and spread.high is not None
+    return [
+        row.model,
+        row.release,
+        f"{_percent(spread.estimate)} %" if spread else "",
+        f"{_percent(spread.low or 0.0)}–{_percent(spread.high or 0.0)} %"
+        if spread and has_interval
+        else "",
+        *(_change(ratios.get(residue)) for residue in RESIDUES),
+        str(row.launches),
+        f"{row.seconds:.1f}",
+    ]
+
+
+def _change(ratio: Ratio | None) -> str:
+    """Return a ratio as a change in percent, such as `+1.2 (+0.8 to +1.6)`."""
+    if ratio is None:
+        return ""
+    estimate, *ends = (
+        f"{100 * (value - 1):+.1f}"
+        for value in (ratio.estimate, ratio.low, ratio.high)
+        if value is not None
+    )
+    return f"{estimate} ({' to '.join(ends)})" if ends else estimate
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent, without the percent sign, to two significant digits."""
+    return tables.plain(100 * share, 2)

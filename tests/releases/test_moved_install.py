@@ -1,0 +1,191 @@
+"""Installs whose libraries are moved: what they hold, and that the original stays as it was."""
+
+import csv
+import ctypes
+import json
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjbench.paired import release_python
+from mjbench.releases import install_check, moved_install
+from mjbench.releases.moved_image import MovableImage
+from mjbench.releases.moved_install import MovableInstall
+from mjbench.releases.placement import Placement
+
+PLACEMENT = Placement(engine_bytes=16, extension_bytes=32)
+NOWHERE: Any = np.empty((0, 2), np.int64)
+IMAGE = MovableImage(8, np.array([8]), NOWHERE, NOWHERE)
+
+
+@pytest.fixture
+def install(tmp_path: Path) -> MovableInstall:
+    """Return an install made by hand: two libraries that move, one that does not, a module."""
+    site = tmp_path / "site"
+    (site / "mujoco" / "part").mkdir(parents=True)
+    (site / "other").mkdir()
+    names = ["libmujoco.so.9.9.9", "_functions.cpython.so", "_enums.cpython.so", "part/a.py"]
+    for name in names:
+        (site / "mujoco" / name).write_bytes(bytes(32))
+    (site / "mujoco" / "__init__.py").write_text("__version__ = '9.9.9'\n")
+    rows = [[f"mujoco/{name}", "sha256=abc", "32"] for name in names]
+    rows += [["mujoco/__init__.py", "sha256=abc", "22"], ["mujoco-9.9.9.dist-info/RECORD", "", ""]]
+    for name in ("mujoco-9.9.9.dist-info", "mujoco_core-9.9.9.dist-info", "mujoco_mjx-9.dist-info"):
+        (site / name).mkdir()
+        (site / name / "RECORD").write_text("".join(",".join(row) + "\n" for row in rows))
+    return MovableInstall(site, dict.fromkeys(names[:2], IMAGE))
+
+
+def test_libraries_are_moved_and_everything_else_is_linked(
+    install: MovableInstall, tmp_path: Path
+) -> None:
+    install.create(tmp_path / "moved", PLACEMENT)
+    package = tmp_path / "moved" / "mujoco"
+    assert (package / "libmujoco.so.9.9.9").stat().st_size == 32 + 16
+    assert (package / "_functions.cpython.so").stat().st_size == 32 + 32
+    for name in ("_enums.cpython.so", "__init__.py", "part"):
+        assert (package / name).samefile(install.site / "mujoco" / name)
+    assert {p.name for p in package.iterdir()} == {
+        p.name for p in (install.site / "mujoco").iterdir()
+    }
+    assert all(len(p.read_bytes()) == 32 for p in (install.site / "mujoco").glob("*.so*"))
+
+
+def test_the_record_has_the_sizes_of_moved_libraries(
+    install: MovableInstall, tmp_path: Path
+) -> None:
+    install.create(tmp_path / "moved", PLACEMENT)
+    for name in ("mujoco-9.9.9.dist-info", "mujoco_core-9.9.9.dist-info"):
+        record = (tmp_path / "moved" / name / "RECORD").read_text()
+        rows = {row[0]: row[1:] for row in csv.reader(record.splitlines())}
+        assert rows["mujoco/libmujoco.so.9.9.9"] == ["", "48"]
+        assert rows["mujoco/_functions.cpython.so"] == ["", "64"]
+        assert rows["mujoco/_enums.cpython.so"] == ["sha256=abc", "32"]
+        original = (install.site / name / "RECORD").read_text()
+        assert "mujoco/libmujoco.so.9.9.9,sha256=abc,32" in original
+
+
+def test_files_are_copied_where_they_cannot_be_linked(
+    install: MovableInstall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(18, "Invalid cross-device link")
+
+    monkeypatch.setattr(os, "link", refuse)
+    install.create(tmp_path / "moved", PLACEMENT)
+    copy, original = (
+        folder / "mujoco" / "_enums.cpython.so" for folder in (tmp_path / "moved", install.site)
+    )
+    assert copy.read_bytes() == original.read_bytes()
+    assert not copy.samefile(original)
+    assert copy.stat().st_mtime == original.stat().st_mtime  # compiled Python stays valid
+
+
+def test_a_process_imports_the_moved_package_and_all_others_of_its_folder(
+    install: MovableInstall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", ["elsewhere", str(install.site), f"{install.site}/../site"])
+    install.use(tmp_path / "new", PLACEMENT)
+    moved, others = tmp_path / "new" / "moved", tmp_path / "new" / "others"
+    assert sys.path == ["elsewhere", str(moved), str(others)]
+    assert {p.name for p in others.iterdir()} == {"other", "mujoco_mjx-9.dist-info"}
+    assert (others / "other").samefile(install.site / "other")
+
+
+@pytest.mark.parametrize(
+    ("name", "moves"),
+    [
+        ("libmujoco.so.3.3.0", True),
+        ("_functions.cpython-311-x86_64-linux-gnu.so", True),
+        ("_batch.cpython-311-x86_64-linux-gnu.so", True),
+        ("_render.cpython-311-x86_64-linux-gnu.so", False),
+        ("libmujoco_studio.so", False),
+        ("_functions.pyi", False),
+    ],
+)
+def test_what_a_step_runs_through_is_moved(name: str, moves: bool) -> None:
+    assert moved_install.moves(name) == moves
+
+
+@pytest.mark.parametrize("name", ["mujoco_core-9.9.9.dist-info", "mujoco-9.9.9.dist-info"])
+def test_a_distribution_without_a_record_is_noticed(install: MovableInstall, name: str) -> None:
+    assert moved_install.is_recorded(install.site)
+    (install.site / name / "RECORD").unlink()
+    assert not moved_install.is_recorded(install.site)
+
+
+# The MuJoCo installed here, moved, in a process of its own.
+
+PROGRAM = """
+import ctypes, json, pickle, sys
+from pathlib import Path
+file, folder = map(Path, sys.argv[1:])
+movable, placement = pickle.loads(file.read_bytes())
+movable.use(folder, placement)
+import mujoco
+from mjbench.releases import install_check
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+mujoco.mj_step(model, mujoco.MjData(model))
+def address(library, name):
+    return ctypes.cast(getattr(ctypes.PyDLL(library), name), ctypes.c_void_p).value
+package = Path(mujoco.__file__).parent
+(engine,) = map(str, package.glob("libmujoco.so*"))
+print(json.dumps({
+    "problem": install_check.imported_problem(),
+    "version": mujoco.mj_versionString(),
+    "package": str(package),
+    "mj_step": address(engine, "mj_step"),
+    "extension": address(mujoco._functions.__file__, "PyInit__functions"),
+}))
+"""
+
+
+def address_modulo_page(library: Path, name: str) -> int:
+    """Return where a symbol of a library lies within its page, as it was built."""
+    address = ctypes.cast(getattr(ctypes.PyDLL(str(library)), name), ctypes.c_void_p).value
+    assert address is not None
+    return address % 4096
+
+
+@pytest.mark.parametrize("placement", [Placement(16, 4080), Placement(4064, 48)])
+def test_the_installed_release_runs_moved_and_stays_as_it_was(
+    movable_install: MovableInstall, tmp_path: Path, placement: Placement
+) -> None:
+    package = movable_install.site / "mujoco"
+    before = {f: (f.stat().st_size, f.stat().st_mtime_ns) for f in package.iterdir() if f.is_file()}
+    (tmp_path / "core").mkdir()
+    release_python.link_mjbench(tmp_path / "core")
+    file = tmp_path / "movable.pickle"
+    file.write_bytes(pickle.dumps((movable_install, placement)))
+    done = subprocess.run(
+        [
+            *release_python.command(PROGRAM, tmp_path / "core", None),
+            *(str(file), str(tmp_path / "new")),
+        ],
+        cwd=tmp_path,
+        env=release_python.environment(None),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
+    assert seen["problem"] is None
+    assert seen["version"] in (install_check.installed_version() or "")
+    assert seen["package"] == str(tmp_path / "new" / "moved" / "mujoco")
+    (engine,) = package.glob("libmujoco.so*")
+    (extension,) = package.glob("_functions.*.so")
+    for library, name, key, shift in (
+        (engine, "mj_step", "mj_step", placement.engine_bytes),
+        (extension, "PyInit__functions", "extension", placement.extension_bytes),
+    ):
+        assert (seen[key] - address_modulo_page(library, name)) % 4096 == shift
+    after = {f: (f.stat().st_size, f.stat().st_mtime_ns) for f in package.iterdir() if f.is_file()}
+    assert after == before
+    assert install_check.changed_file() is None

@@ -1,0 +1,48 @@
+"""Where code lies, launch by launch."""
+
+import itertools
+import random
+
+import pytest
+
+from mjbench.releases import placement
+from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_five_launches_each_side_takes_every_residue_once_and_one_is_as_shipped(
+    seed: int,
+) -> None:
+    pairs = list(itertools.islice(placement.schedule(random.Random(seed)), 50))
+    for begin in range(0, 50, 5):
+        block = pairs[begin : begin + 5]
+        moved = [pair for pair in block if pair.is_moved]
+        assert block.count(AS_SHIPPED) == 1
+        assert block[0].is_moved
+        for side in ("old", "new"):
+            assert sorted(getattr(pair, side).residue for pair in moved) == list(RESIDUES)
+
+
+def test_sides_and_libraries_are_placed_independently_of_each_other() -> None:
+    pairs = [p for p in itertools.islice(placement.schedule(random.Random(1)), 200) if p.is_moved]
+    both = {(pair.old.residue, pair.new.residue) for pair in pairs if pair.old and pair.new}
+    assert len(both) == len(RESIDUES) ** 2
+    old = [pair.old for pair in pairs if pair.old]
+    assert all(p.engine_bytes % 64 == p.extension_bytes % 64 == p.residue for p in old)
+    assert len({p.engine_bytes - p.extension_bytes for p in old}) > 20
+
+
+@pytest.mark.parametrize("moved", range(1, 13))
+def test_a_number_of_launches_holds_as_many_moved_ones_in_every_order(moved: int) -> None:
+    count = placement.launches_with(moved)
+    moved_counts = [
+        sum(p.is_moved for p in itertools.islice(placement.schedule(random.Random(seed)), count))
+        for seed in range(100)
+    ]
+    assert min(moved_counts) == moved
+
+
+@pytest.mark.parametrize("shift", [-16, 8, 4096])
+def test_a_library_moves_by_whole_steps_within_its_page(shift: int) -> None:
+    with pytest.raises(ValueError, match=f"by {shift} bytes"):
+        Placement(shift, 0)
