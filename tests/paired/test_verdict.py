@@ -292,7 +292,7 @@ def launch(log_ratio: float, placements: PlacementPair) -> Launch:
 
 def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     moved = PlacementPair(Placement(16, 16), Placement(0, 0))
-    launches = [launch(0.0, moved)] * 8 + [launch(0.05, AS_SHIPPED)] * 2
+    launches = [launch(0.0, moved)] * 8 + [launch(0.05, AS_SHIPPED)] * 3
     plan = verdict.VerdictPlan()
     averaged, shipped = (
         judged(launches, plan) for judged in (verdict._judge_launches, verdict._judge_as_shipped)
@@ -301,5 +301,5 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     assert shipped is not None
     assert (averaged.verdict, averaged.launches) == (Verdict.SAME, 8)
     # the others help to estimate how far launches spread
-    assert (shipped.verdict, shipped.launches) == (Verdict.SLOWER, 10)
+    assert (shipped.verdict, shipped.launches) == (Verdict.SLOWER, 11)
     assert shipped.ratio == pytest.approx(math.exp(0.05))
