@@ -29,8 +29,8 @@ from mjbench.status import FINISHED, Status
 
 # Of the interval of each residue.
 CONFIDENCE = 0.99
-# With fewer launches a residue has no interval: that of 7 or 8 would be finite, but two to six times
-# as wide as that of 14 (see `stats.anytime_interval`).
+# With fewer launches a residue has no interval: that of 7 or 8 would be finite, but two to six
+# times as wide as that of 14 (see `stats.anytime_interval`).
 MIN_LAUNCHES = 9
 
 
