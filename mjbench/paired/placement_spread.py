@@ -29,8 +29,8 @@ from mjbench.status import FINISHED, Status
 
 # Of the interval of each residue.
 CONFIDENCE = 0.99
-# With fewer launches a residue has no interval (see `anytime.anytime_interval`).
-MIN_LAUNCHES = 7
+# With fewer launches a residue has no interval: that of fewer would be several times as wide.
+MIN_LAUNCHES = 9
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def residue_rows(launches: Sequence[Launch]) -> list[ResidueRow]:
 def _residue_row(residue: int, log_ratios: Sequence[float]) -> ResidueRow:
     interval = anytime.anytime_interval(log_ratios, CONFIDENCE)
     estimate, low, high = np.exp([interval.mean, interval.low, interval.high]).tolist()
-    has_interval = bool(np.isfinite(interval.half_width))
+    has_interval = interval.count >= MIN_LAUNCHES
     ratio = Ratio(estimate, low, high) if has_interval else Ratio(estimate, None, None)
     return ResidueRow(residue, ratio, len(log_ratios))
 
