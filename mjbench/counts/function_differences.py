@@ -118,9 +118,9 @@ def _mark_moved(
     functions: dict[str, FunctionDifference], calls: AbstractSet[tuple[str, str]], min_cost: float
 ) -> None:
     """Set `moved_with` of the functions between which cost moved."""
-    differences = {name: function.difference for name, function in functions.items()}
+    costs = {name: (f.old or 0.0, f.new or 0.0) for name, f in functions.items()}
     changes = {name: function.code for name, function in functions.items() if function.code}
-    for group in moved_cost(differences, changes, calls, min_cost):
+    for group in moved_cost(costs, changes, calls, min_cost):
         for name in group:
-            others = sorted(group - {name}, key=lambda other: -abs(differences[other]))
+            others = sorted(group - {name}, key=lambda other: -abs(functions[other].difference))
             functions[name] = replace(functions[name], moved_with=others)

@@ -15,12 +15,15 @@ from mjbench.counts.records import OTHER_CODE, CodeChange
 # What is left of a difference that moved may be at most this share of it. The rest of the change is
 # real: calls that are saved, or code that the compiler optimised better where it is inlined.
 MAX_REST = 0.25
+# A callee whose cost changed by a smaller share was neither inlined nor split off: both it and its
+# caller rather changed for reasons of their own.
+MIN_CALLEE_CHANGE = 0.25
 # A function that takes over less than this share of a difference has no part in the move.
 MIN_PART = 0.05
 
 
 def moved_cost(
-    differences: Mapping[str, float],
+    costs: Mapping[str, tuple[float, float]],
     changes: Mapping[str, CodeChange],
     calls: Iterable[tuple[str, str]],
     min_cost: float,
@@ -28,15 +31,18 @@ def moved_cost(
     """Return groups of functions between which cost moved, the largest first.
 
     Args:
-      differences: instructions per step, candidate minus baseline, by function.
+      costs: instructions per step that each function executes itself: (baseline, candidate).
       changes: how the code of each function changed.
       calls: (caller, callee) in either release.
       min_cost: smallest difference to account for, in instructions per step.
     """
+    differences = {name: after - before for name, (before, after) in costs.items()}
     neighbours: dict[str, set[str]] = defaultdict(set)
     for caller, callee in calls:
+        largest = max(costs.get(callee, (0.0,)))
+        is_large = abs(differences.get(callee, 0.0)) >= MIN_CALLEE_CHANGE * largest
         # other callers cannot have taken over, or given up, instructions of a callee
-        if changes.get(caller) in OTHER_CODE:
+        if changes.get(caller) in OTHER_CODE and is_large:
             neighbours[caller].add(callee)
             neighbours[callee].add(caller)
     groups: list[AbstractSet[str]] = []

@@ -12,9 +12,12 @@ def moved(
     differences: dict[str, float],
     calls: Iterable[tuple[str, str]],
     min_cost: float = 1.0,
+    rest: float = 10.0,
     **changes: CodeChange,
 ) -> list[set[str]]:
-    return [set(group) for group in moved_cost(differences, changes, calls, min_cost)]
+    """Return the groups, for functions that cost `rest` in the release in which they cost less."""
+    costs = {name: (rest + max(0.0, -by), rest + max(0.0, by)) for name, by in differences.items()}
+    return [set(group) for group in moved_cost(costs, changes, calls, min_cost)]
 
 
 def test_a_callee_that_is_inlined_moves_its_cost_to_the_caller() -> None:
@@ -46,3 +49,9 @@ def test_cost_that_grew_or_that_is_small_did_not_move() -> None:
     assert moved({"f": 100.0, "g": -50.0}, calls, f=CHANGED) == []
     assert moved({"f": 100.0, "g": 100.0}, calls, f=CHANGED) == []
     assert moved({"f": 100.0, "g": -100.0}, calls, min_cost=101.0, f=CHANGED) == []
+
+
+def test_a_callee_that_changed_a_little_was_not_inlined() -> None:
+    differences, calls = {"f": 100.0, "g": -100.0}, [("f", "g")]
+    assert moved(differences, calls, rest=300.0, f=CHANGED) == [{"f", "g"}]
+    assert moved(differences, calls, rest=301.0, f=CHANGED) == []
