@@ -77,19 +77,19 @@ class Work(Tracked):
 
     def setup(self, model: str) -> None:
         """Step the stored workload, counting."""
-        self.work = _work(model)
+        self.observation = _observation(model)
 
     def track_contacts(self, model: str) -> float:
         """Return contacts (`data.ncon`) per step."""
-        return self.work.contacts
+        return self.observation.work.contacts
 
     def track_constraints(self, model: str) -> float:
         """Return scalar constraints (`data.nefc`) per step."""
-        return self.work.constraints
+        return self.observation.work.constraints
 
     def track_solver_iterations(self, model: str) -> float:
         """Return solver iterations per step, summed over constraint islands."""
-        return self.work.solver_iterations
+        return self.observation.summed_iterations
 
     track_contacts.unit = "contacts/step"
     track_contacts.pretty_name = "contacts per step"
@@ -100,8 +100,8 @@ class Work(Tracked):
 
 
 @functools.cache
-def _work(model: str) -> work.Work:
-    return work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model))).work
+def _observation(model: str) -> work.Observation:
+    return work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model)))
 
 
 class Drift(Tracked):
