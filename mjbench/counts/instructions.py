@@ -13,7 +13,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -29,11 +29,16 @@ from mjbench.paired import release_python
 from mjbench.paired.preparation import Sizes
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.work_check import Followed
+from mjbench.simulation.workload import whole_holds
 from mjbench.status import Status
 
 # Simulations and steps of each, unless the sizes say otherwise. Callgrind runs about fifty times
 # slower than the processor.
 NBATCH, NSTEP = 2, 50
+# Steps of the run along which starts are sampled, at most: they are counted as slowly.
+MAX_REFERENCE_NSTEP = 2000
 # A random hash seed changes how Python's dictionaries collide, and with that the counts.
 HASH_SEED = "0"
 # Above these thresholds glibc copies and clears memory with one instruction, `rep movsb` or
@@ -51,11 +56,13 @@ class ModelCount(InstructionsRow):
     """What one model's steps cost in one release; a row, and the states that two releases compare.
 
     Attributes:
-      after: qpos, qvel and act by name, each (nbatch, size), one step after each start state, in
-        SI units; None where the model was not counted.
+      healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not
+        counted.
+      followed: what the release did from the states of the workload's probe; None likewise.
     """
 
-    after: Mapping[str, np.ndarray] | None = None
+    healthy: np.ndarray | None = None
+    followed: Followed | None = None
 
     def row(self) -> InstructionsRow:
         """Return the row of `mjbench instructions --json`."""
@@ -141,10 +148,14 @@ class InstructionCounter:
         return ModelRequest(
             source,
             workload_file=self._workload_files.setdefault(source, unused),
-            nbatch=sizes.nbatch or NBATCH,
-            nstep=sizes.nstep or sizes.hold * max(1, NSTEP // sizes.hold),
-            hold=sizes.hold,
-            seed=sizes.seed,
+            sample=SampleRequest(
+                sizes.nbatch or NBATCH,
+                sizes.nstep or whole_holds(NSTEP, sizes.hold),
+                sizes.hold,
+                sizes.seed,
+                sizes.starts,
+                MAX_REFERENCE_NSTEP,
+            ),
         )
 
 
@@ -280,7 +291,8 @@ def _model_count(
         repeats=abs(repeated.inclusive(ENGINE) / engine - 1),
         diverged=counted.diverged,
         warnings=counted.warnings,
-        after=counted.after,
+        healthy=counted.healthy,
+        followed=counted.followed,
     )
 
 

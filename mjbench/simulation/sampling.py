@@ -83,9 +83,7 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
 def settled_step_s(model: mujoco.MjModel) -> float:
     """Return about how long one step takes in the model's typical regime, in seconds."""
     settle_s = starts.settle_s(model, StartPlan())
-    nstep = starts.settle_nstep(
-        model, settle_s, starts.max_reference_nstep(work.step_s(model))
-    )
+    nstep = starts.settle_nstep(model, settle_s, starts.max_reference_nstep(work.step_s(model)))
     states = starts.settled(model, 1, nstep)
     return work.step_s(model, None if states is None else states[0])
 
@@ -115,9 +113,7 @@ def _settled(model: mujoco.MjModel, request: SampleRequest, asked_s: float) -> I
     came_from = Starts(nstep * float(model.opt.timestep), asked_s, limit)
 
     def make(spread: float) -> Workload | None:
-        states = starts.settled(
-            model, request.nbatch, nstep, request.hold, request.seed, spread
-        )
+        states = starts.settled(model, request.nbatch, nstep, request.hold, request.seed, spread)
         if states is None:
             return None
         rng = np.random.default_rng([request.seed, 1])
@@ -140,9 +136,7 @@ def _from_file(model: mujoco.MjModel, request: SampleRequest) -> Iterator[Sample
     )
 
 
-def _over_spreads(
-    make: Callable[[float], Workload | None], came_from: Starts
-) -> Iterator[Sample]:
+def _over_spreads(make: Callable[[float], Workload | None], came_from: Starts) -> Iterator[Sample]:
     """Yield what `make` returns for each spread, without the simulations that diverge."""
     for spread in SPREADS:
         made = make(spread)

@@ -51,7 +51,7 @@ class StartPlan:
     file: Path | None = None
 
 
-KEYFRAME_STARTS = StartPlan(settle_s=0.0)
+DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
 
 
 @dataclass(frozen=True)

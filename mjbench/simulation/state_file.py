@@ -155,7 +155,7 @@ def _followed(model: mujoco.MjModel, recorded: RecordedStates, count: int) -> np
     time, timestep = recorded.fields["time"][:, 0], float(model.opt.timestep)
     is_gap = np.abs(np.diff(time) - timestep) > _TIME_SHARE * timestep
     gaps = np.concatenate([[0], np.cumsum(is_gap)])
-    return rows[gaps[rows + count] == gaps[rows]]
+    return np.asarray(rows[gaps[rows + count] == gaps[rows]])
 
 
 def _step_once(model: mujoco.MjModel, states: np.ndarray, control: np.ndarray | None) -> None:

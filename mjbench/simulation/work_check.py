@@ -6,15 +6,15 @@ there is a change of what a step computes. Each target also runs these simulatio
 such runs drift apart says little, because contact multiplies any difference of rounding.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from mjbench.simulation import agreement, workload
 from mjbench.simulation.work import one_step, states_after
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import PortableWorkload, Workload
 
 # Simulations that are recorded, at most: the first ones of the workload.
 NPROBE = 8
@@ -79,15 +79,19 @@ def probe(drawn: Workload) -> Fields:
     return workload.fields(drawn.model, states.reshape(-1, states.shape[2]))
 
 
-def follow(model: mujoco.MjModel, own: Workload, probe: Fields) -> Followed:
+def portable(drawn: Workload) -> PortableWorkload:
+    """Return a workload in a form that every release can restore, with its probe."""
+    return dataclasses.replace(workload.portable(drawn), probe=probe(drawn))
+
+
+def follow(own: Workload, probe: Fields) -> Followed:
     """Return what a target does from the states of a probe.
 
     Args:
-      model: of the target.
-      own: the workload, restored for the model.
-      probe: that another target recorded along it.
+      own: the workload, restored for the target's model.
+      probe: that the target which drew the workload recorded along it.
     """
-    nsteps = points(own.nstep)
+    model, nsteps = own.model, points(own.nstep)
     states = states_after(_probed(own), nsteps)
     run = workload.fields(model, states.reshape(-1, states.shape[2]))
     stepped = one_step(model, workload.states(model, probe))
@@ -115,7 +119,7 @@ def drift(baseline: Followed, candidate: Followed, is_compared: np.ndarray) -> S
     one_step = agreement.relative_drift(
         _of(candidate.stepped, keep), _of(baseline.stepped, keep), scales
     )
-    runs = [
+    runs = tuple(
         RunDrift(
             nstep,
             agreement.relative_drift(
@@ -126,7 +130,7 @@ def drift(baseline: Followed, candidate: Followed, is_compared: np.ndarray) -> S
         )
         for i, nstep in enumerate(baseline.nsteps)
         if nstep > 0
-    ]
+    )
     return StateDrift(one_step, runs)
 
 

@@ -192,12 +192,15 @@ class PortableWorkload:
       hold: steps for which each control is held.
       final_state: (nbatch, nstate) states that the simulations must reach, as rows of
         mjSTATE_INTEGRATION in the release that runs them; None where nothing is compared.
+      probe: states along some simulations, by MjData field (see `work_check.probe`); None where
+        nobody compares steps from them.
     """
 
     fields: Mapping[str, np.ndarray]
     control: np.ndarray
     hold: int
     final_state: np.ndarray | None = None
+    probe: Mapping[str, np.ndarray] | None = None
 
     def only(self, rows: np.ndarray, final_state: np.ndarray) -> "PortableWorkload":
         """Return the workload of some simulations.

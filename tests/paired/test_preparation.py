@@ -14,6 +14,7 @@ from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation import models
+from mjbench.simulation.starts import KEYFRAME_STARTS
 
 
 def test_models_of_different_size_do_as_many_simulations_each(
@@ -36,7 +37,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
     pool: WorkerPool, stiff: Target
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
-    pair = TargetPair(pool, stiff, candidate, Sizes(nbatch=8, nstep=13))
+    pair = TargetPair(pool, stiff, candidate, Sizes(8, 13, starts=KEYFRAME_STARTS))
     launch = pair.launch()
     pair.close()
     assert pair.work_check.diverged[0] == 0
@@ -51,7 +52,10 @@ def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool
     check = prepared.work_check
     assert check.baseline == check.candidate
     assert check.baseline.contacts > 0
-    assert check.drift == 0.0
+    assert check.drift is not None
+    assert check.drift.one_step == 0.0
+    assert check.drift.runs[-1].step == check.nstep
+    assert {drift.difference for drift in check.drift.runs} == {0.0}
     assert not check.changed
     assert all(file.is_file() for file in (*prepared.models, *prepared.workloads))
 
