@@ -6,8 +6,7 @@ is ignored. `ctrl` is replayed: a row holds the controls of the step that led to
 `record` writes it.
 """
 
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,20 +47,12 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
       InputError: it cannot be read, or does not fit the model.
     """
     name = shown(file.name)
-    try:
-        with np.load(file, allow_pickle=False) as arrays:
-            if not isinstance(arrays, np.lib.npyio.NpzFile):
-                raise InputError(f"{name} holds one array: save named ones by numpy.savez")
-            columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-            recorded = {key: arrays[key] for key in arrays.files if key in columns}
-            keys = ", ".join(arrays.files[:8])
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, NotImplementedError) as error:
-        raise InputError(
-            f"cannot read states from {name}: {one_line(error)}; numpy.savez writes such files"
-        ) from error
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    recorded, others = _read_arrays(file, name, list(columns))
     if "qpos" not in recorded:
+        has = ", ".join([*recorded, *others][:8])
         raise InputError(
-            f"{name} has no qpos, which start states need; it has {shown(keys) or 'no arrays'}"
+            f"{name} has no qpos, which start states need; it has {shown(has) if has else 'nothing'}"
         )
     fields = {
         field: _rows(name, field, values, columns[field]) for field, values in recorded.items()
@@ -71,6 +62,29 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
         if len(rows) != nrow:
             raise InputError(f"{name}: {field} has {len(rows)} rows, qpos has {nrow}")
     return RecordedStates(fields, name)
+
+
+def _read_arrays(
+    file: Path, name: str, fields: Sequence[str]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the arrays of a file that are named like fields, and the names of the others.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    try:
+        with file.open("rb") as stream:
+            arrays = np.load(stream, allow_pickle=False)
+            if isinstance(arrays, np.ndarray):
+                raise InputError(f"{name} holds one array: save named ones by numpy.savez")
+            recorded = {key: arrays[key] for key in arrays.files if key in fields}
+            return recorded, [key for key in arrays.files if key not in fields]
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
+        raise InputError(
+            f"cannot read states from {name}: {one_line(error)}; numpy.savez writes such files"
+        ) from error
 
 
 def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray:

@@ -114,7 +114,8 @@ def drift(baseline: Followed, candidate: Followed, is_compared: np.ndarray) -> S
     """
     if _shapes(baseline) != _shapes(candidate):
         return None
-    keep = np.flatnonzero(is_compared[:NPROBE])
+    nprobe = next(iter(baseline.run.values())).shape[1]
+    keep = np.flatnonzero(is_compared[:nprobe])
     scales = agreement.scales(baseline.run)
     one_step = agreement.relative_drift(
         _of(candidate.stepped, keep), _of(baseline.stepped, keep), scales
