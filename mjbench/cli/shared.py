@@ -187,8 +187,10 @@ def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
     """Return the plan that the options STARTS ask for.
 
     Raises:
-      InputError: both are given, or there is no such file.
+      InputError: both are given, or there is no such file of arrays.
     """
+    import zipfile
+
     from mjbench.simulation.starts import StartPlan
 
     if states_file is None:
@@ -197,6 +199,10 @@ def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
         raise InputError("give --settle or --states, not both")
     if not states_file.is_file():
         raise InputError(f"--states {shown(str(states_file))}: no such file")
+    if not zipfile.is_zipfile(states_file):
+        raise InputError(
+            f"--states {shown(str(states_file))}: not an .npz file, as numpy.savez writes it"
+        )
     return StartPlan(file=states_file.absolute())
 
 

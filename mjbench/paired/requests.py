@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mjbench.simulation.sampling import SampleRequest
-    from mjbench.simulation.starts import Starts
+    from mjbench.simulation.starts import StartPlan, Starts
     from mjbench.simulation.work import Work
     from mjbench.simulation.work_check import Followed
     from mjbench.simulation.workload import PortableWorkload
@@ -88,9 +88,14 @@ class SaveModel(Request[None]):
 
 @dataclass(frozen=True)
 class MeasureStepCost(Request["StepCost"]):
-    """Return about how long one step takes now, at the start, and the model's digest."""
+    """Return about how long one step takes now, at the start, and the model's digest.
+
+    Attributes:
+      starts: where start states are to come from.
+    """
 
     activity = "measuring a step"
+    starts: "StartPlan"
 
 
 @dataclass(frozen=True)
@@ -173,10 +178,12 @@ class StepCost:
     Attributes:
       digest: of the model (see `model_digest`).
       step_s: seconds of a step at the start, as they are now.
+      reference_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
     """
 
     digest: str
     step_s: float
+    reference_nstep: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,9 +126,14 @@ class Worker:
             raise MachineError(f"cannot write {request.file}: is the disk full?")
 
     def _measure_step_cost(self, request: requests.MeasureStepCost) -> requests.StepCost:
-        from mjbench.simulation import model_digest, work
+        from mjbench.simulation import starts, work
+        from mjbench.simulation.model_digest import model_digest
 
-        return requests.StepCost(model_digest.model_digest(self.model), work.step_s(self.model))
+        return requests.StepCost(
+            model_digest(self.model),
+            work.step_s(self.model),
+            starts.reference_nstep(self.model, request.starts),
+        )
 
     def _measure_settled_cost(self, request: requests.MeasureSettledCost) -> float:
         from mjbench.simulation import sampling

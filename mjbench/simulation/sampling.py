@@ -107,9 +107,8 @@ def _candidates(model: mujoco.MjModel, request: SampleRequest) -> Iterator[Sampl
 
 def _settled(model: mujoco.MjModel, request: SampleRequest, asked_s: float) -> Iterator[Sample]:
     """Yield workloads that start along a reference run; none where it diverges."""
-    wanted = starts.settle_nstep(model, asked_s, _no_bound(None))
-    nstep = starts.settle_nstep(model, asked_s, _no_bound(request.max_reference_nstep))
-    limit = SettleLimit.COST if nstep < wanted else None
+    nstep = starts.settle_nstep(model, asked_s, request.max_reference_nstep)
+    limit = SettleLimit.COST if nstep < starts.settle_nstep(model, asked_s) else None
     came_from = Starts(nstep * float(model.opt.timestep), asked_s, limit)
 
     def make(spread: float) -> Workload | None:
@@ -143,7 +142,3 @@ def _over_spreads(make: Callable[[float], Workload | None], came_from: Starts) -
         if made is not None:
             healthy, observation = work.observe_healthy(made)
             yield Sample(healthy, observation, spread, came_from)
-
-
-def _no_bound(max_nstep: int | None) -> int:
-    return 10**12 if max_nstep is None else max_nstep

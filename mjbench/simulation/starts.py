@@ -78,21 +78,29 @@ def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
     return KEYFRAME_SETTLE_S if model.nkey else DEFAULT_SETTLE_S
 
 
+def reference_nstep(model: mujoco.MjModel, plan: StartPlan) -> int:
+    """Return the steps of the reference run that a plan asks for; 0 where it needs none."""
+    wanted_s = settle_s(model, plan)
+    if plan.file is not None or wanted_s == 0:
+        return 0
+    return 2 * settle_nstep(model, wanted_s)
+
+
 def max_reference_nstep(step_s: float) -> int:
     """Return how many steps a reference run may have, at least 2, from the seconds of a step."""
     return max(2, int(MAX_REFERENCE_S / step_s))
 
 
-def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int) -> int:
+def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None = None) -> int:
     """Return the steps for which a model settles: half of its reference run.
 
     Args:
       model: to step.
       settle_s: simulated seconds asked for.
-      max_nstep: steps of the whole reference run, at most.
+      max_nstep: steps of the whole reference run, at most; None for no bound.
     """
-    wanted = settle_s / float(model.opt.timestep)
-    return max(1, round(min(wanted, max_nstep // 2)))
+    nstep = max(1, round(settle_s / float(model.opt.timestep)))
+    return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
 
 
 def settled(

@@ -50,10 +50,8 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
     recorded, others = _read_arrays(file, name, list(columns))
     if "qpos" not in recorded:
-        has = ", ".join([*recorded, *others][:8])
-        raise InputError(
-            f"{name} has no qpos, which start states need; it has {shown(has) if has else 'nothing'}"
-        )
+        has = shown(", ".join([*recorded, *others][:8])) if recorded or others else "nothing"
+        raise InputError(f"{name} has no qpos, which start states need; it has {has}")
     fields = {
         field: _rows(name, field, values, columns[field]) for field, values in recorded.items()
     }
