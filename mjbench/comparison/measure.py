@@ -56,7 +56,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     )
     sizes = choose_sizes(cost_s, size_request)
     check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread)
-    max_nstep = starts.max_reference_nstep(cost_s)
+    max_nstep = starts.max_settling_nstep(cost_s)
     patience_s = PATIENCE * (sizes.nbatch * sizes.nstep + max_nstep) * work.step_s(model)
     channel.allow_silence(patience_s)
     sample = sampling.draw(

@@ -38,7 +38,7 @@ from mjbench.status import Status
 # slower than the processor.
 NBATCH, NSTEP = 2, 50
 # Steps of the run along which starts are sampled, at most: they are counted as slowly.
-MAX_REFERENCE_NSTEP = 2000
+MAX_SETTLING_NSTEP = 2000
 # A random hash seed changes how Python's dictionaries collide, and with that the counts.
 HASH_SEED = "0"
 # Above these thresholds glibc copies and clears memory with one instruction, `rep movsb` or
@@ -154,7 +154,7 @@ class InstructionCounter:
                 sizes.hold,
                 sizes.seed,
                 sizes.starts,
-                MAX_REFERENCE_NSTEP,
+                MAX_SETTLING_NSTEP,
             ),
         )
 

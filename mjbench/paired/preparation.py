@@ -189,21 +189,21 @@ def _choose_sizes(
       OutOfTimeError: the limit does not allow to draw it, and to launch once.
     """
     nthread = max(target.nthread for target in targets)
-    step_s, cost_s, reference_nstep = 0.0, 0.0, 0
+    step_s, cost_s, settling_nstep = 0.0, 0.0, 0
     for process in processes:
         now = process.call(requests.MeasureStepCost(sizes.starts))
         settled = functools.partial(process.call, requests.MeasureSettledCost())
         step_s = max(step_s, now.step_s)
         cost_s = max(cost_s, step_costs.step_cost_s(now.digest, settled))
-        max_nstep = starts.max_reference_nstep(cost_s)
-        reference_nstep = min(max(reference_nstep, now.reference_nstep), max_nstep)
+        max_nstep = starts.max_settling_nstep(cost_s)
+        settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
         block = _block_size(sizes, nthread, cost_s)
         drawn = block.nbatch
         if not sizes.nbatch and nthread == 1:
             drawn *= DRAWN_PER_BLOCK
         time_limit.check_first_launch(
             launch_s(2 * block.nbatch * block.nstep * step_s / nthread),
-            preparation_s=(reference_nstep + _drawing_nstep(drawn, block.nstep)) * step_s,
+            preparation_s=(settling_nstep + _drawing_nstep(drawn, block.nstep)) * step_s,
         )
     sample = SampleRequest(
         drawn,

@@ -178,12 +178,12 @@ class StepCost:
     Attributes:
       digest: of the model (see `model_digest`).
       step_s: seconds of a step at the start, as they are now.
-      reference_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
+      settling_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
     """
 
     digest: str
     step_s: float
-    reference_nstep: int
+    settling_nstep: int
 
 
 @dataclass(frozen=True, eq=False)

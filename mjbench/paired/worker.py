@@ -132,7 +132,7 @@ class Worker:
         return requests.StepCost(
             model_digest(self.model),
             work.step_s(self.model),
-            starts.reference_nstep(self.model, request.starts),
+            starts.settling_nstep(self.model, request.starts),
         )
 
     def _measure_settled_cost(self, request: requests.MeasureSettledCost) -> float:

@@ -28,7 +28,7 @@ class SampleRequest:
       hold: steps per control.
       seed: of starts and controls.
       starts: where start states are to come from.
-      max_reference_nstep: steps of the reference run at most; None for no bound.
+      max_settling_nstep: steps of the settling run at most; None for no bound.
     """
 
     nbatch: int
@@ -36,7 +36,7 @@ class SampleRequest:
     hold: int = 1
     seed: int = 0
     starts: StartPlan = starts.KEYFRAME_STARTS
-    max_reference_nstep: int | None = None
+    max_settling_nstep: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
 def settled_step_s(model: mujoco.MjModel) -> float:
     """Return about how long one step takes in the model's typical regime, in seconds."""
     settle_s = starts.settle_s(model, StartPlan())
-    nstep = starts.settle_nstep(model, settle_s, starts.max_reference_nstep(work.step_s(model)))
+    nstep = starts.settle_nstep(model, settle_s, starts.max_settling_nstep(work.step_s(model)))
     states = starts.settled(model, 1, nstep)
     return work.step_s(model, None if states is None else states[0])
 
@@ -106,8 +106,8 @@ def _candidates(model: mujoco.MjModel, request: SampleRequest) -> Iterator[Sampl
 
 
 def _settled(model: mujoco.MjModel, request: SampleRequest, asked_s: float) -> Iterator[Sample]:
-    """Yield workloads that start along a reference run; none where it diverges."""
-    nstep = starts.settle_nstep(model, asked_s, request.max_reference_nstep)
+    """Yield workloads that start along a settling run; none where it diverges."""
+    nstep = starts.settle_nstep(model, asked_s, request.max_settling_nstep)
     limit = SettleLimit.COST if nstep < starts.settle_nstep(model, asked_s) else None
     came_from = Starts(nstep * float(model.opt.timestep), asked_s, limit)
 

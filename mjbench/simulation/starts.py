@@ -1,7 +1,8 @@
-"""Sample start states along a reference run of the model, after it has settled.
+"""Sample start states along a *settling run*: not at the keyframe, but where the model comes to.
 
-The reference run begins at keyframe 0 with random controls, like those of the workload. It first
-settles, and then goes on for as long again; starts are spread evenly over this second part.
+The run begins at keyframe 0 (the model's defaults if it has none), with random controls like those
+of the workload. The model first settles, and then moves on for as long again; starts are spread
+evenly over this second part.
 """
 
 import enum
@@ -24,17 +25,17 @@ from mjbench.simulation.workload import (
 # often in the air: this is long enough to fall from a height of 1 m, and to land.
 KEYFRAME_SETTLE_S = 0.1
 DEFAULT_SETTLE_S = 1.0
-# Seconds of computing that the reference run may take, by what a step costs.
-MAX_REFERENCE_S = 2.0
+# Seconds of computing that the settling run may take, by what a step costs.
+MAX_SETTLING_S = 2.0
 
 
 class SettleLimit(enum.StrEnum):
     """Why a model settled for less time than was asked for."""
 
     COST = "cost"
-    """Its steps are slow: the reference run is limited by its cost."""
+    """Its steps are slow: the settling run is limited by its cost."""
     DIVERGED = "diverged"
-    """The reference run diverged, or simulations that start from it do: starts are keyframe 0."""
+    """The settling run diverged, or simulations that start from it do: starts are keyframe 0."""
 
 
 @dataclass(frozen=True)
@@ -78,26 +79,26 @@ def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
     return KEYFRAME_SETTLE_S if model.nkey else DEFAULT_SETTLE_S
 
 
-def reference_nstep(model: mujoco.MjModel, plan: StartPlan) -> int:
-    """Return the steps of the reference run that a plan asks for; 0 where it needs none."""
+def settling_nstep(model: mujoco.MjModel, plan: StartPlan) -> int:
+    """Return the steps of the settling run that a plan asks for; 0 where it needs none."""
     wanted_s = settle_s(model, plan)
     if plan.file is not None or wanted_s == 0:
         return 0
     return 2 * settle_nstep(model, wanted_s)
 
 
-def max_reference_nstep(step_s: float) -> int:
-    """Return how many steps a reference run may have, at least 2, from the seconds of a step."""
-    return max(2, int(MAX_REFERENCE_S / step_s))
+def max_settling_nstep(step_s: float) -> int:
+    """Return how many steps a settling run may have, at least 2, from the seconds of a step."""
+    return max(2, int(MAX_SETTLING_S / step_s))
 
 
 def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None = None) -> int:
-    """Return the steps for which a model settles: half of its reference run.
+    """Return the steps for which a model settles: half of its settling run.
 
     Args:
       model: to step.
       settle_s: simulated seconds asked for.
-      max_nstep: steps of the whole reference run, at most; None for no bound.
+      max_nstep: steps of the whole settling run, at most; None for no bound.
     """
     nstep = max(1, round(settle_s / float(model.opt.timestep)))
     return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
@@ -126,7 +127,7 @@ def settled(
       spread: scales both; at 0 the controls are the keyframe's.
     """
     after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
-    states = _reference_run(model, after, hold, seed, spread)
+    states = _settling_run(model, after, hold, seed, spread)
     if states is None:
         return None
     rng, spec = np.random.default_rng([seed, 0]), compat.state_spec("INTEGRATION")
@@ -140,7 +141,7 @@ def settled(
     return states
 
 
-def _reference_run(
+def _settling_run(
     model: mujoco.MjModel, after: np.ndarray, hold: int, seed: int, spread: float
 ) -> np.ndarray | None:
     """Return (nbatch, nstate) states of one run after ascending numbers of steps.

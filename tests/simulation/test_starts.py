@@ -1,4 +1,4 @@
-"""Starts lie along a reference run, after the model has settled."""
+"""Starts lie along a settling run, after the model has settled."""
 
 import dataclasses
 
@@ -55,11 +55,11 @@ def test_a_start_has_the_warm_start_of_the_state_before(model: mujoco.MjModel) -
 
 
 def test_the_cost_of_steps_bounds_the_run() -> None:
-    max_nstep = starts.max_reference_nstep(step_s=0.02)
+    max_nstep = starts.max_settling_nstep(step_s=0.02)
     assert max_nstep == 100
-    sample = draw(BALL, max_reference_nstep=max_nstep)
+    sample = draw(BALL, max_settling_nstep=max_nstep)
     assert sample.starts == Starts(0.1, 1.0, SettleLimit.COST)
-    assert starts.max_reference_nstep(step_s=100.0) == 2
+    assert starts.max_settling_nstep(step_s=100.0) == 2
 
 
 def test_a_model_that_diverges_while_it_settles_starts_at_its_keyframe() -> None:
