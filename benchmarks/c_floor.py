@@ -34,6 +34,7 @@ from mjbench.comparison.sizes import SizeRequest, choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.instrument import isolate, stats, timing
 from mjbench.simulation import agreement, compat, models, workload
+from mjbench.simulation.work import step_s
 
 # Steps for which python_loop_hold holds each control.
 LONG_HOLD = 50
@@ -170,7 +171,7 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
     """Measure one launch and send its LaunchResult; runs in a child process."""
     case = request.case
     model = models.load(request.source)
-    sizes = choose_sizes(model, SizeRequest(hold=case.hold))
+    sizes = choose_sizes(step_s(model), SizeRequest(hold=case.hold))
     work = workload.make(model, sizes.nbatch, sizes.nstep, case.hold)
     resources = paths.Resources(work)
     (data,) = resources.datas(1)

@@ -69,6 +69,7 @@ def plan(limit_s: float = LIMIT_S) -> "ComparisonPlan":
     """Return what is compared on each model: the C paths, with one thread and with two."""
     from mjbench.comparison import selection
     from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.simulation.starts import KEYFRAME_STARTS
 
     # one Python thread or process is the plain loop with overhead
     variants = tuple(
@@ -76,7 +77,14 @@ def plan(limit_s: float = LIMIT_S) -> "ComparisonPlan":
         for variant in selection.variants([selection.C_PATHS], THREADS)
         if variant.path not in ("threads", "processes") or nthread(variant.options) > 1
     )
-    return ComparisonPlan(variants, nbatch=NBATCH, nstep=NSTEP, budget_s=0.0, limit_s=limit_s)
+    return ComparisonPlan(
+        variants,
+        nbatch=NBATCH,
+        nstep=NSTEP,
+        starts=KEYFRAME_STARTS,
+        budget_s=0.0,
+        limit_s=limit_s,
+    )
 
 
 def conditions() -> str:

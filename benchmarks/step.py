@@ -5,6 +5,7 @@ stored.py), one `mj_step` call at a time from Python. Ten simulations of a hundr
 thousand steps, so milliseconds per call read as microseconds per step.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 
@@ -101,7 +102,9 @@ class Work(Tracked):
 
 @functools.cache
 def _work(model: str) -> work.Work:
-    return work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model))).work
+    """Return the work with solver iterations summed over islands, as all stored results have it."""
+    observation = work.observe(stored.stored_workload(model, nstep=stored.nstep_of(model)))
+    return dataclasses.replace(observation.work, solver_iterations=observation.summed_iterations)
 
 
 class Drift(Tracked):

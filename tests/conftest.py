@@ -8,6 +8,7 @@ import pytest
 from example_models import CONTACT_XML
 from hypothesis import settings
 
+from mjbench.comparison import step_costs
 from mjbench.instrument import neighbours
 from mjbench.simulation import workload
 
@@ -26,10 +27,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _no_neighbours(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """Keep the tests of this process out of sight of other mjbench on this machine."""
+def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Keep tests out of sight of other mjbench on this machine, and out of the user's tables."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(neighbours.FOLDER_VARIABLE, str(tmp_path_factory.mktemp("measuring")))
+        costs = tmp_path_factory.mktemp("step_costs") / "costs.json"
+        patch.setenv(step_costs.FILE_VARIABLE, str(costs))
         yield
 
 

@@ -17,11 +17,13 @@ from mjbench.cli.shared import (
     HOLD,
     LIMIT,
     SEED,
+    STARTS,
     STORING,
     Names,
     Numbers,
     Seconds,
     check_sizes,
+    start_plan,
     with_options,
 )
 from mjbench.errors import MachineError
@@ -47,6 +49,8 @@ class _Options:
     nstep: int | None
     hold: int
     seed: int
+    settle_s: float | None
+    states_file: Path | None
     budget: float | None
     time_limit: float
     results: Path
@@ -86,7 +90,7 @@ class _Options:
     type=Seconds(zero=True),
     help="Time to spend on timing each model  [default: 8s]",
 )
-@with_options(HOLD, SEED, LIMIT, *STORING)
+@with_options(HOLD, SEED, *STARTS, LIMIT, *STORING)
 def compare(names: tuple[str, ...], **options: Any) -> None:
     """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
 
@@ -126,6 +130,7 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
         nstep=options.nstep,
         hold=options.hold,
         seed=options.seed,
+        starts=start_plan(options.settle_s, options.states_file),
         budget_s=BUDGET_S if options.budget is None else options.budget,
         limit_s=options.time_limit,
         import_from=str(Path.cwd()) if has_own_path else None,
@@ -158,6 +163,7 @@ def _compare(
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
     files += user_module_files(variant.path for variant in plans[0].variants)
+    files += [plans[0].starts.file] if plans[0].starts.file else []
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance:
             for number, (source, plan) in enumerate(turns):

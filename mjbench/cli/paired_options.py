@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mjbench.cli.context import Advance, OutputOptions, RunContext, Storage
 from mjbench.cli.fail_on import FailOn
 from mjbench.cli.group import report_line
-from mjbench.cli.shared import check_sizes
+from mjbench.cli.shared import check_sizes, start_plan
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.instrument import platforms
 from mjbench.status import ExitCode, Status
@@ -83,17 +83,19 @@ def verdict_plan(
     hold: int,
     seed: int,
     as_shipped: bool,
+    settle_s: float | None,
+    states_file: Path | None,
 ) -> "VerdictPlan":
     """Return the plan that the options JUDGING and SIZES ask for.
 
     Raises:
-      InputError: nstep is not a multiple of hold.
+      InputError: nstep is not a multiple of hold, or start states cannot be had as asked.
     """
     from mjbench.paired.preparation import Sizes
     from mjbench.paired.verdict import VerdictPlan
 
     check_sizes(nstep, hold)
-    sizes = Sizes(nbatch, nstep, hold, seed)
+    sizes = Sizes(nbatch, nstep, hold, seed, start_plan(settle_s, states_file))
     return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
@@ -121,7 +123,8 @@ def compare_targets(
     targets = [target for pair in pairs for target in pair]
     arguments = {**asdict(plan), "targets": [target.row() for target in targets]}
     storage = Storage(output.results, arguments, output.resume, records.finished)
-    with RunContext(command, output.json_file, input_files(targets), storage, output.wait) as run:
+    files = [*input_files(targets), *states_files(plan)]
+    with RunContext(command, output.json_file, files, storage, output.wait) as run:
         earlier = records.by_sides(records.finished(run.resumed_records))
         with run.progress(len(pairs)) as advance, WorkerPool() as pool:
             for number, (baseline, candidate) in enumerate(pairs):
@@ -143,6 +146,12 @@ def compare_targets(
 def input_files(targets: Iterable["Target"]) -> list[Path]:
     """Return the files that targets are made of: models, and wheels of releases."""
     return [path for t in targets for path in (t.model.path, *t.release.wheels)]
+
+
+def states_files(plan: "VerdictPlan") -> list[Path]:
+    """Return the file of start states that a plan names, if it names one."""
+    file = plan.sizes.starts.file
+    return [file] if file else []
 
 
 def report(run: RunContext, rows: Sequence["VerdictRow"]) -> None:

@@ -3,12 +3,15 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import InputError, one_line
+from mjbench.errors import InputError, one_line, shown
 from mjbench.instrument.limits import MAX_COUNT
+
+if TYPE_CHECKING:
+    from mjbench.simulation.starts import StartPlan
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
@@ -180,6 +183,29 @@ def check_sizes(nstep: int | None, hold: int) -> None:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
 
+def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
+    """Return the plan that the options STARTS ask for.
+
+    Raises:
+      InputError: both are given, or there is no such file of arrays.
+    """
+    import zipfile
+
+    from mjbench.simulation.starts import StartPlan
+
+    if states_file is None:
+        return StartPlan(settle_s)
+    if settle_s is not None:
+        raise InputError("give --settle or --states, not both")
+    if not states_file.is_file():
+        raise InputError(f"--states {shown(str(states_file))}: no such file")
+    if not zipfile.is_zipfile(states_file):
+        raise InputError(
+            f"--states {shown(str(states_file))}: not an .npz file, as numpy.savez writes it"
+        )
+    return StartPlan(file=states_file.absolute())
+
+
 COUNT = click.IntRange(1, MAX_COUNT)
 SEED_NUMBER = click.IntRange(0, MAX_SEED)
 JSON = click.option(
@@ -263,9 +289,27 @@ JUDGING = (
     ),
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)
+STARTS = (
+    click.option(
+        "--settle",
+        "settle_s",
+        type=Seconds(zero=True),
+        help="Simulated time for which the model moves before the first start state; 0 starts at"
+        " keyframe 0  [default: 0.1s with a keyframe, 1s without]",
+    ),
+    click.option(
+        "--states",
+        "states_file",
+        metavar="FILE.npz",
+        type=click.Path(path_type=Path),
+        help="Draw start states, and their controls if there are any, from this file of arrays by"
+        " MjData field, as `mjbench.record` returns them.",
+    ),
+)
 SIZES = (
     click.option("--nbatch", type=COUNT, help="Simulations of a block."),
     click.option("--nstep", type=COUNT, help="Steps of each simulation."),
     HOLD,
     SEED,
+    *STARTS,
 )

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench import paths
+from mjbench.comparison import step_costs
 from mjbench.comparison.messages import (
     BlockDisagreed,
     MeasureRequest,
@@ -25,8 +26,10 @@ from mjbench.errors import MachineError, describe
 from mjbench.instrument import machine, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
-from mjbench.simulation import agreement, models, work
+from mjbench.simulation import agreement, models, sampling, starts, work
 from mjbench.simulation.agreement import Difference
+from mjbench.simulation.model_digest import model_digest
+from mjbench.simulation.sampling import Sample, SampleRequest
 
 # Timed rounds: half of the budget for all variants, in at least as many rounds as a 95 % interval
 # needs; the rest for those that may be the fastest, chosen anew every few rounds, because advice
@@ -48,17 +51,23 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     model = models.load(request.source)
     channel.doing(f"stepping {name}")
     size_request = plan.size_request(request.workload_file is not None)
-    sizes = choose_sizes(model, size_request)
-    check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread)
-    patience_s = PATIENCE * sizes.nbatch * sizes.nstep * work.step_s(model)
-    channel.allow_silence(patience_s)
-    workload, observation, spread = work.stable_workload(
-        model, sizes.nbatch, sizes.nstep, plan.hold, plan.seed
+    cost_s = step_costs.step_cost_s(
+        model_digest(model), functools.partial(sampling.settled_step_s, model)
     )
+    sizes = choose_sizes(cost_s, size_request)
+    check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread)
+    max_nstep = starts.max_settling_nstep(cost_s)
+    patience_s = PATIENCE * (sizes.nbatch * sizes.nstep + max_nstep) * work.step_s(model)
+    channel.allow_silence(patience_s)
+    sample = sampling.draw(
+        model,
+        SampleRequest(sizes.nbatch, sizes.nstep, plan.hold, plan.seed, plan.starts, max_nstep),
+    )
+    workload, observation = sample.workload, sample.observation
     if request.workload_file:
         save_workload(workload, observation.peaks, request.workload_file)
     case = ReferenceCase.create(workload, observation)
-    channel.send(_model_ready(case, sizes, spread))
+    channel.send(_model_ready(case, sizes, sample))
     needs_contact = observation.start_contacts == 0
     contact_case = ReferenceCase.in_contact(plan.hold, plan.seed) if needs_contact else None
     prepared_by_index: dict[int, paths.Prepared] = {}
@@ -79,7 +88,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     case.resources.close()
 
 
-def _model_ready(case: ReferenceCase, sizes: BlockSizes, spread: float) -> ModelReady:
+def _model_ready(case: ReferenceCase, sizes: BlockSizes, sample: Sample) -> ModelReady:
     workload, observation = case.workload, case.observation
     return ModelReady(
         facts=work.describe(workload.model),
@@ -91,7 +100,8 @@ def _model_ready(case: ReferenceCase, sizes: BlockSizes, spread: float) -> Model
         diverged=sizes.nbatch - workload.nbatch,
         divergence=observation.diagnosis(),
         warnings=observation.other_warnings(),
-        spread=spread,
+        spread=sample.spread,
+        starts=sample.starts,
         workload_digest=workload.digest(),
         state_digest=agreement.digest(observation.final_state),
         start_contacts=observation.start_contacts,

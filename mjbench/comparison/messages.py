@@ -11,6 +11,7 @@ from pathlib import Path
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import Status
 
@@ -73,6 +74,7 @@ class ModelReady:
       divergence: why, such as `BADQACC in 3`.
       warnings: how many of the simulations that did not diverge raised each other warning.
       spread: factor by which starts and controls were narrowed; 1 unless more would diverge.
+      starts: where start states came from.
       workload_digest: names start states, controls and hold, bit by bit.
       state_digest: names the reference run's final states, bit by bit.
       start_contacts: contacts at the first simulation's start.
@@ -89,6 +91,7 @@ class ModelReady:
     divergence: str
     warnings: Mapping[str, int]
     spread: float
+    starts: Starts
     workload_digest: str
     state_digest: str
     start_contacts: int

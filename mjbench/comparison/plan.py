@@ -6,6 +6,7 @@ from typing import Any
 
 from mjbench.comparison.sizes import SizeRequest
 from mjbench.paths.parallelism import nthread
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 
 # Seconds of timing for each model.
 BUDGET_S = 8.0
@@ -45,6 +46,7 @@ class ComparisonPlan:
       nstep: steps per simulation; None likewise.
       hold: steps per control.
       seed: of start states and controls.
+      starts: where start states are to come from.
       budget_s: seconds of timing per model.
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.
@@ -56,6 +58,7 @@ class ComparisonPlan:
     nstep: int | None = None
     hold: int = 1
     seed: int = 0
+    starts: StartPlan = DEFAULT_STARTS
     budget_s: float = BUDGET_S
     limit_s: float = LIMIT_S
     import_from: str | None = None

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
 from mjbench.status import FINISHED, Status
 
@@ -43,6 +44,7 @@ class ModelRecord:
       diverged: simulations left out because they diverged.
       divergence: the warnings they raised.
       warnings: how many of the simulations that did not diverge raised each other warning.
+      starts: where start states came from.
       workload_digest: names start states, controls and hold.
       state_digest: names the reference run's final states.
       start_contacts: contacts at the first simulation's start.
@@ -66,6 +68,7 @@ class ModelRecord:
     divergence: str | None = None
     warnings: Mapping[str, NonNegativeInt] | None = None
     spread: float | None = None
+    starts: Starts | None = None
     workload_digest: str | None = None
     state_digest: str | None = None
     start_contacts: int | None = None

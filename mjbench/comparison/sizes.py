@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 
 from mjbench.instrument import machine
-from mjbench.simulation import compat, work
+from mjbench.simulation import compat
 from mjbench.simulation.workload import whole_holds
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
@@ -56,13 +56,12 @@ class BlockSizes:
     reduced: bool
 
 
-def choose_sizes(model: mujoco.MjModel, request: SizeRequest) -> BlockSizes:
-    """Return the sizes asked for; those not asked for are chosen by what a step costs."""
+def choose_sizes(step_s: float, request: SizeRequest) -> BlockSizes:
+    """Return the sizes asked for; those not asked for are chosen by the seconds of a step."""
     hold = request.hold
     nbatch = request.nbatch or NBATCH
     nstep = request.nstep or whole_holds(NSTEP, hold)
     usual = (nbatch, nstep)
-    step_s = work.step_s(model)
     if nbatch * nstep * step_s <= LONG_BLOCK_S:
         return BlockSizes(nbatch, nstep, reduced=False)
     steps = max(1, int(BLOCK_S / step_s))

@@ -6,9 +6,11 @@ and start again from zero, whenever the marker is called.
 """
 
 import pickle
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.sizes import check_memory
@@ -16,7 +18,7 @@ from mjbench.counts import messages
 from mjbench.counts.messages import CountedWork, ModelAnswer, ModelRequest
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.releases import install_check
-from mjbench.simulation import models, work, workload
+from mjbench.simulation import models, sampling, work, work_check, workload
 
 # A function of the engine that nothing else calls, and how often it is called for each model.
 MARKER = "mj_version"
@@ -49,7 +51,7 @@ def _outcome(request: ModelRequest) -> CountedWork | Failure:
 
 def _step_between_markers(request: ModelRequest) -> CountedWork:
     model = models.load(request.source)
-    shared = _workload(model, request)
+    shared, probe = _workload(model, request)
     observation = work.observe(shared)
     run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
     run()
@@ -62,20 +64,23 @@ def _step_between_markers(request: ModelRequest) -> CountedWork:
         work=observation.work,
         diverged=int((~observation.healthy).sum()),
         warnings=observation.other_warnings(),
-        after=work.one_step(model, shared.initial_state),
+        healthy=observation.healthy,
+        followed=work_check.follow(shared, probe),
     )
 
 
-def _workload(model: mujoco.MjModel, request: ModelRequest) -> workload.Workload:
-    """Return the workload of a request; create its file where it is missing."""
+def _workload(
+    model: mujoco.MjModel, request: ModelRequest
+) -> tuple[workload.Workload, Mapping[str, np.ndarray]]:
+    """Return the workload of a request, and its probe; create its file where it is missing."""
     file = request.workload_file
     if not file.is_file():
-        check_memory(model, request.nbatch, request.nstep)
-        created, _, _ = work.stable_workload(
-            model, request.nbatch, request.nstep, request.hold, request.seed
-        )
+        check_memory(model, request.sample.nbatch, request.sample.nstep)
+        created = work_check.portable(sampling.draw(model, request.sample).workload)
         partial = file.with_suffix(".part")  # a killed program must leave no half of a file
-        partial.write_bytes(pickle.dumps(workload.portable(created)))
+        partial.write_bytes(pickle.dumps(created))
         partial.rename(file)
     # read back even if it was just created: every release restores the same numbers
-    return workload.restore(model, pickle.loads(file.read_bytes()))
+    portable: workload.PortableWorkload = pickle.loads(file.read_bytes())
+    assert portable.probe is not None, "a workload is drawn with states along it"
+    return workload.restore(model, portable), portable.probe

@@ -31,7 +31,8 @@ from mjbench.paired.records import (
     WarningsPair,
     WorkPair,
 )
-from mjbench.simulation import agreement
+from mjbench.simulation import agreement, work_check
+from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -207,6 +208,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
     work = None
     if not failed and baseline.work and candidate.work:
         work = WorkPair(baseline.work, candidate.work)
+    drift = state_drift(baseline, candidate)
     details = [f"MuJoCo {c.release}: {c.detail}" for c in (baseline, candidate) if c.detail]
     return VerdictRow(
         model=candidate.model,
@@ -221,21 +223,22 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         ratio=ratio,
         changed_work=None if failed else bool(_work_changes(baseline, candidate)),
         work=work,
-        drift=drift(baseline, candidate),
+        drift=drift.one_step if drift else None,
+        run_drift=drift.runs if drift else (),
         diverged=DivergedPair(baseline.diverged, candidate.diverged),
         warnings=WarningsPair(baseline.warnings or {}, candidate.warnings or {}),
         seconds=baseline.seconds + candidate.seconds,
     )
 
 
-def drift(baseline: ModelCount, candidate: ModelCount) -> float | None:
-    """Return the largest difference of one step from the same states; None if it is unknown.
-
-    It is that of any number in qpos, qvel and act, in SI units.
-    """
-    if baseline.after is None or candidate.after is None:
+def state_drift(baseline: ModelCount, candidate: ModelCount) -> StateDrift | None:
+    """Return how far the states of two counts differ; None if it is unknown."""
+    if baseline.followed is None or candidate.followed is None:
         return None
-    return agreement.drift(candidate.after, baseline.after)
+    assert baseline.healthy is not None and candidate.healthy is not None, "both were counted"
+    return work_check.drift(
+        baseline.followed, candidate.followed, baseline.healthy & candidate.healthy
+    )
 
 
 def _target_row(count: ModelCount) -> TargetRow:
@@ -264,10 +267,11 @@ def _verdict(ratio: Ratio, min_effect: float) -> Verdict:
 
 def _work_changes(baseline: ModelCount, candidate: ModelCount) -> list[str]:
     """Return how the work of the two differs, for people; empty where it is the same."""
+    drift = state_drift(baseline, candidate)
     return agreement.work_changes(
         baseline.work,
         candidate.work,
-        drift(baseline, candidate),
+        drift.one_step if drift else None,
         (baseline.diverged, candidate.diverged),
     )
 

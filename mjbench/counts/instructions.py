@@ -31,11 +31,16 @@ from mjbench.paired import release_python
 from mjbench.paired.preparation import Sizes
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.work_check import Followed
+from mjbench.simulation.workload import whole_holds
 from mjbench.status import Status
 
 # Simulations and steps of each, unless the sizes say otherwise. Callgrind runs about fifty times
 # slower than the processor.
 NBATCH, NSTEP = 2, 50
+# Steps of the run along which starts are sampled, at most: they are counted as slowly.
+MAX_SETTLING_NSTEP = 2000
 # A random hash seed changes how Python's dictionaries collide, and with that the counts.
 HASH_SEED = "0"
 # Above these thresholds glibc copies and clears memory with one instruction, `rep movsb` or
@@ -55,13 +60,15 @@ class ModelCount(InstructionsRow):
     Attributes:
       places: where the code of each of the functions lies that were executed, by name.
       calls: (caller, callee) of them.
-      after: qpos, qvel and act by name, each (nbatch, size), one step after each start state, in
-        SI units; None where the model was not counted.
+      healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not
+        counted.
+      followed: what the release did from the states of the workload's probe; None likewise.
     """
 
     places: Mapping[str, Sequence[CodePlace]] = field(default_factory=dict)
     calls: AbstractSet[tuple[str, str]] = frozenset()
-    after: Mapping[str, np.ndarray] | None = None
+    healthy: np.ndarray | None = None
+    followed: Followed | None = None
 
     def row(self) -> InstructionsRow:
         """Return the row of `mjbench instructions --json`."""
@@ -147,10 +154,14 @@ class InstructionCounter:
         return ModelRequest(
             source,
             workload_file=self._workload_files.setdefault(source, unused),
-            nbatch=sizes.nbatch or NBATCH,
-            nstep=sizes.nstep or sizes.hold * max(1, NSTEP // sizes.hold),
-            hold=sizes.hold,
-            seed=sizes.seed,
+            sample=SampleRequest(
+                sizes.nbatch or NBATCH,
+                sizes.nstep or whole_holds(NSTEP, sizes.hold),
+                sizes.hold,
+                sizes.seed,
+                sizes.starts,
+                MAX_SETTLING_NSTEP,
+            ),
         )
 
 
@@ -291,7 +302,8 @@ def _model_count(
         warnings=counted.warnings,
         places={name: profile.places[name] for name in executed},
         calls={arc for arc in profile.arcs if executed.issuperset(arc)},
-        after=counted.after,
+        healthy=counted.healthy,
+        followed=counted.followed,
     )
 
 

@@ -14,7 +14,9 @@ import numpy as np
 
 from mjbench.errors import Failure
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import Followed
 
 
 @dataclass(frozen=True)
@@ -24,18 +26,12 @@ class ModelRequest:
     Attributes:
       source: of the model.
       workload_file: a pickle of `workload.portable`; the program creates it where it is missing.
-      nbatch: simulations of a workload to create.
-      nstep: steps of each.
-      hold: steps that each control is held.
-      seed: decides start states and controls.
+      sample: the workload to create.
     """
 
     source: ModelSource
     workload_file: Path
-    nbatch: int
-    nstep: int
-    hold: int
-    seed: int
+    sample: SampleRequest
 
 
 @dataclass(frozen=True)
@@ -60,14 +56,16 @@ class CountedWork:
       work: contacts, constraints, solver iterations per step.
       diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning, by its name.
-      after: qpos, qvel and act, each (nbatch, size), one step after each start, in SI units.
+      healthy: (nbatch,) bool: the simulations that did not diverge.
+      followed: what the release did from the states of the workload's probe.
     """
 
     steps: int
     work: Work
     diverged: int
     warnings: Mapping[str, int]
-    after: Mapping[str, np.ndarray]
+    healthy: np.ndarray
+    followed: Followed
 
 
 @dataclass(frozen=True, eq=False)

@@ -243,8 +243,8 @@ def interval_beside(
 ) -> Interval:
     """Return the interval of a few launches, whose deviation many others help to estimate.
 
-    The few have a mean of their own. Their deviation is taken to be that of the others, so that three
-    launches have an interval, too.
+    The few have a mean of their own. Their deviation is taken to be that of the others, so that
+    three launches have an interval, too.
 
     Args:
       samples: the few launches.

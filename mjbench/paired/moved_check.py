@@ -11,6 +11,7 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement
 from mjbench.simulation import models
+from mjbench.simulation.sampling import SampleRequest
 
 # A model with many contacts, which most of the engine's loops work on; simulations and steps of it.
 _MODEL, _NBATCH, _NSTEP = "pile", 2, 20
@@ -56,8 +57,8 @@ def _compare(pool: WorkerPool, release: ReleaseSpec, processes: list[WorkerProce
         pool.wait_for(process, release)
         process.call(requests.LoadModel(source.name, source.path, {}))
         if expected is None:
-            workload = process.call(requests.MakeWorkload(_NBATCH, _NSTEP, hold=1, seed=0))
-            file = pool.save(workload)
+            request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP))
+            file = pool.save(process.call(request).workload)
         states = process.call(requests.Observe(file)).final_state
         if expected is None:
             expected = states

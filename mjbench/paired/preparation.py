@@ -4,6 +4,7 @@ Both targets get the same simulations wherever their models have the same size. 
 the plain way; simulations that diverge in either are left out, and the work is compared.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,14 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import requests
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
-from mjbench.simulation import agreement
+from mjbench.simulation import agreement, starts, work_check
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
-from mjbench.simulation.workload import PortableWorkload, whole_holds
+from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.workload import whole_holds
 
 # Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
 # blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
@@ -43,12 +48,14 @@ class Sizes:
       nstep: steps of each simulation; None chooses them from what a step costs.
       hold: steps for which each control is held.
       seed: of start states and controls.
+      starts: where start states are to come from.
     """
 
     nbatch: int | None = None
     nstep: int | None = None
     hold: int = 1
     seed: int = 0
+    starts: StartPlan = DEFAULT_STARTS
 
 
 class BlockSize(NamedTuple):
@@ -65,32 +72,34 @@ class WorkCheck:
     Attributes:
       baseline: work per step of the baseline.
       candidate: work per step of the candidate.
-      drift: largest difference of qpos, qvel and act one step after the same states, in SI units;
-        None where the models differ in size.
+      drift: how far qpos, qvel and act differ; None where the models differ in size.
       diverged: simulations that diverged in the baseline, and in the candidate; none of those is
         timed.
       warnings: how many other simulations raised each warning, in the baseline, and in the
         candidate.
       nbatch: simulations of a block.
       nstep: steps of each.
+      starts: where the start states of the baseline came from.
     """
 
     baseline: Work
     candidate: Work
-    drift: float | None
+    drift: StateDrift | None
     diverged: tuple[int, int]
     warnings: tuple[Mapping[str, int], Mapping[str, int]]
     nbatch: int
     nstep: int
+    starts: Starts
 
     @property
     def changes(self) -> list[str]:
         """How the work changed, in a few words each; empty where it is the same."""
-        return agreement.work_changes(self.baseline, self.candidate, self.drift, self.diverged)
+        one_step = self.drift.one_step if self.drift else None
+        return agreement.work_changes(self.baseline, self.candidate, one_step, self.diverged)
 
     @property
     def changed(self) -> bool:
-        """Whether counters, or the result of one step beyond rounding, differ."""
+        """Whether counters, or the results of single steps beyond rounding, differ."""
         return bool(self.changes)
 
 
@@ -147,8 +156,8 @@ def prepare(
         models = _load(pool, targets, processes)
         time_limit.start()
         block, request = _choose_sizes(targets, sizes, processes, time_limit)
-        workloads = _draw(pool, targets, processes, request)
-        return _prepared(pool, targets, processes, models, workloads, block)
+        drawn = _draw(pool, targets, processes, request)
+        return _prepared(pool, targets, processes, models, drawn, block)
     finally:
         pool.end(processes)
 
@@ -173,22 +182,46 @@ def _choose_sizes(
 ) -> tuple[BlockSize, requests.MakeWorkload]:
     """Return the size of a block, and the request that draws the workload.
 
+    Sizes follow from the costs that tables hold, so they are the same in every run. What is
+    measured now decides only whether time will suffice.
+
     Raises:
       OutOfTimeError: the limit does not allow to draw it, and to launch once.
     """
-    nthread, step_s = max(target.nthread for target in targets), 0.0
+    nthread = max(target.nthread for target in targets)
+    step_s, cost_s, settling_nstep = 0.0, 0.0, 0
     for process in processes:
-        step_s = max(step_s, process.call(requests.MeasureStepCost()))
-        block = _block_size(sizes, nthread, step_s)
+        now = process.call(requests.MeasureStepCost(sizes.starts))
+        settled = functools.partial(process.call, requests.MeasureSettledCost())
+        step_s = max(step_s, now.step_s)
+        cost_s = max(cost_s, step_costs.step_cost_s(now.digest, settled))
+        max_nstep = starts.max_settling_nstep(cost_s)
+        settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
+        block = _block_size(sizes, nthread, cost_s)
         drawn = block.nbatch
         if not sizes.nbatch and nthread == 1:
             drawn *= DRAWN_PER_BLOCK
         time_limit.check_first_launch(
             launch_s(2 * block.nbatch * block.nstep * step_s / nthread),
-            # a step to start from and one run to draw them; a run and a step for each target
-            preparation_s=drawn * (3 * block.nstep + 3) * step_s,
+            preparation_s=(settling_nstep + _drawing_nstep(drawn, block.nstep)) * step_s,
         )
-    return block, requests.MakeWorkload(drawn, block.nstep, sizes.hold, sizes.seed)
+    sample = SampleRequest(
+        drawn,
+        block.nstep,
+        sizes.hold,
+        sizes.seed,
+        sizes.starts,
+        max_nstep,
+    )
+    return block, requests.MakeWorkload(sample)
+
+
+def _drawing_nstep(nbatch: int, nstep: int) -> int:
+    """Return about how many steps it takes to draw a workload, and to see what both do with it."""
+    nprobe, npoint = min(nbatch, work_check.NPROBE), len(work_check.points(nstep))
+    # each simulation: a step to start from, and a run when it is drawn and in each target; probed
+    # ones: a run and single steps as often
+    return nbatch * (3 * nstep + 1) + nprobe * (3 * nstep + 2 * npoint)
 
 
 def _prepared(
@@ -196,7 +229,7 @@ def _prepared(
     targets: tuple[Target, Target],
     processes: Sequence[WorkerProcess],
     models: tuple[Path, Path],
-    workloads: tuple[PortableWorkload, PortableWorkload],
+    drawn: tuple[requests.DrawnWorkload, requests.DrawnWorkload],
     block: BlockSize,
 ) -> Preparation:
     """See what each target does with its workload; save what is to be timed.
@@ -206,10 +239,11 @@ def _prepared(
       targets: baseline and candidate.
       processes: of the targets.
       models: files of the models.
-      workloads: of the targets.
+      drawn: workloads of the targets.
       block: what is timed at a time.
     """
-    shared = workloads[0] is workloads[1]
+    shared = drawn[0] is drawn[1]
+    workloads = [each.workload for each in drawn]
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
         with pool.saved(workload) as file:
@@ -220,11 +254,12 @@ def _prepared(
     work_check = WorkCheck(
         baseline=baseline.work,
         candidate=candidate.work,
-        drift=_drift(baseline, candidate, rows[0]) if shared else None,
+        drift=_drift(baseline, candidate) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(block.nbatch, nsim),
         nstep=block.nstep,
+        starts=drawn[0].starts,
     )
     files = (
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
@@ -239,7 +274,7 @@ def _block_size(sizes: Sizes, nthread: int, step_s: float) -> BlockSize:
     Args:
       sizes: as the user asked.
       nthread: threads of the target that has more.
-      step_s: seconds of a step of the target that is slower.
+      step_s: seconds of a step of the target that is slower, as tables have it.
     """
     block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
     steps, hold = max(1, int(block_s / step_s)), sizes.hold
@@ -255,17 +290,17 @@ def _draw(
     targets: Sequence[Target],
     processes: Sequence[WorkerProcess],
     request: requests.MakeWorkload,
-) -> tuple[PortableWorkload, PortableWorkload]:
+) -> tuple[requests.DrawnWorkload, requests.DrawnWorkload]:
     """Return the workload of each target: the same one, unless their models differ in size."""
-    workload = processes[0].call(request)
+    drawn = processes[0].call(request)
     try:
-        with pool.saved(workload) as file:
+        with pool.saved(drawn.workload) as file:
             processes[1].call(requests.TakeWorkload(file))
     except InputError:
         if targets[0].model == targets[1].model:
             raise
-        return workload, processes[1].call(request)
-    return workload, workload
+        return drawn, processes[1].call(request)
+    return drawn, drawn
 
 
 def _rows_to_time(
@@ -297,14 +332,7 @@ def _rows_to_time(
     return baseline[:count], candidate[:count]
 
 
-def _drift(
-    baseline: requests.Observed, candidate: requests.Observed, rows: np.ndarray
-) -> float | None:
-    """Return how far one step from the same states differs; None where the sizes differ."""
-    before, after = (
-        {field: values[rows] for field, values in observed.after_one_step.items()}
-        for observed in (baseline, candidate)
-    )
-    if any(after[field].shape != values.shape for field, values in before.items()):
-        return None
-    return agreement.drift(after, before)
+def _drift(baseline: requests.Observed, candidate: requests.Observed) -> StateDrift | None:
+    """Return how far the states of two targets differ; None where the sizes differ."""
+    is_compared = baseline.healthy & candidate.healthy
+    return work_check.drift(baseline.followed, candidate.followed, is_compared)

@@ -16,7 +16,9 @@ from mjbench.instrument.bounds import (
 )
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import RunDrift
 from mjbench.status import FINISHED, Status
 
 
@@ -116,11 +118,14 @@ class VerdictRow:
       placement: of machine code; None for instructions.
       changed_work: whether the two do other work.
       work: contacts, constraints, solver iterations per step.
-      drift: largest difference of qpos, qvel and act one step after the same states, in SI units.
+      drift: largest difference of qpos, qvel and act one step after the same states, at several
+        points of the run, relative to each field (see `work_check.StateDrift`).
+      run_drift: the same for runs from the same starts, at several points.
       diverged: simulations that diverged; none of them is timed.
       warnings: how many of the others raised each warning of MuJoCo.
       nbatch: simulations of a block.
       nstep: steps of each.
+      starts: where start states came from; of the baseline where the two differ in size.
       launches: in all, those as shipped included.
       pairs: of blocks, over all launches.
       seconds: from start to verdict.
@@ -141,10 +146,12 @@ class VerdictRow:
     changed_work: bool | None = None
     work: WorkPair | None = None
     drift: float | None = None
+    run_drift: Sequence[RunDrift] = ()
     diverged: DivergedPair | None = None
     warnings: WarningsPair | None = None
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
+    starts: Starts | None = None
     launches: NonNegativeInt = 0
     pairs: NonNegativeInt = 0
     seconds: NonNegativeFloat = 0.0

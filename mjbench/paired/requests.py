@@ -19,8 +19,11 @@ from mjbench.releases.placement import Placement
 if TYPE_CHECKING:
     import numpy as np
 
+    from mjbench.simulation.sampling import SampleRequest
+    from mjbench.simulation.starts import StartPlan, Starts
     from mjbench.simulation.work import Work
-    from mjbench.simulation.workload import PortableWorkload  # noqa: F401  a type parameter
+    from mjbench.simulation.work_check import Followed
+    from mjbench.simulation.workload import PortableWorkload
 
 Answer = TypeVar("Answer")
 
@@ -103,21 +106,30 @@ class SaveModel(Request[None]):
 
 
 @dataclass(frozen=True)
-class MeasureStepCost(Request[float]):
-    """Return about how long one step takes, in seconds."""
+class MeasureStepCost(Request["StepCost"]):
+    """Return about how long one step takes now, at the start, and the model's digest.
+
+    Attributes:
+      starts: where start states are to come from.
+    """
+
+    activity = "measuring a step"
+    starts: "StartPlan"
+
+
+@dataclass(frozen=True)
+class MeasureSettledCost(Request[float]):
+    """Return about how many seconds one step takes in the model's typical regime."""
 
     activity = "measuring a step"
 
 
 @dataclass(frozen=True)
-class MakeWorkload(Request["PortableWorkload"]):
-    """Draw a workload for the loaded model (see `work.stable_workload`)."""
+class MakeWorkload(Request["DrawnWorkload"]):
+    """Draw a workload for the loaded model (see `sampling.draw`)."""
 
     activity = "making the workload"
-    nbatch: int
-    nstep: int
-    hold: int
-    seed: int
+    sample: "SampleRequest"
 
 
 @dataclass(frozen=True)
@@ -180,6 +192,34 @@ class CountCores(Request[float]):
     nthread: int
 
 
+@dataclass(frozen=True)
+class StepCost:
+    """What a step costs.
+
+    Attributes:
+      digest: of the model (see `model_digest`).
+      step_s: seconds of a step at the start, as they are now.
+      settling_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
+    """
+
+    digest: str
+    step_s: float
+    settling_nstep: int
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnWorkload:
+    """A workload that was drawn, with states along it (see `work_check.probe`).
+
+    Attributes:
+      workload: what both targets do.
+      starts: where its start states came from.
+    """
+
+    workload: "PortableWorkload"
+    starts: "Starts"
+
+
 @dataclass(frozen=True, eq=False)
 class Observed:
     """What a target did with a workload, stepped the plain way.
@@ -190,7 +230,7 @@ class Observed:
       diagnosis: why others diverged, such as `BADQACC in 3`; empty without any.
       warnings: how many healthy simulations raised each other warning, by its name.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
-      after_one_step: qpos, qvel and act, each (nbatch, size), one step after each start.
+      followed: what the target did from the states of the workload's probe.
     """
 
     work: "Work"
@@ -198,4 +238,4 @@ class Observed:
     diagnosis: str
     warnings: Mapping[str, int]
     final_state: "np.ndarray"
-    after_one_step: Mapping[str, "np.ndarray"]
+    followed: "Followed"

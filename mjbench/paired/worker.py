@@ -72,6 +72,7 @@ class Worker:
             requests.LoadModel: self._load_model,
             requests.SaveModel: self._save_model,
             requests.MeasureStepCost: self._measure_step_cost,
+            requests.MeasureSettledCost: self._measure_settled_cost,
             requests.MakeWorkload: self._make_workload,
             requests.TakeWorkload: self._take_workload,
             requests.Observe: self._observe,
@@ -130,28 +131,37 @@ class Worker:
         if size < mujoco.mj_sizeModel(self.model):
             raise MachineError(f"cannot write {request.file}: is the disk full?")
 
-    def _measure_step_cost(self, request: requests.MeasureStepCost) -> float:
-        from mjbench.simulation import work
+    def _measure_step_cost(self, request: requests.MeasureStepCost) -> requests.StepCost:
+        from mjbench.simulation import starts, work
+        from mjbench.simulation.model_digest import model_digest
 
-        return work.step_s(self.model)
-
-    def _make_workload(self, request: requests.MakeWorkload) -> "PortableWorkload":
-        from mjbench.comparison.sizes import check_memory
-        from mjbench.simulation import work, workload
-
-        check_memory(self.model, request.nbatch, request.nstep)
-        stable, _, _ = work.stable_workload(
-            self.model, request.nbatch, request.nstep, request.hold, request.seed
+        return requests.StepCost(
+            model_digest(self.model),
+            work.step_s(self.model),
+            starts.settling_nstep(self.model, request.starts),
         )
-        return workload.portable(stable)
+
+    def _measure_settled_cost(self, request: requests.MeasureSettledCost) -> float:
+        from mjbench.simulation import sampling
+
+        return sampling.settled_step_s(self.model)
+
+    def _make_workload(self, request: requests.MakeWorkload) -> requests.DrawnWorkload:
+        from mjbench.comparison.sizes import check_memory
+        from mjbench.simulation import sampling, work_check
+
+        check_memory(self.model, request.sample.nbatch, request.sample.nstep)
+        sample = sampling.draw(self.model, request.sample)
+        return requests.DrawnWorkload(work_check.portable(sample.workload), sample.starts)
 
     def _take_workload(self, request: requests.TakeWorkload) -> None:
         self._read_workload(request.file)
 
     def _observe(self, request: requests.Observe) -> requests.Observed:
-        from mjbench.simulation import work
+        from mjbench.simulation import work, work_check
 
-        self._read_workload(request.workload_file)
+        portable = self._read_workload(request.workload_file)
+        assert portable.probe is not None, "a workload is drawn with states along it"
         observation = work.observe(self.workload)
         return requests.Observed(
             work=observation.work,
@@ -159,7 +169,7 @@ class Worker:
             diagnosis=observation.diagnosis(),
             warnings=observation.other_warnings(),
             final_state=observation.final_state,
-            after_one_step=work.one_step(self.model, self.workload.initial_state),
+            followed=work_check.follow(self.workload, portable.probe),
         )
 
     def _equip(self, request: requests.Equip) -> None:
@@ -170,12 +180,13 @@ class Worker:
         self._read_workload(request.workload_file)
         paths.registry()  # imports every path
 
-    def _read_workload(self, file: Path) -> None:
+    def _read_workload(self, file: Path) -> "PortableWorkload":
         from mjbench.simulation import workload
 
-        portable = pickle.loads(file.read_bytes())
+        portable: PortableWorkload = pickle.loads(file.read_bytes())
         self.workload = workload.restore(self.model, portable)
         self.final_state = portable.final_state
+        return portable
 
     def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths

@@ -97,6 +97,7 @@ def _heading(model: ModelRecord) -> list[str | Text]:
             f"The spread of starts and controls is scaled by {model.spread:g}:"
             " with more, most simulations diverge"
         )
+    lines += tables.starts_lines(model.starts)
     if model.diverged:
         lines.append(f"{model.diverged} simulations diverged and are left out ({model.divergence})")
     lines += tables.warning_lines(model.warnings)

@@ -15,6 +15,7 @@ from mjbench.instrument.runs import Record
 from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -43,6 +44,7 @@ class PathResult:
       nbatch: simulations.
       nstep: steps of each.
       hold: steps per control.
+      starts: where start states came from.
       diverged: simulations left out because they diverged.
       warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
@@ -75,6 +77,7 @@ class PathResult:
     nbatch: int | None = None
     nstep: int | None = None
     hold: int | None = None
+    starts: Starts | None = None
     diverged: int | None = None
     warnings: Mapping[str, int] | None = None
     steps_per_s: float | None = None
@@ -148,7 +151,9 @@ def derive(model: ModelRecord, measurements: Sequence[MeasurementRecord]) -> Mod
     """Return the results of one model at one size from its records."""
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
     timestep = model.facts.timestep if model.facts else 0.0
-    return ModelResults(model, tuple(_result(m, base, timestep) for m in measurements))
+    return ModelResults(
+        model, tuple(replace(_result(m, base, timestep), starts=model.starts) for m in measurements)
+    )
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
+from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.status import ExitCode
 
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 116
@@ -80,6 +81,17 @@ def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
     if other:
         lines.append(f"MuJoCo warned ({_simulations(other)}) but the simulations did not diverge")
     return lines
+
+
+def starts_lines(starts: Starts | None) -> list[str]:
+    """Return how starts were sampled where that is not what was asked for, a line each."""
+    if starts is None or starts.limit is None:
+        return []
+    asked = f"{plain(starts.asked_s, 3)} s"
+    if starts.limit == SettleLimit.COST:
+        settled = f"{plain(starts.settle_s, 3)} s"
+        return [f"The model settled for {settled} instead of {asked}, because its steps are slow"]
+    return [f"Starts are at the keyframe: settled for {asked}, the model diverges"]
 
 
 def _simulations(counts: Mapping[str, int]) -> str:

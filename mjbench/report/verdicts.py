@@ -21,7 +21,8 @@ def print_table(out: Console, rows: Sequence[VerdictRow]) -> None:
     out.print(table)
     for row in rows:
         out.print(describe_verdict(row), soft_wrap=True)
-        for line in _warning_lines(row):
+        starts_lines = [f"  {line}" for line in tables.starts_lines(row.starts)]
+        for line in [*starts_lines, *_warning_lines(row)]:
             out.print(line, soft_wrap=True)
 
 
@@ -31,10 +32,18 @@ def describe_verdict(row: VerdictRow) -> str:
     if row.verdict is None or row.ratio is None:
         outcome = f"{row.verdict}: " if row.verdict else ""
         return f"{name}: {outcome}{row.detail or 'not measured'}"
-    work = f"changed work: {describe_work(row)}" if row.changed_work else "same work"
+    work = f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
     detail = f"; {row.detail}" if row.detail else ""
     ratio = _describe_ratio(row.verdict, row.ratio)
     return f"{name}: {ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
+
+
+def _same_work(row: VerdictRow) -> str:
+    """Return that the work is the same, and where runs drift apart nevertheless."""
+    drifted = next((d for d in row.run_drift if d.difference > agreement.ROUNDING), None)
+    if drifted is None:
+        return "same work"
+    return f"same work (runs drift apart: by {drifted.difference:.0e} after {drifted.step} steps)"
 
 
 def _warning_lines(row: VerdictRow) -> list[str]:

@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 
 # Counters that differ by more than this share of the larger one mean that the work differs.
 SAME_WORK = 0.005
-# A smaller difference after one step, in SI units, is rounding: the order of additions changed.
+# A smaller difference after one step is rounding: the order of additions changed.
 ROUNDING = 1e-9
+# Differences are relative to the largest magnitude of their field, but never to less than this, in
+# SI units: where a model rests, velocities are rounding themselves.
+LEAST_SCALE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,38 @@ def drift(after: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) 
     return largest
 
 
+def scales(fields: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return what differences of each field are relative to: its largest finite magnitude.
+
+    It is at least LEAST_SCALE.
+
+    Args:
+      fields: arrays of any shape by MjData field.
+    """
+    return {
+        field: max(LEAST_SCALE, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
+        for field, values in fields.items()
+    }
+
+
+def relative_drift(
+    got: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray], scales: Mapping[str, float]
+) -> float:
+    """Return the largest difference of any field, relative to the field's scale.
+
+    A NaN in either of them counts as an infinite difference.
+
+    Args:
+      got: arrays by MjData field.
+      reference: arrays of the same shapes.
+      scales: of each field (see `scales`).
+    """
+    return max(
+        (drift({field: got[field]}, {field: reference[field]}) / scales[field] for field in got),
+        default=0.0,
+    )
+
+
 def work_changes(
     baseline: "Work | None",
     candidate: "Work | None",
@@ -125,7 +160,7 @@ def work_changes(
     Args:
       baseline: work per step; None if unknown.
       candidate: the same.
-      drift: largest difference one step after the same states; None if unknown.
+      drift: largest relative difference one step after the same states; None if unknown.
       diverged: how many simulations diverge in the baseline, and in the candidate.
     """
     changes = []

@@ -141,12 +141,15 @@ def batch_unavailable() -> str | None:
     return None
 
 
-def solver_iterations(data: mujoco.MjData) -> int:
-    """Return the solver iterations of the last step, summed over constraint islands."""
+def solver_iterations(data: mujoco.MjData) -> np.ndarray:
+    """Return (nisland,) solver iterations of the last step, one entry per constraint island.
+
+    A release that solves all constraints together, or has islands disabled, has one entry.
+    """
     if hasattr(data, "solver_niter"):
         islands = max(1, min(int(data.nisland), len(data.solver_niter)))
-        return int(data.solver_niter[:islands].sum())
-    return int(data.solver_iter)
+        return np.array(data.solver_niter[:islands])
+    return np.array([data.solver_iter])
 
 
 def warning_counts(data: mujoco.MjData) -> np.ndarray:
@@ -208,3 +211,18 @@ def enum_name(enum: Any, value: int, prefix: str) -> str:
         if name.startswith(prefix) and int(getattr(enum, name)) == int(value):
             return name.removeprefix(prefix).lower()
     return str(int(value))
+
+
+def flag_names(model: mujoco.MjModel) -> list[str]:
+    """Return the names of the flags that are set in `opt.disableflags` and `opt.enableflags`."""
+    flags = (
+        (mujoco.mjtDisableBit, "mjDSBL_", int(model.opt.disableflags)),
+        (mujoco.mjtEnableBit, "mjENBL_", int(model.opt.enableflags)),
+    )
+    return sorted(
+        name
+        for enum, prefix, bits in flags
+        for name in dir(enum)
+        if name.startswith(prefix) and int(getattr(enum, name)).bit_count() == 1
+        if int(getattr(enum, name)) & bits
+    )

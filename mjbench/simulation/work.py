@@ -7,19 +7,15 @@ compared with its final states. It is never timed.
 
 import dataclasses
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import InputError
 from mjbench.simulation import compat
-from mjbench.simulation.workload import Workload, make, start_data
+from mjbench.simulation.workload import Workload, start_data
 
-# Spreads of starts and controls, tried in turn until few simulations diverge.
-SPREADS = (1.0, 0.1, 0.01, 0.0)
-# The share of simulations that must not diverge.
-_LEAST_HEALTHY = 0.25
 # How long to measure the time of a step: at most this many times, and about this long in seconds.
 _COST_CALLS, _COST_S = 50, 0.05
 # A step of so many seconds is measured once: what warms up hardly counts.
@@ -33,7 +29,8 @@ class Work:
     Attributes:
       contacts: contacts (`data.ncon`) per step.
       constraints: scalar constraints (`data.nefc`) per step.
-      solver_iterations: solver iterations per step, summed over constraint islands.
+      solver_iterations: solver iterations per step, those of the constraint island with the most:
+        a release that solves all islands together takes about as many.
     """
 
     contacts: float
@@ -70,6 +67,7 @@ class Observation:
       work: of a step, averaged over the healthy simulations.
       peaks: maxima over all steps of all simulations.
       start_contacts: contacts at the first simulation's start.
+      summed_iterations: solver iterations of a step, summed over constraint islands.
     """
 
     final_state: np.ndarray
@@ -78,6 +76,7 @@ class Observation:
     work: Work
     peaks: Peaks
     start_contacts: int
+    summed_iterations: float
 
     def diagnosis(self) -> str:
         """Return why simulations diverged and how many, such as `BADQACC in 3`."""
@@ -128,7 +127,7 @@ def observe(workload: Workload) -> Observation:
     data = mujoco.MjData(model)
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
-    sums, maxima = np.zeros((workload.nbatch, 3)), np.zeros((workload.nbatch, 3), dtype=int)
+    sums, maxima = np.zeros((workload.nbatch, 4)), np.zeros((workload.nbatch, 4), dtype=int)
     for i in range(workload.nbatch):
         mujoco.mj_resetData(model, data)
         compat.set_state(model, data, workload.initial_state[i], spec)
@@ -139,14 +138,16 @@ def observe(workload: Workload) -> Observation:
     bad = warnings[:, compat.divergence_warnings()].any(axis=1)
     healthy = ~bad & np.isfinite(final_state).all(axis=1)
     mean = sums[healthy].sum(axis=0) / max(1, int(healthy.sum()) * workload.nstep)
-    contacts, constraints, _ = maxima.max(axis=0)
+    contacts, constraints, *_ = maxima.max(axis=0)
+    *means, summed_iterations = map(float, mean)
     return Observation(
         final_state,
         warnings,
         healthy,
-        Work(*map(float, mean)),
+        Work(*means),
         Peaks(int(contacts), int(constraints)),
         _start_contacts(workload),
+        summed_iterations,
     )
 
 
@@ -161,34 +162,16 @@ def observe_healthy(workload: Workload) -> tuple[Workload, Observation]:
     return healthy, dataclasses.replace(observation, final_state=final_state)
 
 
-def stable_workload(
-    model: mujoco.MjModel, nbatch: int, nstep: int, hold: int, seed: int
-) -> tuple[Workload, Observation, float]:
-    """Return the workload with the widest spread of starts at which few simulations diverge.
+def step_s(model: mujoco.MjModel, state: np.ndarray | None = None) -> float:
+    """Return about how long one step takes, in seconds.
 
-    A spread is accepted if at least a quarter of the simulations do not diverge. Arguments are
-    those of `workload.make`.
-
-    Returns:
-      The workload without diverged simulations, its reference run, and the spread.
-
-    Raises:
-      InputError: every simulation diverges.
+    Args:
+      model: to step.
+      state: (nstate,) row of mjSTATE_INTEGRATION to step from; None for keyframe 0.
     """
-    for spread in SPREADS:
-        workload, observation = observe_healthy(make(model, nbatch, nstep, hold, seed, spread))
-        if workload.nbatch >= _LEAST_HEALTHY * nbatch:
-            break
-    if workload.nbatch == 0:
-        raise InputError(
-            f"every simulation diverges ({observation.diagnosis()}); there is nothing to compare"
-        )
-    return workload, observation, spread
-
-
-def step_s(model: mujoco.MjModel) -> float:
-    """Return about how long one step takes at the start state, in seconds."""
     data = start_data(model)
+    if state is not None:
+        compat.set_state(model, data, state, compat.state_spec("INTEGRATION"))
     begin = time.perf_counter()
     mujoco.mj_step(model, data)
     warm_up_s = time.perf_counter() - begin
@@ -204,6 +187,32 @@ def step_s(model: mujoco.MjModel) -> float:
         if now - begin > _COST_S:
             break
     return max(best, 1e-8)
+
+
+def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
+    """Return states of a workload, stepped the plain way, after some numbers of steps.
+
+    Args:
+      workload: to step.
+      nsteps: ascending; 0 is the start, `workload.nstep` the end.
+
+    Returns:
+      (len(nsteps), nbatch, nstate) rows of mjSTATE_INTEGRATION.
+    """
+    model, spec = workload.model, compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
+    states = np.empty((len(nsteps), *workload.initial_state.shape))
+    for i, start in enumerate(workload.initial_state):
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, start, spec)
+        done = 0
+        for point, nstep in enumerate(nsteps):
+            for k in range(done, nstep):
+                data.ctrl[:] = workload.control[i, k // workload.hold]
+                mujoco.mj_step(model, data)
+            done = nstep
+            compat.get_state(model, data, states[point, i], spec)
+    return states
 
 
 def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
@@ -248,14 +257,16 @@ def _count_steps(
     """Step one simulation through (ncontrol, nu) controls, each held for `hold` steps.
 
     Returns:
-      (nstep, 3) contacts, scalar constraints and solver iterations of each step.
+      (nstep, 4) contacts, scalar constraints, and solver iterations of each step: those of the
+      constraint island with the most, and those of all.
     """
     counters = []
     for ctrl in control:
         data.ctrl[:] = ctrl
         for _ in range(hold):
             mujoco.mj_step(model, data)
-            counters.append((int(data.ncon), int(data.nefc), compat.solver_iterations(data)))
+            iterations = compat.solver_iterations(data)
+            counters.append((data.ncon, data.nefc, iterations.max(), iterations.sum()))
     return np.array(counters)
 
 

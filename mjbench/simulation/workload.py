@@ -104,7 +104,7 @@ def make(
     seed: int = 0,
     spread: float = 1.0,
 ) -> Workload:
-    """Return a random but reproducible workload around the model's typical regime.
+    """Return a random but reproducible workload around keyframe 0.
 
     Starts are keyframe 0 (the model's defaults if it has none), perturbed in position and velocity
     and then stepped once. So the warm-start is that of the previous state, as in any simulation;
@@ -122,6 +122,23 @@ def make(
     Raises:
       InputError: sizes below 1, or nstep not a multiple of hold.
     """
+    check_sizes(nbatch, nstep, hold)
+    starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
+    return Workload(
+        model=model,
+        initial_state=_starts(model, nbatch, starts, spread),
+        control=random_controls(model, nbatch, nstep // hold, hold, controls, spread),
+        hold=hold,
+        seed=seed,
+    )
+
+
+def check_sizes(nbatch: int, nstep: int, hold: int) -> None:
+    """Refuse sizes that no workload has.
+
+    Raises:
+      InputError: one is below 1, or nstep is not a multiple of hold.
+    """
     for name, value in (("nbatch", nbatch), ("nstep", nstep), ("hold", hold)):
         if value < 1:
             raise InputError(f"{name} must be at least 1, got {value}")
@@ -130,14 +147,6 @@ def make(
             f"nstep {nstep} is not a multiple of hold {hold};"
             f" {nstep - nstep % hold or hold} or {nstep + hold - nstep % hold} is"
         )
-    starts, controls = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
-    return Workload(
-        model=model,
-        initial_state=_starts(model, nbatch, starts, spread),
-        control=_controls(model, nbatch, nstep // hold, hold, controls, spread),
-        hold=hold,
-        seed=seed,
-    )
 
 
 def fields(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
@@ -183,12 +192,15 @@ class PortableWorkload:
       hold: steps for which each control is held.
       final_state: (nbatch, nstate) states that the simulations must reach, as rows of
         mjSTATE_INTEGRATION in the release that runs them; None where nothing is compared.
+      probe: states along some simulations, by MjData field (see `work_check.probe`); None where
+        nobody compares steps from them.
     """
 
     fields: Mapping[str, np.ndarray]
     control: np.ndarray
     hold: int
     final_state: np.ndarray | None = None
+    probe: Mapping[str, np.ndarray] | None = None
 
     def only(self, rows: np.ndarray, final_state: np.ndarray) -> "PortableWorkload":
         """Return the workload of some simulations.
@@ -257,7 +269,7 @@ def _starts(
     return states
 
 
-def _controls(
+def random_controls(
     model: mujoco.MjModel,
     nbatch: int,
     ncontrol: int,
@@ -265,7 +277,18 @@ def _controls(
     rng: np.random.Generator,
     spread: float,
 ) -> np.ndarray:
-    """Return (nbatch, ncontrol, nu) random controls: an Ornstein-Uhlenbeck process, clipped."""
+    """Return (nbatch, ncontrol, nu) random controls around those of the start.
+
+    They are an Ornstein-Uhlenbeck process, clipped to the control range.
+
+    Args:
+      model: to control.
+      nbatch: number of simulations.
+      ncontrol: controls of each.
+      hold: steps per control.
+      rng: draws them.
+      spread: scales the noise.
+    """
     if model.nu == 0:
         return np.zeros((nbatch, ncontrol, 0))
     centre = np.array(start_data(model).ctrl)

@@ -36,7 +36,7 @@ def test_the_c_program_reaches_the_same_states(
 def test_every_model_has_sizes_for_every_case(name: str) -> None:
     model = models.load(models.resolve(name))
     for hold in {case.hold for case in c_floor.CASES}:
-        sizes = choose_sizes(model, SizeRequest(hold=hold))
+        sizes = choose_sizes(work.step_s(model), SizeRequest(hold=hold))
         assert sizes.nbatch >= 1
         assert sizes.nstep >= hold
         assert sizes.nstep % hold == 0

@@ -65,11 +65,18 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
         (("installed", "installed", "--time-limit", "soon"), "not a time such as 60s"),
         (("installed", "installed", "--paths", "mjx"), "cannot alternate"),
         (("installed", "installed", "--nstep", "5", "--hold", "2"), "not a multiple"),
+        (("installed", "installed", "--states", "no.npz"), "--states no.npz: no such file"),
+        (("installed", "installed", "--states", "empty.npz"), "empty.npz: not an .npz file"),
+        (
+            ("installed", "installed", "--states", "empty.npz", "--settle", "0"),
+            "give --settle or --states, not both",
+        ),
     ],
 )
 def test_bad_arguments_are_reported_in_one_line(
     tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
+    (tmp_path / "empty.npz").touch()
     done = mjbench("versions", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr

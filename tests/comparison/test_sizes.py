@@ -3,53 +3,43 @@ import pytest
 
 from mjbench.comparison.sizes import BlockSizes, SizeRequest, check_memory, choose_sizes
 from mjbench.errors import InputError
-from mjbench.simulation import models, work
+from mjbench.simulation import models
 
 MODEL = models.load(models.resolve("cartpole"))
 
 
-@pytest.fixture
-def step_s(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """A step of ten microseconds, whatever the model and the machine."""
-    monkeypatch.setattr(work, "step_s", lambda model: 1e-5)
-    return monkeypatch
+def choose(step_s: float = 1e-5, **request: int | bool | None) -> BlockSizes:
+    return choose_sizes(step_s, SizeRequest(**request))  # type: ignore[arg-type]
 
 
-def choose(**request: int | bool | None) -> BlockSizes:
-    return choose_sizes(MODEL, SizeRequest(**request))  # type: ignore[arg-type]
+def test_cheap_steps_keep_the_usual_sizes() -> None:
+    assert choose(1e-6) == BlockSizes(64, 200, reduced=False)
+    assert choose(1e-6, hold=7) == BlockSizes(64, 196, reduced=False)
 
 
-def test_cheap_steps_keep_the_usual_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(work, "step_s", lambda model: 1e-6)
-    assert choose() == BlockSizes(64, 200, reduced=False)
-    assert choose(hold=7) == BlockSizes(64, 196, reduced=False)
-
-
-def test_a_long_block_is_reduced_to_about_50_ms(step_s: pytest.MonkeyPatch) -> None:
+def test_a_long_block_is_reduced_to_about_50_ms() -> None:
     sizes = choose()
     assert sizes.reduced
     assert sizes.nbatch * sizes.nstep == pytest.approx(5000, rel=0.05)
-    step_s.setattr(work, "step_s", lambda model: 1e-2)
-    assert choose() == BlockSizes(8, 1, reduced=True)
-    assert choose(nthread=4).nbatch == 16
+    assert choose(1e-2) == BlockSizes(8, 1, reduced=True)
+    assert choose(1e-2, nthread=4).nbatch == 16
 
 
-def test_sizes_that_were_asked_for_stay(step_s: pytest.MonkeyPatch) -> None:
+def test_sizes_that_were_asked_for_stay() -> None:
     assert choose(nbatch=1000, nstep=500) == BlockSizes(1000, 500, reduced=False)
 
 
 @pytest.mark.parametrize(("has_accelerated", "nstep"), [(False, 1), (True, 10)])
 def test_a_large_batch_has_one_step_but_ten_where_paths_compile(
-    has_accelerated: bool, nstep: int, step_s: pytest.MonkeyPatch
+    has_accelerated: bool, nstep: int
 ) -> None:
     sizes = choose(nbatch=65536, nthread=2, has_accelerated=has_accelerated)
     assert sizes == BlockSizes(65536, nstep, reduced=True)
 
 
-@pytest.mark.parametrize("name", models.shipped())
-def test_every_shipped_model_gets_sizes_from_its_own_step(name: str) -> None:
-    model = models.load(models.resolve(name))
-    sizes = choose_sizes(model, SizeRequest(hold=5))
+@pytest.mark.parametrize("step_s", [2.0**-27, 2.0**-17, 2.0**-8, 1.0, 1e6])
+def test_every_cost_gives_whole_holds(step_s: float) -> None:
+    sizes = choose(step_s, hold=5)
     assert sizes.nbatch >= 1
     assert sizes.nstep % 5 == 0
 

@@ -10,6 +10,7 @@ from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, Mode
 from mjbench.errors import Failure
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
 from mjbench.status import Status
 
 INSTALLED = installs.parse_release(installs.INSTALLED)
@@ -34,7 +35,7 @@ def run(
 
 def request_for(model_file: str, workload_file: Path, seed: int = 0) -> ModelRequest:
     source = ModelSource("contact", Path(model_file))
-    return ModelRequest(source, workload_file, nbatch=2, nstep=6, hold=3, seed=seed)
+    return ModelRequest(source, workload_file, SampleRequest(2, 6, hold=3, seed=seed))
 
 
 def test_an_answer_says_what_work_was_done(
@@ -46,7 +47,7 @@ def test_an_answer_says_what_work_was_done(
     assert answer.outcome.steps == 12
     assert answer.outcome.diverged == 0
     assert answer.outcome.work.contacts > 0
-    assert answer.outcome.after["qpos"].shape[0] == 2
+    assert answer.outcome.followed.stepped["qpos"].shape[1] == 2
     assert len(marked) == counted_program.MARKERS
 
 
@@ -60,7 +61,8 @@ def test_the_second_release_does_the_work_that_the_first_one_drew(
     assert file.read_bytes() == workload
     assert isinstance(first.outcome, CountedWork)
     assert isinstance(second.outcome, CountedWork)
-    assert first.outcome.after["qpos"].tolist() == second.outcome.after["qpos"].tolist()
+    stepped, again = (o.outcome.followed.stepped["qpos"] for o in (first, second))
+    assert stepped.tolist() == again.tolist()
 
 
 def test_a_broken_model_leaves_the_numbers_of_later_dumps_as_they_are(

@@ -27,6 +27,7 @@ from mjbench.paired.records import Ratio, TargetRow, VerdictRow
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import Followed
 from mjbench.status import Status
 
 
@@ -122,10 +123,15 @@ def test_a_verdict_on_instructions_is_exact(candidate: float, expected: Verdict)
 
 
 def test_a_step_that_leads_elsewhere_is_changed_work() -> None:
-    here, elsewhere = {"qpos": np.array([[1.0]])}, {"qpos": np.array([[1.0 + 1e-6]])}
-    baseline = replace(counted("1.0", a=1000.0), after=here)
+    here, elsewhere = {"qpos": np.array([[[1.0]]])}, {"qpos": np.array([[[1.0 + 1e-6]]])}
+    healthy = np.ones(1, dtype=bool)
+    baseline = replace(
+        counted("1.0", a=1000.0), healthy=healthy, followed=Followed([0], here, here)
+    )
     for after, is_changed in ((here, False), (elsewhere, True)):
-        candidate = replace(counted("2.0", a=1000.0), after=after)
+        candidate = replace(
+            counted("2.0", a=1000.0), healthy=healthy, followed=Followed([0], here, after)
+        )
         assert explain.verdict_row(baseline, candidate, 0.005).changed_work is is_changed
         lines = summarized(baseline, candidate)
         assert any("changed work" in line for line in lines) is is_changed

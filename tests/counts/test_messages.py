@@ -8,13 +8,17 @@ from mjbench.counts import messages
 from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, ModelRequest
 from mjbench.errors import Failure
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import Followed
 from mjbench.status import Status
 
 
 def test_a_request_is_read_as_it_was_written(tmp_path: Path) -> None:
     source = ModelSource("pile", tmp_path / "pile.xml")
-    model_request = ModelRequest(source, tmp_path / "0.pickle", nbatch=2, nstep=50, hold=5, seed=1)
+    model_request = ModelRequest(
+        source, tmp_path / "0.pickle", SampleRequest(2, 50, hold=5, seed=1)
+    )
     request = CountRequest("4.0.0", (model_request,))
     messages.write_request(tmp_path / "request", request)
     assert messages.read_request(tmp_path / "request") == request
@@ -22,7 +26,9 @@ def test_a_request_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 def test_a_program_killed_while_it_writes_loses_its_last_answer_alone(tmp_path: Path) -> None:
     file = tmp_path / "answers"
-    work = CountedWork(100, Work(1.0, 4.0, 2.0), 0, {}, {"qpos": np.arange(6.0).reshape(2, 3)})
+    run = {"qpos": np.arange(6.0).reshape(1, 2, 3)}
+    healthy, followed = np.ones(2, dtype=bool), Followed([0], run, run)
+    work = CountedWork(100, Work(1.0, 4.0, 2.0), 0, {}, healthy, followed)
     with file.open("wb") as stream:
         messages.append_answer(stream, ModelAnswer("broken", Failure(Status.INPUT, "no joint")))
         first_end = stream.tell()
@@ -32,7 +38,7 @@ def test_a_program_killed_while_it_writes_loses_its_last_answer_alone(tmp_path: 
     assert broken.outcome == Failure(Status.INPUT, "no joint")
     assert isinstance(pile.outcome, CountedWork)
     assert pile.outcome.work == work.work
-    assert np.array_equal(pile.outcome.after["qpos"], work.after["qpos"])
+    assert np.array_equal(pile.outcome.followed.run["qpos"], run["qpos"])
     for end in range(len(content)):
         file.write_bytes(content[:end])
         expected = ["broken"] if end >= first_end else []

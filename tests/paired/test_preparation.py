@@ -2,18 +2,21 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 from mjbench.errors import InputError
-from mjbench.paired import preparation
+from mjbench.paired import preparation, requests
 from mjbench.paired.preparation import Sizes
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
 from mjbench.simulation import models
+from mjbench.simulation.starts import KEYFRAME_SETTLE_S, KEYFRAME_STARTS, StartPlan, Starts
 
 
 def test_models_of_different_size_do_as_many_simulations_each(
@@ -36,7 +39,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
     pool: WorkerPool, stiff: Target
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
-    pair = TargetPair(pool, stiff, candidate, Sizes(nbatch=8, nstep=13))
+    pair = TargetPair(pool, stiff, candidate, Sizes(8, 13, starts=KEYFRAME_STARTS))
     launch = pair.launch()
     pair.close()
     assert pair.work_check.diverged[0] == 0
@@ -51,9 +54,57 @@ def test_identical_targets_do_the_same_work_from_the_same_start(pool: WorkerPool
     check = prepared.work_check
     assert check.baseline == check.candidate
     assert check.baseline.contacts > 0
-    assert check.drift == 0.0
+    assert check.drift is not None
+    assert check.drift.one_step == 0.0
+    assert check.drift.runs[-1].step == check.nstep
+    assert {drift.difference for drift in check.drift.runs} == {0.0}
     assert not check.changed
     assert all(file.is_file() for file in (*prepared.models, *prepared.workloads))
+
+
+def test_runs_with_other_stopwatch_readings_do_identical_work(
+    pool: WorkerPool, contact_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A model's cost is measured when it is first met; later readings change nothing."""
+    target = Target(INSTALLED, models.resolve(contact_file))
+    call, readings_s = WorkerProcess.call, iter((1e-5, 1e-4, 3e-6))
+
+    def call_with_another_clock(process: WorkerProcess, request: requests.Request[Any]) -> Any:
+        answer = call(process, request)
+        if isinstance(request, requests.MeasureStepCost):
+            return replace(answer, step_s=1e-5 * (1 + answer.step_s))
+        if isinstance(request, requests.MeasureSettledCost):
+            return next(readings_s)
+        return answer
+
+    monkeypatch.setattr(WorkerProcess, "call", call_with_another_clock)
+    runs = [preparation.prepare(pool, (target, target), Sizes(), TimeLimit()) for _ in range(2)]
+    first, second = runs
+    assert next(readings_s) == 1e-4  # measured once
+    assert first.work_check == second.work_check
+    assert first.nsim == second.nsim == preparation.DRAWN_PER_BLOCK * first.work_check.nbatch
+    for one, other in zip(first.workloads, second.workloads, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_starts_are_settled_and_the_check_says_so(pool: WorkerPool) -> None:
+    for plan, starts in (
+        (StartPlan(), Starts(KEYFRAME_SETTLE_S, KEYFRAME_SETTLE_S)),
+        (StartPlan(settle_s=0.02), Starts(0.02, 0.02)),
+        (KEYFRAME_STARTS, Starts(0.0, 0.0)),
+    ):
+        sizes = Sizes(nbatch=2, nstep=2, starts=plan)
+        prepared = preparation.prepare(pool, (CUBES, CUBES), sizes, TimeLimit())
+        assert prepared.work_check.starts == starts
+
+
+def test_a_file_of_states_that_fits_neither_model_is_bad_input(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    file = tmp_path / "states.npz"
+    np.savez(file, qpos=np.zeros((3, 5)))
+    with pytest.raises(InputError, match="the model's qpos has 14 numbers, the file's 5"):
+        preparation.prepare(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
 
 
 def test_changed_work_is_reported(pool: WorkerPool) -> None:

@@ -16,8 +16,10 @@ from mjbench.paired.records import (
     VerdictRow,
     WorkPair,
 )
-from mjbench.report import verdicts
+from mjbench.report import tables, verdicts
+from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import RunDrift
 from mjbench.status import Status
 
 OLD = TargetRow("3.3.0", "humanoid", "python_loop", {}, {})
@@ -42,6 +44,28 @@ ROW = VerdictRow(
 def test_a_verdict_is_a_sentence() -> None:
     expected = "humanoid, 3.3.0 → 4.0.0: slower by 1.4 % (interval +1.10 to +1.70 %), same work"
     assert verdicts.describe_verdict(ROW) == expected
+
+
+def test_the_same_work_may_drift_apart_over_a_run() -> None:
+    row = replace(ROW, run_drift=[RunDrift(25, 1e-12), RunDrift(50, 3e-6), RunDrift(100, 2.0)])
+    sentence = verdicts.describe_verdict(row)
+    assert sentence.endswith("same work (runs drift apart: by 3e-06 after 50 steps)")
+
+
+@pytest.mark.parametrize(
+    ("starts", "line"),
+    [
+        (Starts(0.2, 1.0, SettleLimit.COST), "settled for 0.2 s instead of 1 s"),
+        (Starts(0.0, 1.0, SettleLimit.DIVERGED), "Starts are at the keyframe"),
+        (Starts(1.0, 1.0), ""),
+    ],
+)
+def test_starts_that_were_not_to_be_had_as_asked_are_told(starts: Starts, line: str) -> None:
+    out = tables.console()
+    with out.capture() as captured:
+        verdicts.print_table(out, [replace(ROW, starts=starts)])
+    assert line in captured.get()
+    assert ("Starts" in captured.get() or "settled" in captured.get()) is bool(line)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,129 @@
+"""What a step costs, by model: measured once, then the same in every run.
+
+Sizes of blocks follow from these costs and not from a measurement of their own, so two identical
+commands do identical work. A cost is rounded to a power of two, and a model has the same one in
+every release. The costs of the shipped models come with the package; those of others are kept in a
+file of the user's. Nothing depends on that file: where it cannot be read or written, costs are
+measured again.
+
+    python -m mjbench.comparison.step_costs
+
+measures the shipped models anew, and writes their table. Do it when a model changed.
+"""
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from mjbench.errors import MjbenchError
+from mjbench.instrument import files, platforms
+from mjbench.releases import installs
+
+# Names another file than the one in the cache folder.
+FILE_VARIABLE = "MJBENCH_STEP_COSTS"
+_SHIPPED = Path(__file__).with_name("step_costs.json")
+_FILE_NAME = "step-costs.json"
+# Costs that a step can have, in seconds; others are those of a damaged file.
+_LEAST_S, _MOST_S = 1e-9, 1e6
+
+
+def step_cost_s(digest: str, measure: Callable[[], float]) -> float:
+    """Return about how many seconds a step of a model takes, a power of two.
+
+    Args:
+      digest: of the model (see `model_digest`).
+      measure: returns the seconds of a step; called where no table has them.
+    """
+    for table in (_read(_SHIPPED), _read(_user_file())):
+        if digest in table:
+            return rounded_s(table[digest])
+    return rounded_s(_remember(digest, max(_LEAST_S, measure())))
+
+
+def rounded_s(seconds: float) -> float:
+    """Return the power of two that is nearest by ratio."""
+    return 2.0 ** round(math.log2(seconds))
+
+
+def main() -> None:
+    """Write the table of the shipped models."""
+    from mjbench.simulation import models, sampling
+    from mjbench.simulation.model_digest import model_digest
+
+    loaded = [models.load(models.resolve(name)) for name in models.shipped()]
+    costs = {model_digest(model): sampling.settled_step_s(model) for model in loaded}
+    table = {digest: float(f"{seconds:.2g}") for digest, seconds in costs.items()}
+    _SHIPPED.write_text(_as_text(table))
+
+
+def _as_text(table: Mapping[str, float]) -> str:
+    return json.dumps(table, indent=1, sort_keys=True) + "\n"
+
+
+def _user_file() -> Path | None:
+    """Return the user's table; None where there is no folder for it."""
+    named = os.environ.get(FILE_VARIABLE)
+    if named:
+        return Path(named)
+    try:
+        return installs.cache_folder() / _FILE_NAME
+    except MjbenchError:
+        return None
+
+
+def _read(file: Path | None) -> dict[str, float]:
+    """Return a table; an empty one where it cannot be read."""
+    if file is None:
+        return {}
+    try:
+        table = json.loads(file.read_text())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return {
+        digest: float(seconds)
+        for digest, seconds in (table.items() if isinstance(table, dict) else ())
+        if isinstance(seconds, int | float) and _LEAST_S <= seconds <= _MOST_S
+    }
+
+
+def _remember(digest: str, seconds: float) -> float:
+    """Add a cost to the user's table; return the cost that it holds then.
+
+    Another process may have added one meanwhile; the first one counts.
+    """
+    file = _user_file()
+    if file is None:
+        return seconds
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with _locked(file):
+            table = _read(file)
+            if digest in table:
+                return table[digest]
+            table[digest] = seconds
+            with files.replacing(file) as partial:
+                partial.write_text(_as_text(table))
+    return seconds
+
+
+@contextlib.contextmanager
+def _locked(file: Path) -> Iterator[None]:
+    """Hold the lock of a table while the block runs, where the file system has locks.
+
+    Raises:
+      OSError: there is no place for a lock beside the table.
+    """
+    descriptor = os.open(file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        with contextlib.suppress(OSError, NotImplementedError):
+            platforms.lock_file(descriptor, shared=False, wait=True)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""Sample start states along a *settling run*: not at the keyframe, but where the model comes to.
+
+The run begins at keyframe 0 (the model's defaults if it has none), with random controls like those
+of the workload. The model first settles, and then moves on for as long again; starts are spread
+evenly over this second part.
+"""
+
+import enum
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjbench.simulation import compat
+from mjbench.simulation.workload import (
+    START_VELOCITY_SD,
+    random_controls,
+    reset_to_start,
+    whole_holds,
+)
+
+# Simulated seconds for which a model settles unless the user says otherwise. A keyframe is a pose
+# that its author chose; it loses its first transients. Without one, models start at their defaults,
+# often in the air: this is long enough to fall from a height of 1 m, and to land.
+KEYFRAME_SETTLE_S = 0.1
+DEFAULT_SETTLE_S = 1.0
+# Seconds of computing that the settling run may take, by what a step costs.
+MAX_SETTLING_S = 2.0
+
+
+class SettleLimit(enum.StrEnum):
+    """Why a model settled for less time than was asked for."""
+
+    COST = "cost"
+    """Its steps are slow: the settling run is limited by its cost."""
+    DIVERGED = "diverged"
+    """The settling run diverged, or simulations that start from it do: starts are keyframe 0."""
+
+
+@dataclass(frozen=True)
+class StartPlan:
+    """Where start states are to come from.
+
+    Attributes:
+      settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
+        model's default (see `settle_s`).
+      file: start states of the user's own instead (see `state_file`); None for none.
+    """
+
+    settle_s: float | None = None
+    file: Path | None = None
+
+
+DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Where start states came from.
+
+    Attributes:
+      settle_s: simulated seconds before the first start; 0 for keyframe 0, or a file.
+      asked_s: seconds that were asked for, or are the model's default.
+      limit: why `settle_s` is less than that; None where it is not.
+      file: name of the file with the user's own start states; None for none.
+    """
+
+    settle_s: float
+    asked_s: float
+    limit: SettleLimit | None = None
+    file: str | None = None
+
+
+def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
+    """Return the simulated seconds for which a plan lets a model settle."""
+    if plan.settle_s is not None:
+        return plan.settle_s
+    return KEYFRAME_SETTLE_S if model.nkey else DEFAULT_SETTLE_S
+
+
+def settling_nstep(model: mujoco.MjModel, plan: StartPlan) -> int:
+    """Return the steps of the settling run that a plan asks for; 0 where it needs none."""
+    wanted_s = settle_s(model, plan)
+    if plan.file is not None or wanted_s == 0:
+        return 0
+    return 2 * settle_nstep(model, wanted_s)
+
+
+def max_settling_nstep(step_s: float) -> int:
+    """Return how many steps a settling run may have, at least 2, from the seconds of a step."""
+    return max(2, int(MAX_SETTLING_S / step_s))
+
+
+def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None = None) -> int:
+    """Return the steps for which a model settles: half of its settling run.
+
+    Args:
+      model: to step.
+      settle_s: simulated seconds asked for.
+      max_nstep: steps of the whole settling run, at most; None for no bound.
+    """
+    nstep = max(1, round(settle_s / float(model.opt.timestep)))
+    return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
+
+
+def settled(
+    model: mujoco.MjModel,
+    nbatch: int,
+    settle_nstep: int,
+    hold: int = 1,
+    seed: int = 0,
+    spread: float = 1.0,
+) -> np.ndarray | None:
+    """Return (nbatch, nstate) start states, in the order of time; None where the run diverges.
+
+    Velocities of each are perturbed by normal noise, so that simulations differ also where the
+    model rests; positions are not, so that what touches stays in contact. The perturbed state is
+    then stepped once, so its warm-start is that of the state before, as in any simulation.
+
+    Args:
+      model: to step.
+      nbatch: number of starts.
+      settle_nstep: steps before the first; the run is twice as long.
+      hold: steps per control.
+      seed: of controls and perturbations.
+      spread: scales both; at 0 the controls are the keyframe's.
+    """
+    after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
+    states = _settling_run(model, after, hold, seed, spread)
+    if states is None:
+        return None
+    rng, spec = np.random.default_rng([seed, 0]), compat.state_spec("INTEGRATION")
+    data = mujoco.MjData(model)
+    for row in states:
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, row, spec)
+        data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
+        mujoco.mj_step(model, data)
+        compat.get_state(model, data, row, spec)
+    return states
+
+
+def _settling_run(
+    model: mujoco.MjModel, after: np.ndarray, hold: int, seed: int, spread: float
+) -> np.ndarray | None:
+    """Return (nbatch, nstate) states of one run after ascending numbers of steps.
+
+    None stands for a run that diverges.
+    """
+    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    nstep = whole_holds(int(after[-1]), hold) + hold
+    rng = np.random.default_rng([seed, 2])
+    control = random_controls(model, 1, nstep // hold, hold, rng, spread)[0]
+    states = np.empty((len(after), compat.state_size(model, spec)))
+    reset_to_start(model, data)
+    done = 0
+    for row, count in zip(states, after, strict=True):
+        while done < count:
+            data.ctrl[:] = control[done // hold]
+            mujoco.mj_step(model, data)
+            done += 1
+        compat.get_state(model, data, row, spec)
+    diverged = compat.warning_counts(data)[compat.divergence_warnings()].any()
+    return None if diverged or not np.isfinite(states).all() else states

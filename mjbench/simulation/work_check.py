@@ -1,0 +1,148 @@
+"""Do two targets compute the same? They step from the same states at several points of a run.
+
+Who draws a workload records states along some of its simulations: the *probe*. Each target then
+takes one step from every state of the probe. Rounding cannot grow in one step, so a difference
+there is a change of what a step computes. Each target also runs these simulations freely; how far
+such runs drift apart says little, because contact multiplies any difference of rounding.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjbench.simulation import agreement, workload
+from mjbench.simulation.work import one_step, states_after
+from mjbench.simulation.workload import PortableWorkload, Workload
+
+# Simulations that are recorded, at most: the first ones of the workload.
+NPROBE = 8
+# At these shares of the run states are recorded.
+_POINTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+Fields = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What a target did from the states of a probe.
+
+    Attributes:
+      nsteps: after how many steps of the run a point is.
+      run: qpos, qvel and act of its own run, each (npoint, nprobe, size).
+      stepped: the same, one step after each state of the probe.
+    """
+
+    nsteps: Sequence[int]
+    run: Fields
+    stepped: Fields
+
+
+@dataclass(frozen=True)
+class RunDrift:
+    """How far two runs from the same starts are apart.
+
+    Attributes:
+      step: after how many steps.
+      difference: the largest of qpos, qvel and act, relative to its field (see `StateDrift`).
+    """
+
+    step: int
+    difference: float
+
+
+@dataclass(frozen=True)
+class StateDrift:
+    """How far two targets differ.
+
+    A difference is relative to the largest magnitude of its field in the baseline's run, or to
+    `agreement.LEAST_SCALE` if that is more.
+
+    Attributes:
+      one_step: the largest one step after the same states, at any point of the run.
+      runs: that of free runs, at each point after the start.
+    """
+
+    one_step: float
+    runs: Sequence[RunDrift] = ()
+
+
+def points(nstep: int) -> list[int]:
+    """Return the numbers of steps after which states are recorded: the start, …, the end."""
+    return sorted({round(share * nstep) for share in _POINTS})
+
+
+def probe(drawn: Workload) -> Fields:
+    """Return states along a workload by MjData field, each (npoint * nprobe, size)."""
+    states = states_after(_probed(drawn), points(drawn.nstep))
+    return workload.fields(drawn.model, states.reshape(-1, states.shape[2]))
+
+
+def portable(drawn: Workload) -> PortableWorkload:
+    """Return a workload in a form that every release can restore, with its probe."""
+    return dataclasses.replace(workload.portable(drawn), probe=probe(drawn))
+
+
+def follow(own: Workload, probe: Fields) -> Followed:
+    """Return what a target does from the states of a probe.
+
+    Args:
+      own: the workload, restored for the target's model.
+      probe: that the target which drew the workload recorded along it.
+    """
+    model, nsteps = own.model, points(own.nstep)
+    states = states_after(_probed(own), nsteps)
+    run = workload.fields(model, states.reshape(-1, states.shape[2]))
+    stepped = one_step(model, workload.states(model, probe))
+    shape = (*states.shape[:2], -1)
+    compared = [field for field, rows in stepped.items() if rows.size]
+    return Followed(
+        nsteps,
+        {field: run[field].reshape(shape) for field in compared},
+        {field: stepped[field].reshape(shape) for field in compared},
+    )
+
+
+def drift(baseline: Followed, candidate: Followed, is_compared: np.ndarray) -> StateDrift | None:
+    """Return how far two targets differ; None where their states differ in size.
+
+    Args:
+      baseline: the one.
+      candidate: the other.
+      is_compared: (nbatch,) bool, the simulations that diverge in neither.
+    """
+    if _shapes(baseline) != _shapes(candidate):
+        return None
+    nprobe = next(iter(baseline.run.values())).shape[1]
+    keep = np.flatnonzero(is_compared[:nprobe])
+    scales = agreement.scales(baseline.run)
+    one_step = agreement.relative_drift(
+        _of(candidate.stepped, keep), _of(baseline.stepped, keep), scales
+    )
+    runs = tuple(
+        RunDrift(
+            nstep,
+            agreement.relative_drift(
+                {field: values[i, keep] for field, values in candidate.run.items()},
+                {field: values[i, keep] for field, values in baseline.run.items()},
+                scales,
+            ),
+        )
+        for i, nstep in enumerate(baseline.nsteps)
+        if nstep > 0
+    )
+    return StateDrift(one_step, runs)
+
+
+def _probed(drawn: Workload) -> Workload:
+    """Return the workload of the simulations that are recorded."""
+    return drawn.only(np.arange(drawn.nbatch) < NPROBE)
+
+
+def _of(fields: Fields, simulations: np.ndarray) -> Fields:
+    return {field: values[:, simulations] for field, values in fields.items()}
+
+
+def _shapes(followed: Followed) -> Mapping[str, tuple[int, ...]]:
+    return {field: values.shape for field, values in followed.stepped.items()}
