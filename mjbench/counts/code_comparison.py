@@ -16,7 +16,7 @@ from mjbench.counts.callgrind import CodePlace, source_name
 from mjbench.counts.function_differences import CodeChanges
 from mjbench.counts.machine_code import Instruction
 from mjbench.counts.records import CodeChange
-from mjbench.counts.renames import MIN_SIMILARITY, renamed_functions
+from mjbench.counts.renames import is_same_function, renamed_functions
 from mjbench.counts.shared_library import SharedLibrary, Symbol
 from mjbench.counts.stages import ENGINE
 from mjbench.errors import MachineError
@@ -140,12 +140,9 @@ def _engine_changes(old: _Executed, new: _Executed) -> CodeChanges:
 
 
 def _has_twin(library: _Library, symbols: Sequence[Symbol], other: _Library) -> bool:
-    """Return whether another library has a function of the same name and of similar code."""
+    """Return whether another library has the same function, and not only one of its name."""
     code = library.main_code(symbols)
-    return any(
-        machine_code.similarity(code, other.decoded(twin)) >= MIN_SIMILARITY
-        for twin in other.named_like(symbols)
-    )
+    return any(is_same_function(code, other.decoded(twin)) for twin in other.named_like(symbols))
 
 
 def _change(

@@ -87,12 +87,15 @@ def code_shares(functions: Sequence[FunctionDifference]) -> dict[CodeChange, Cod
 
 
 def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionDifference]]:
-    """Return the functions between which cost moved, each group with its largest one first."""
-    groups: dict[AbstractSet[str], list[FunctionDifference]] = defaultdict(list)
-    for function in functions:
-        if function.moved_with:
-            groups[frozenset((function.name, *function.moved_with))].append(function)
-    return list(groups.values())
+    """Return the functions between which cost moved, by groups, in their order."""
+    moved = {function.name: function for function in functions if function.moved_with}
+    groups: list[list[FunctionDifference]] = []
+    while moved:
+        first = next(iter(moved.values()))
+        others = [moved[name] for name in first.moved_with if name in moved]
+        names = {first.name, *first.moved_with}.union(*(other.moved_with for other in others))
+        groups.append([moved.pop(name) for name in list(moved) if name in names])
+    return groups
 
 
 def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]:
@@ -121,6 +124,9 @@ def _mark_moved(
     costs = {name: (f.old or 0.0, f.new or 0.0) for name, f in functions.items()}
     changes = {name: function.code for name, function in functions.items() if function.code}
     for group in moved_cost(costs, changes, calls, min_cost):
-        for name in group:
-            others = sorted(group - {name}, key=lambda other: -abs(functions[other].difference))
+        ordered = sorted(group, key=lambda name: -abs(functions[name].difference))
+        for name in ordered:
+            others = [
+                o for o in ordered if functions[o].difference * functions[name].difference < 0
+            ]
             functions[name] = replace(functions[name], moved_with=others)

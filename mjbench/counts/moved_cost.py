@@ -65,7 +65,8 @@ def _partners(
     partners = set()
     for other in sorted(neighbours, key=lambda n: (-abs(differences.get(n, 0.0)), n)):
         part = differences.get(other, 0.0)
-        if abs(part) >= MIN_PART * abs(total) and abs(rest + part) < abs(rest):
+        is_part = total * part < 0 and abs(part) >= MIN_PART * abs(total)
+        if is_part and abs(rest + part) < abs(rest):
             partners.add(other)
             rest += part
     return partners if abs(rest) <= MAX_REST * abs(total) else set()

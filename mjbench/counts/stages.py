@@ -25,7 +25,7 @@ STAGES: Mapping[str, str] = {
     for stage, names in {
         "kinematics": r"kinematics\w*|comPos|camlight|flex\w*|tendon|transmission|updateSleep\w*|"
         r"wake\w*",
-        "inertia": r"crb|makeM|factorM|factorI|tendonArmature",
+        "inertia": r"crb\w*|makeM|factorM|factorI|tendonArmature",
         "collision": r"collision|broadphase",
         "constraint making": r"makeConstraint|projectConstraint|referenceConstraint|island|"
         r"instantiate\w*|makeImpulse|constructIsland\w*|eff\w+",

@@ -8,6 +8,7 @@ from mjbench.counts.function_differences import (
     code_shares,
     function_differences,
     is_different,
+    moved_groups,
 )
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import CodeChange, FunctionCount
@@ -83,3 +84,22 @@ def test_moved_cost_is_found_by_the_calls_of_either_release() -> None:
     code = CodeChanges({"mj_f": CodeChange.CHANGED, "callee": CodeChange.GONE}, {"mj_f": "f"})
     functions = function_differences(baseline, candidate, code)
     assert {f.name: f.moved_with for f in functions} == {"mj_f": ["callee"], "callee": ["mj_f"]}
+
+
+def test_a_function_names_those_that_took_over_its_cost_and_not_the_others_that_gave_it_up() -> (
+    None
+):
+    calls = frozenset({("f", "callee"), ("g", "callee"), ("h", "other")})
+    baseline = counted("1.0", f=600.0, g=500.0, h=300.0)
+    candidate = counted("2.0", calls, f=1.0, g=1.0, callee=1100.0, h=1.0, other=300.0)
+    code = CodeChanges(dict.fromkeys("fgh", CodeChange.CHANGED))
+    functions = function_differences(baseline, candidate, code)
+    assert {f.name: f.moved_with for f in functions} == {
+        "callee": ["f", "g"],
+        "f": ["callee"],
+        "g": ["callee"],
+        "h": ["other"],
+        "other": ["h"],
+    }
+    groups = [[f.name for f in group] for group in moved_groups(functions)]
+    assert groups == [["callee", "f", "g"], ["other", "h"]]

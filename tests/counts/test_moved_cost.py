@@ -44,6 +44,13 @@ def test_nothing_moves_without_a_call_or_without_changed_code() -> None:
     assert moved(differences, [("f", "g")], f=IDENTICAL, g=CHANGED) == []
 
 
+def test_a_function_that_changed_in_the_same_direction_has_no_part_in_a_move() -> None:
+    differences = {"f": 100.0, "g": -110.0, "h": 10.0}
+    groups = moved(differences, [("g", "f"), ("g", "h"), ("f", "h")], f=CHANGED, g=CHANGED)
+    assert groups == [{"f", "g", "h"}]  # h as a part of what g gave up
+    assert moved(differences, [("g", "f"), ("f", "h")], f=CHANGED, g=CHANGED) == [{"f", "g"}]
+
+
 def test_cost_that_grew_or_that_is_small_did_not_move() -> None:
     calls = [("f", "g")]
     assert moved({"f": 100.0, "g": -50.0}, calls, f=CHANGED) == []

@@ -27,6 +27,15 @@ def test_of_functions_of_equal_code_the_similar_name_decides() -> None:
     }
 
 
+def test_a_like_name_needs_less_similar_code() -> None:
+    half = decoded(*[ADD, SUBTRACT, COPY, LOAD_FIELD] * 2, *[ROOT, LOAD_FIELD] * 4, RETURN)
+    assert renamed_functions({"mj_copyRow": SUMS}, {"mj_copyRows": half}) == {
+        "mj_copyRow": "mj_copyRows"
+    }
+    assert renamed_functions({"mj_copyRow": SUMS}, {"advance": half}) == {}
+    assert renamed_functions({"mj_copyRow": SUMS}, {"mj_copyRows": ROOTS}) == {}
+
+
 def test_short_functions_are_not_matched() -> None:
     assert renamed_functions({"f": SUMS[:9]}, {"g": SUMS[:9]}) == {}
     assert renamed_functions({"f": SUMS[:10]}, {"g": SUMS[:10]}) == {"f": "g"}
