@@ -24,7 +24,9 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import AS_SHIPPED, Placement, PlacementPair
 from mjbench.report import verdicts
 from mjbench.simulation import models
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import StateDrift
 from mjbench.status import Status
 
 
@@ -202,7 +204,9 @@ def test_a_family_is_rarely_called_slower_and_hardly_takes_more_launches() -> No
 
 OTHER_BUILD = replace(CARTPOLE, release=ReleaseSpec("3.5.0", "3.5.0"))
 WORK = Work(contacts=1.0, constraints=4.0, solver_iterations=2.0)
-SAME_WORK = WorkCheck(WORK, WORK, 0.0, (0, 0), ({}, {}), nbatch=4, nstep=10)
+SAME_WORK = WorkCheck(
+    WORK, WORK, StateDrift(0.0), (0, 0), ({}, {}), nbatch=4, nstep=10, starts=Starts(0.0, 0.0)
+)
 OTHER_WORK = replace(SAME_WORK, candidate=replace(WORK, contacts=2.0))
 MOVED = Averaging(True)
 
