@@ -29,7 +29,7 @@ class Process:
             if isinstance(self._states, Exception):
                 raise self._states
             return SimpleNamespace(final_state=self._states)
-        return None
+        return SimpleNamespace(workload=None)
 
     def end(self) -> None:
         self.has_ended = True

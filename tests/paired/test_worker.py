@@ -21,6 +21,7 @@ from mjbench.paired.worker_pool import TargetError, WorkerPool
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models
+from mjbench.simulation.sampling import SampleRequest
 
 
 def test_a_worker_imports_neither_mujoco_nor_numpy_before_it_has_mapped_other_memory() -> None:
@@ -54,7 +55,7 @@ def test_steps_call_a_function_of_the_engine_that_they_step_with(
     process.wait()
     process.call(requests.LoadModel(CUBES.model.name, CUBES.model.path, {}))
     process.call(requests.SaveModel(model_file))
-    workload = process.call(requests.MakeWorkload(nbatch=2, nstep=3, hold=1, seed=0))
+    workload = process.call(requests.MakeWorkload(SampleRequest(nbatch=2, nstep=3))).workload
     observed = process.call(requests.Observe(pool.save(workload)))
     workload = workload.only(np.arange(2), observed.final_state)
     process.call(requests.Equip(model_file, pool.save(workload)))
