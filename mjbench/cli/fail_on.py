@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.outcomes import Verdict
 from mjbench.status import ExitCode, exit_code
 
 if TYPE_CHECKING:
@@ -63,33 +63,30 @@ class FailOn:
     findings: Sequence[Finding] = ()
     allow_inconclusive: bool = False
 
-    def exit_code(self, rows: Sequence["VerdictRow"]) -> ExitCode:
-        """Return the exit code that verdicts stand for; a failure outweighs a finding."""
+    def exit_code(self, rows: Sequence["VerdictRow"], confidence: float) -> ExitCode:
+        """Return the exit code that verdicts stand for; a failure outweighs a finding.
+
+        Args:
+          rows: of all comparisons.
+          confidence: of what they show together (see `family.decide`).
+        """
+        from mjbench.paired import family
+
         code = exit_code(row.status for row in rows)
         if code != ExitCode.OK:
             return code
-        outcomes: set[str] = {
-            row.verdict for row in rows if row.verdict is not None and not _may_be_placement(row)
+        decided = family.decide(rows, confidence)
+        is_there = {
+            Finding.SLOWER: bool(decided.slower),
+            Finding.FASTER: bool(decided.faster),
+            Finding.CHANGED_WORK: any(row.changed_work for row in rows),
+            Finding.INCONCLUSIVE: any(row.verdict == Verdict.INCONCLUSIVE for row in rows),
         }
-        if any(row.changed_work for row in rows):
-            outcomes.add(Finding.CHANGED_WORK)
-        if outcomes & set(self.findings):
+        if any(is_there[finding] for finding in self.findings):
             return ExitCode.FINDING
-        return ExitCode.ENVIRONMENT if self._is_undecided(rows) else ExitCode.OK
-
-    def _is_undecided(self, rows: Sequence["VerdictRow"]) -> bool:
         asks_for_speed = bool({Finding.SLOWER, Finding.FASTER} & set(self.findings))
-        is_speed_open = any(
-            row.verdict in (None, Verdict.INCONCLUSIVE) or _may_be_placement(row) for row in rows
+        is_speed_open = asks_for_speed and bool(decided.undecided) and not self.allow_inconclusive
+        is_work_open = Finding.CHANGED_WORK in self.findings and any(
+            row.changed_work is None for row in rows
         )
-        is_work_open = any(row.changed_work is None for row in rows)
-        return (asks_for_speed and is_speed_open and not self.allow_inconclusive) or (
-            Finding.CHANGED_WORK in self.findings and is_work_open
-        )
-
-
-def _may_be_placement(row: "VerdictRow") -> bool:
-    """Return whether times differ, and it could not be averaged out where the code lies."""
-    could_not_average = row.placement is not None and bool(row.placement.problem)
-    is_different = row.verdict in (Verdict.SLOWER, Verdict.FASTER)
-    return is_different and could_not_average and row.cause == Cause.UNDECIDED
+        return ExitCode.ENVIRONMENT if is_speed_open or is_work_open else ExitCode.OK

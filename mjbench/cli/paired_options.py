@@ -139,8 +139,8 @@ def compare_targets(
                 rows.append(result.row())
                 if result.status == Status.INTERRUPTED:
                     break
-        report(run, rows)
-    return fail_on.exit_code(rows)
+        report(run, rows, plan.confidence)
+    return fail_on.exit_code(rows, plan.confidence)
 
 
 def input_files(targets: Iterable["Target"]) -> list[Path]:
@@ -154,14 +154,20 @@ def states_files(plan: "VerdictPlan") -> list[Path]:
     return [file] if file else []
 
 
-def report(run: RunContext, rows: Sequence["VerdictRow"]) -> None:
-    """Print verdicts, and write the JSON document."""
+def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> None:
+    """Print verdicts, and write the JSON document.
+
+    Args:
+      run: where they go.
+      rows: the verdicts.
+      confidence: of what they show together.
+    """
     from mjbench.report import verdicts
     from mjbench.report.documents import VerdictDocument
 
     if any(row.status == Status.INTERRUPTED for row in rows):
         run.interrupt()
-    verdicts.print_table(run.out, rows)
+    verdicts.print_table(run.out, rows, confidence)
     run.write(VerdictDocument(machine=run.machine, results=rows))
 
 

@@ -51,11 +51,14 @@ def _show_selfcheck(run: RunContext, stored: "Run") -> None:
 
 def _show_verdicts(run: RunContext, stored: "Run") -> None:
     from mjbench.paired.records import VerdictRecord
+    from mjbench.paired.verdict import CONFIDENCE
     from mjbench.report import verdicts
     from mjbench.report.documents import VerdictDocument
 
     rows = [record.row() for record in stored.of_type(VerdictRecord)]
-    verdicts.print_table(run.out, rows)
+    confidence = stored.header.arguments.get("confidence")
+    is_share = isinstance(confidence, float) and 0 < confidence < 1
+    verdicts.print_table(run.out, rows, confidence if is_share else CONFIDENCE)
     run.write(VerdictDocument(machine=stored.header.machine, results=rows))
 
 

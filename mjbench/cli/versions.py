@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,6 +106,7 @@ def versions(
         for source in sources
         for name in path_names
     ]
+    plan = replace(plan, family=len(pairs))
     sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, output))
 
 
@@ -160,8 +161,12 @@ def _compare_instructions(
                 rows.extend(_verdict_rows(comparison, run, counter))
         except KeyboardInterrupt:
             run.interrupt()
-        paired_options.report(run, rows)
-    return ExitCode.INTERRUPTED if run.interrupted else fail_on.exit_code(rows)
+        paired_options.report(run, rows, comparison.plan.confidence)
+    return (
+        ExitCode.INTERRUPTED
+        if run.interrupted
+        else fail_on.exit_code(rows, comparison.plan.confidence)
+    )
 
 
 def _verdict_rows(

@@ -21,6 +21,9 @@ from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import RunDrift
 from mjbench.status import FINISHED, Status
 
+# Larger e-values are stored as this.
+MAX_E_VALUE = 1e12
+
 
 @dataclass(frozen=True)
 class Ratio:
@@ -113,6 +116,9 @@ class VerdictRow:
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
       ratio: of time, or of instructions.
+      e_slower: evidence that the candidate is slower, as an e-value (see `anytime.e_value`), and at
+        most MAX_E_VALUE; None for instructions.
+      e_faster: the same that it is faster.
       cause: why the times of two builds differ; None where they do not, or the targets differ in
         more than the build.
       placement: of machine code; None for instructions.
@@ -141,6 +147,8 @@ class VerdictRow:
     detail: str = ""
     verdict: Verdict | None = None
     ratio: Ratio | None = None
+    e_slower: NonNegativeFloat | None = None
+    e_faster: NonNegativeFloat | None = None
     cause: Cause | None = None
     placement: PlacementEffect | None = None
     changed_work: bool | None = None

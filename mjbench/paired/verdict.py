@@ -18,6 +18,7 @@ from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import Sizes, WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
+    MAX_E_VALUE,
     DivergedPair,
     LaunchRow,
     PlacementEffect,
@@ -31,6 +32,9 @@ from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
+
+# Unless another is asked for.
+CONFIDENCE = 0.99
 
 
 @dataclass(frozen=True)
@@ -46,14 +50,16 @@ class VerdictPlan:
       sizes: of a block's work.
       as_shipped: whether code stays where each build has it, instead of being moved from launch to
         launch, so that its placement averages out.
+      family: number of comparisons that are decided together; a change needs more evidence.
     """
 
     min_effect: float = 0.01
-    confidence: float = 0.99
+    confidence: float = CONFIDENCE
     precision: float = 0.005
     time_limit_s: float = 60.0
     sizes: Sizes = field(default_factory=Sizes)
     as_shipped: bool = False
+    family: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +106,8 @@ class PairedResult:
             detail=self.detail,
             verdict=self._verdict(),
             ratio=ratio_of(judgement) if judgement else None,
+            e_slower=min(judgement.e_slower, MAX_E_VALUE) if judgement else None,
+            e_faster=min(judgement.e_faster, MAX_E_VALUE) if judgement else None,
             cause=self._cause(),
             placement=self._placement(),
             changed_work=check.changed if check else None,
@@ -278,6 +286,7 @@ def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement 
         plan.confidence,
         plan.precision,
         [launch.placements.residue for launch in moved] or None,
+        plan.family,
     )
 
 

@@ -5,14 +5,22 @@ from typing import Any
 
 from rich.console import Console
 
+from mjbench.paired import family
+from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import Ratio, TargetRow, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
 
 
-def print_table(out: Console, rows: Sequence[VerdictRow]) -> None:
-    """Print the table of all comparisons, and below it a sentence for each."""
+def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> None:
+    """Print the table of all comparisons, a sentence for each, and what they show together.
+
+    Args:
+      out: to print to.
+      rows: of the comparisons.
+      confidence: of what they show together (see `family.decide`).
+    """
     headings = ["model", "old → new", "new / old", "interval", "verdict", "cause", "placement"]
     headings += ["work", "drift", "launches", "seconds"]
     table = tables.plain_table(headings, right=(2, 3, 6, 8, 9, 10))
@@ -24,6 +32,29 @@ def print_table(out: Console, rows: Sequence[VerdictRow]) -> None:
         starts_lines = [f"  {line}" for line in tables.starts_lines(row.starts)]
         for line in [*starts_lines, *_warning_lines(row)]:
             out.print(line, soft_wrap=True)
+    if len(rows) > 1:
+        out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
+
+
+def describe_family(decided: Family, confidence: float) -> str:
+    """Return what comparisons show together, as a sentence."""
+    parts = [
+        f"{outcome} in {_count_of_models(rows)}"
+        for outcome, rows in (
+            ("slower", decided.slower),
+            ("faster", decided.faster),
+            ("undecided", decided.undecided),
+        )
+    ]
+    return (
+        f"All {decided.count} together: {', '.join(parts)}."
+        f" Of the changes named here, at most {100 * (1 - confidence):g} % are expected to be none."
+    )
+
+
+def _count_of_models(rows: Sequence[VerdictRow]) -> str:
+    models = dict.fromkeys(row.model for row in rows)
+    return f"{len(rows)} ({', '.join(models)})" if rows else "none"
 
 
 def describe_verdict(row: VerdictRow) -> str:

@@ -47,35 +47,43 @@ def row(
 def test_it_passes_only_when_what_it_asks_is_decided(
     verdicts: list[Verdict | None], findings: tuple[Finding, ...], code: int
 ) -> None:
-    assert FailOn(findings).exit_code([row(verdict) for verdict in verdicts]) == code
+    assert FailOn(findings).exit_code([row(verdict) for verdict in verdicts], 0.99) == code
 
 
 def test_an_inconclusive_verdict_passes_where_the_user_allows_it() -> None:
     open_rows = [row(Verdict.INCONCLUSIVE), row(Verdict.SAME)]
-    assert FailOn(SPEED, allow_inconclusive=True).exit_code(open_rows) == 0
-    assert FailOn(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)]) == 1
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code(open_rows, 0.99) == 0
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code([row(Verdict.SLOWER)], 0.99) == 1
 
 
 def test_a_difference_that_may_be_placement_is_undecided_unless_asked_for_as_shipped() -> None:
     could_not = PlacementEffect(averaged=False, problem="MuJoCo 2: its package holds no libmujoco")
     slower = replace(row(Verdict.SLOWER), cause=Cause.UNDECIDED, placement=could_not)
-    assert FailOn(SPEED).exit_code([slower]) == 3
-    assert FailOn(SPEED, allow_inconclusive=True).exit_code([slower]) == 0
-    assert FailOn(SPEED).exit_code([replace(slower, placement=PlacementEffect(False))]) == 1
-    assert FailOn(SPEED).exit_code([replace(slower, cause=Cause.WORK)]) == 1
-    assert FailOn(SPEED).exit_code([replace(slower, verdict=Verdict.SAME, cause=None)]) == 0
+    assert FailOn(SPEED).exit_code([slower], 0.99) == 3
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code([slower], 0.99) == 0
+    assert FailOn(SPEED).exit_code([replace(slower, placement=PlacementEffect(False))], 0.99) == 1
+    assert FailOn(SPEED).exit_code([replace(slower, cause=Cause.WORK)], 0.99) == 1
+    assert FailOn(SPEED).exit_code([replace(slower, verdict=Verdict.SAME, cause=None)], 0.99) == 0
+
+
+def test_a_change_among_many_comparisons_needs_more_evidence() -> None:
+    slower = replace(row(Verdict.SLOWER), e_slower=150.0, e_faster=0.1)
+    others = [replace(row(Verdict.SAME), e_slower=0.1, e_faster=0.1)] * 9
+    assert FailOn(SPEED).exit_code([slower], 0.99) == 1
+    assert FailOn(SPEED).exit_code([slower, *others], 0.99) == 3
+    assert FailOn(SPEED).exit_code([replace(slower, e_slower=1000.0), *others], 0.99) == 1
 
 
 def test_work_that_was_not_compared_does_not_pass() -> None:
     unknown = replace(row(Verdict.INCONCLUSIVE), changed_work=None)
-    assert FailOn((Finding.CHANGED_WORK,)).exit_code([unknown]) == 3
-    assert FailOn((Finding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown]) == 3
+    assert FailOn((Finding.CHANGED_WORK,)).exit_code([unknown], 0.99) == 3
+    assert FailOn((Finding.CHANGED_WORK,), allow_inconclusive=True).exit_code([unknown], 0.99) == 3
 
 
 def test_changed_work_is_a_finding_of_its_own() -> None:
     rows = [row(Verdict.INCONCLUSIVE, changed_work=True)]
-    assert FailOn((Finding.CHANGED_WORK,)).exit_code(rows) == 1
-    assert FailOn(SPEED).exit_code([row(Verdict.SAME, changed_work=True)]) == 0
+    assert FailOn((Finding.CHANGED_WORK,)).exit_code(rows, 0.99) == 1
+    assert FailOn(SPEED).exit_code([row(Verdict.SAME, changed_work=True)], 0.99) == 0
 
 
 @pytest.mark.parametrize(
@@ -83,4 +91,4 @@ def test_changed_work_is_a_finding_of_its_own() -> None:
     [(Status.FAILED, 3), (Status.CRASHED, 3), (Status.INPUT, 2), (Status.INTERRUPTED, 130)],
 )
 def test_a_failure_outweighs_a_finding(status: Status, code: int) -> None:
-    assert FailOn(SPEED).exit_code([row(Verdict.SLOWER), row(None, status)]) == code
+    assert FailOn(SPEED).exit_code([row(Verdict.SLOWER), row(None, status)], 0.99) == code

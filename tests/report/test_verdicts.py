@@ -63,7 +63,7 @@ def test_the_same_work_may_drift_apart_over_a_run() -> None:
 def test_starts_that_were_not_to_be_had_as_asked_are_told(starts: Starts, line: str) -> None:
     out = tables.console()
     with out.capture() as captured:
-        verdicts.print_table(out, [replace(ROW, starts=starts)])
+        verdicts.print_table(out, [replace(ROW, starts=starts)], 0.99)
     assert line in captured.get()
     assert ("Starts" in captured.get() or "settled" in captured.get()) is bool(line)
 

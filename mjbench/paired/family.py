@@ -1,0 +1,68 @@
+"""What comparisons show together: which changes remain when one allows for their number.
+
+Of many comparisons of targets that do not differ, one is called slower or faster sooner or later. So
+a change of a family of comparisons needs an e-value that suffices for their number (see
+`anytime.e_benjamini_hochberg`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mjbench.instrument import anytime
+from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.records import VerdictRow
+
+
+@dataclass(frozen=True)
+class Family:
+    """What is certain about the comparisons of a family.
+
+    Attributes:
+      slower: comparisons whose candidate is slower, and not because of where its code lies.
+      faster: likewise.
+      undecided: those that are inconclusive or failed, or whose change is not certain enough for
+        their number or may be due to where code lies.
+      count: of all comparisons.
+    """
+
+    slower: Sequence[VerdictRow]
+    faster: Sequence[VerdictRow]
+    undecided: Sequence[VerdictRow]
+    count: int
+
+
+def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
+    """Return what comparisons show together.
+
+    Args:
+      rows: of the comparisons.
+      confidence: such as 0.99; of the changes that are named, a share of at most 1 - confidence is
+        expected to be none.
+    """
+    changes: dict[Verdict, list[VerdictRow]] = {}
+    for verdict in (Verdict.SLOWER, Verdict.FASTER):
+        e_values = [_e_value(row, verdict) for row in rows]
+        certain = anytime.e_benjamini_hochberg(e_values, 1 - confidence)
+        changes[verdict] = [
+            row
+            for row, is_certain in zip(rows, certain, strict=True)
+            if is_certain and row.verdict == verdict and not _may_be_placement(row)
+        ]
+    slower, faster = changes[Verdict.SLOWER], changes[Verdict.FASTER]
+    decided = [*slower, *faster, *(row for row in rows if row.verdict == Verdict.SAME)]
+    undecided = [row for row in rows if not any(row is other for other in decided)]
+    return Family(slower, faster, undecided, len(rows))
+
+
+def _e_value(row: VerdictRow, verdict: Verdict) -> float:
+    """Return the evidence for a verdict; instruction counts, which have no noise, are certain."""
+    e_value = row.e_slower if verdict == Verdict.SLOWER else row.e_faster
+    if e_value is not None:
+        return e_value
+    return float("inf") if row.verdict == verdict else 0.0
+
+
+def _may_be_placement(row: VerdictRow) -> bool:
+    """Return whether times differ, and it could not be averaged out where the code lies."""
+    could_not_average = row.placement is not None and bool(row.placement.problem)
+    return could_not_average and row.cause == Cause.UNDECIDED
