@@ -57,8 +57,9 @@ def _show_verdicts(run: RunContext, stored: "Run") -> None:
 
     rows = [record.row() for record in stored.of_type(VerdictRecord)]
     confidence = stored.header.arguments.get("confidence")
-    is_share = isinstance(confidence, float) and 0 < confidence < 1
-    verdicts.print_table(run.out, rows, confidence if is_share else CONFIDENCE)
+    if not isinstance(confidence, float) or not 0 < confidence < 1:
+        confidence = CONFIDENCE
+    verdicts.print_table(run.out, rows, confidence)
     run.write(VerdictDocument(machine=stored.header.machine, results=rows))
 
 

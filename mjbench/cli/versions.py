@@ -162,11 +162,9 @@ def _compare_instructions(
         except KeyboardInterrupt:
             run.interrupt()
         paired_options.report(run, rows, comparison.plan.confidence)
-    return (
-        ExitCode.INTERRUPTED
-        if run.interrupted
-        else fail_on.exit_code(rows, comparison.plan.confidence)
-    )
+    if run.interrupted:
+        return ExitCode.INTERRUPTED
+    return fail_on.exit_code(rows, comparison.plan.confidence)
 
 
 def _verdict_rows(

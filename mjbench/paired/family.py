@@ -1,7 +1,7 @@
 """What comparisons show together: which changes remain when one allows for their number.
 
-Of many comparisons of targets that do not differ, one is called slower or faster sooner or later. So
-a change of a family of comparisons needs an e-value that suffices for their number (see
+Of many comparisons of targets that do not differ, one is called slower or faster sooner or later.
+So a change of a family of comparisons needs an e-value that suffices for their number (see
 `anytime.e_benjamini_hochberg`).
 """
 
