@@ -37,7 +37,7 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     Args:
       rows: of the comparisons.
       confidence: such as 0.99; of the changes that are named, a share of at most 1 - confidence is
-        expected to be none.
+        expected to be a false alarm.
     """
     changes: dict[Verdict, list[VerdictRow]] = {}
     for verdict in (Verdict.SLOWER, Verdict.FASTER):

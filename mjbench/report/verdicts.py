@@ -46,10 +46,11 @@ def describe_family(decided: Family, confidence: float) -> str:
             ("undecided", decided.undecided),
         )
     ]
-    return (
-        f"All {decided.count} together: {', '.join(parts)}."
-        f" Of the changes named here, at most {100 * (1 - confidence):g} % are expected to be none."
-    )
+    sentence = f"All {decided.count} together: {', '.join(parts)}."
+    if decided.slower or decided.faster:
+        share = f"{100 * (1 - confidence):g} %"
+        sentence += f" Of the changes named here, at most {share} are expected to be false alarms."
+    return sentence
 
 
 def _count_of_models(rows: Sequence[VerdictRow]) -> str:
@@ -152,7 +153,7 @@ def _describe_placement(row: VerdictRow) -> str:
     ends = [end for end in (ratio.low, ratio.high) if end is not None]
     interval = f" (interval {_signed(ends[0])} to {_signed(ends[1])} %)" if len(ends) == 2 else ""
     unsure = "" if interval else " (too few launches for an interval)"
-    return f"; the placement of this build adds {_signed(ratio.estimate)} %{interval}{unsure}"
+    return f"; the placement of these builds adds {_signed(ratio.estimate)} %{interval}{unsure}"
 
 
 def _change(share: float) -> str:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mjbench.paired import family
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.records import (
     DivergedPair,
@@ -79,7 +80,7 @@ def test_a_verdict_says_what_the_placement_adds(effect: Ratio, text: str) -> Non
     row = replace(ROW, cause=Cause.CODE, placement=PlacementEffect(True, "", effect, effect))
     sentence = verdicts.describe_verdict(row)
     assert ": slower by 1.4 % (interval +1.10 to +1.70 %) because of its code, same" in sentence
-    assert sentence.endswith(f"; the placement of this build {text}")
+    assert sentence.endswith(f"; the placement of these builds {text}")
 
 
 @pytest.mark.parametrize(
@@ -130,3 +131,18 @@ def test_only_what_differs_between_the_targets_is_named() -> None:
     assert verdicts.describe_targets(row) == "chunk=8 → solver=cg"
     row = replace(ROW, sides=(OLD, replace(OLD, model_options={"solver": "cg"})))
     assert verdicts.describe_targets(row) == "default → solver=cg"
+
+
+def test_comparisons_are_summed_up_together() -> None:
+    slower = replace(ROW, verdict=Verdict.SLOWER, e_slower=5000.0, e_faster=0.0)
+    same = replace(ROW, model="pile", verdict=Verdict.SAME, e_slower=0.1, e_faster=0.1)
+    unsure = replace(slower, model="cloth", e_slower=150.0)
+    decided = family.decide([slower, same, unsure], 0.99)
+    assert (decided.slower, decided.faster) == ([slower], [])
+    assert decided.undecided == [unsure]
+    assert verdicts.describe_family(decided, 0.99) == (
+        "All 3 together: slower in 1 (humanoid), faster in none, undecided in 1 (cloth)."
+        " Of the changes named here, at most 1 % are expected to be false alarms."
+    )
+    quiet = verdicts.describe_family(family.decide([same, same], 0.99), 0.99)
+    assert quiet == "All 2 together: slower in none, faster in none, undecided in none."
