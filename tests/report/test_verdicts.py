@@ -136,7 +136,7 @@ def test_only_what_differs_between_the_targets_is_named() -> None:
 def test_comparisons_are_summed_up_together() -> None:
     slower = replace(ROW, verdict=Verdict.SLOWER, e_slower=5000.0, e_faster=0.0)
     same = replace(ROW, model="pile", verdict=Verdict.SAME, e_slower=0.1, e_faster=0.1)
-    unsure = replace(slower, model="cloth", e_slower=150.0)
+    unsure = replace(slower, model="cloth", e_slower=140.0)
     decided = family.decide([slower, same, unsure], 0.99)
     assert (decided.slower, decided.faster) == ([slower], [])
     assert decided.undecided == [unsure]
