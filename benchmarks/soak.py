@@ -3,14 +3,14 @@
     python -m benchmarks.soak [--comparisons 1000] [--every 50]
 
 compares ways of stepping the cart-pole again and again in one process, each time with a child, and
-launches a pair of workers after each. At regular intervals it prints what this process holds: file
+launches a pair of workers after every fifth. At regular intervals it prints what this process holds: file
 descriptors, threads, memory, child processes, and temporary files that carry its process id.
 
 The exit code is 1 if any of them grows. Descriptors, threads, processes and files must never be
 more than at the first report. Memory may vary: the median of the last third of the reports must not
 exceed that of the first third by more than 5 MiB and 1 KiB per comparison between the two.
 
-A thousand comparisons take an hour or two; the machine may do other work meanwhile.
+A thousand comparisons take half an hour or more; the machine may do other work meanwhile.
 """
 
 import argparse
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from mjbench.paired.worker_pool import WorkerPool
 
 MODEL = "cartpole"
+# Comparisons for each launch of a pair of workers, which takes several times as long.
+COMPARISONS_PER_LAUNCH = 5
 # Memory that a process may gain without a leak: at once, and for each comparison.
 SLACK_BYTES, SLACK_PER_COMPARISON_BYTES = 5 << 20, 1 << 10
 
@@ -95,19 +97,11 @@ def _median_bytes(usages: Sequence[Usage]) -> float:
     return statistics.median(usage.memory_bytes for usage in usages)
 
 
-def compare_once(pool: "WorkerPool") -> None:
-    """Compare once by a child, and launch two workers once.
-
-    Raises:
-      MachineError: the workers failed.
-    """
+def compare_once() -> None:
+    """Compare once, by a child."""
     from mjbench.comparison.compare import compare_model
     from mjbench.comparison.plan import ComparisonPlan, Variant
-    from mjbench.paired.preparation import Sizes
-    from mjbench.paired.protocol import TargetPair
-    from mjbench.paired.targets import Target
     from mjbench.paths import BASE
-    from mjbench.releases import installs
     from mjbench.simulation import models
     from mjbench.status import Status
 
@@ -119,7 +113,21 @@ def compare_once(pool: "WorkerPool") -> None:
         raise KeyboardInterrupt
     if records.model.status != Status.OK:
         raise SystemExit(f"a comparison failed: {records.model.detail}")
-    target = Target(installs.parse_release(installs.INSTALLED), source)
+
+
+def launch_once(pool: "WorkerPool") -> None:
+    """Launch a pair of workers once.
+
+    Raises:
+      MachineError: the workers failed.
+    """
+    from mjbench.paired.preparation import Sizes
+    from mjbench.paired.protocol import TargetPair
+    from mjbench.paired.targets import Target
+    from mjbench.releases import installs
+    from mjbench.simulation import models
+
+    target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
     pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
         pair.launch()
@@ -140,7 +148,9 @@ def main() -> int:
     usages: list[Usage] = []
     with WorkerPool() as pool:
         for count in range(1, options.comparisons + 1):
-            compare_once(pool)
+            compare_once()
+            if count % COMPARISONS_PER_LAUNCH == 1:  # the first one, too
+                launch_once(pool)
             if count % options.every == 0 or count in (1, options.comparisons):
                 usages.append(Usage.now(count))
                 print(usages[-1], flush=True)
