@@ -3,8 +3,9 @@
     python -m benchmarks.soak [--comparisons 1000] [--every 50]
 
 compares ways of stepping the cart-pole again and again in one process, each time with a child, and
-launches a pair of workers after every fifth. At regular intervals it prints what this process holds: file
-descriptors, threads, memory, child processes, and temporary files that carry its process id.
+launches a pair of workers after every fifth. At regular intervals it prints what this process
+holds: file descriptors, threads, memory, child processes, and temporary files that carry its
+process id.
 
 The exit code is 1 if any of them grows. Descriptors, threads, processes and files must never be
 more than at the first report. Memory may vary: the median of the last third of the reports must not
