@@ -57,12 +57,14 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     sizes = choose_sizes(cost_s, size_request)
     check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread)
     max_nstep = starts.max_settling_nstep(cost_s)
-    patience_s = PATIENCE * (sizes.nbatch * sizes.nstep + max_nstep) * work.step_s(model)
-    channel.allow_silence(patience_s)
-    sample = sampling.draw(
-        model,
-        SampleRequest(sizes.nbatch, sizes.nstep, plan.hold, plan.seed, plan.starts, max_nstep),
+    settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
+    patience_per_step_s = PATIENCE * work.step_s(model)
+    patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
+    channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
+    sample_request = SampleRequest(
+        sizes.nbatch, sizes.nstep, plan.hold, plan.seed, plan.starts, max_nstep
     )
+    sample = sampling.draw(model, sample_request)
     workload, observation = sample.workload, sample.observation
     if request.workload_file:
         save_workload(workload, observation.peaks, request.workload_file)

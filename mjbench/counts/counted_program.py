@@ -65,14 +65,14 @@ def _step_between_markers(request: ModelRequest) -> CountedWork:
         diverged=int((~observation.healthy).sum()),
         warnings=observation.other_warnings(),
         healthy=observation.healthy,
-        followed=work_check.follow(shared, probe),
+        followed=None if probe is None else work_check.follow(shared, probe),
     )
 
 
 def _workload(
     model: mujoco.MjModel, request: ModelRequest
-) -> tuple[workload.Workload, Mapping[str, np.ndarray]]:
-    """Return the workload of a request, and its probe; create its file where it is missing."""
+) -> tuple[workload.Workload, Mapping[str, np.ndarray] | None]:
+    """Return the workload of a request, and its probe if it has one; create a missing file."""
     file = request.workload_file
     if not file.is_file():
         check_memory(model, request.sample.nbatch, request.sample.nstep)
@@ -82,5 +82,4 @@ def _workload(
         partial.rename(file)
     # read back even if it was just created: every release restores the same numbers
     portable: workload.PortableWorkload = pickle.loads(file.read_bytes())
-    assert portable.probe is not None, "a workload is drawn with states along it"
     return workload.restore(model, portable), portable.probe

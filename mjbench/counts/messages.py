@@ -57,7 +57,7 @@ class CountedWork:
       diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
-      followed: what the release did from the states of the workload's probe.
+      followed: what the release did from the states of the workload's probe; None without one.
     """
 
     steps: int
@@ -65,7 +65,7 @@ class CountedWork:
     diverged: int
     warnings: Mapping[str, int]
     healthy: np.ndarray
-    followed: Followed
+    followed: Followed | None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """The program that Callgrind counts, run here without Callgrind."""
 
+import pickle
 from pathlib import Path
 
 import mujoco
@@ -9,6 +10,7 @@ from mjbench.counts import counted_program, messages
 from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, ModelRequest
 from mjbench.errors import Failure
 from mjbench.releases import installs
+from mjbench.simulation import workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.status import Status
@@ -47,8 +49,20 @@ def test_an_answer_says_what_work_was_done(
     assert answer.outcome.steps == 12
     assert answer.outcome.diverged == 0
     assert answer.outcome.work.contacts > 0
+    assert answer.outcome.followed is not None
     assert answer.outcome.followed.stepped["qpos"].shape[1] == 2
     assert len(marked) == counted_program.MARKERS
+
+
+def test_a_workload_without_a_probe_is_counted_all_the_same(
+    small: workload.Workload, contact_file: str, tmp_path: Path, marked: list[str]
+) -> None:
+    file = tmp_path / "0.pickle"
+    file.write_bytes(pickle.dumps(workload.portable(small)))
+    (answer,) = run(tmp_path, request_for(contact_file, file))
+    assert isinstance(answer.outcome, CountedWork)
+    assert answer.outcome.steps == small.steps
+    assert answer.outcome.followed is None
 
 
 def test_the_second_release_does_the_work_that_the_first_one_drew(

@@ -38,6 +38,7 @@ def test_a_program_killed_while_it_writes_loses_its_last_answer_alone(tmp_path: 
     assert broken.outcome == Failure(Status.INPUT, "no joint")
     assert isinstance(pile.outcome, CountedWork)
     assert pile.outcome.work == work.work
+    assert pile.outcome.followed is not None
     assert np.array_equal(pile.outcome.followed.run["qpos"], run["qpos"])
     for end in range(len(content)):
         file.write_bytes(content[:end])
