@@ -122,7 +122,7 @@ def launch_once(pool: "WorkerPool") -> None:
     Raises:
       MachineError: the workers failed.
     """
-    from mjbench.paired.preparation import Sizes
+    from mjbench.paired.block_sizes import Sizes
     from mjbench.paired.protocol import TargetPair
     from mjbench.paired.targets import Target
     from mjbench.releases import installs

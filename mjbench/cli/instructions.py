@@ -46,7 +46,7 @@ def instructions(
     work. Without a MODEL: all shipped models.
     """
     from mjbench.counts.instructions import InstructionCounter, ModelCount
-    from mjbench.paired.preparation import Sizes
+    from mjbench.paired.block_sizes import Sizes
     from mjbench.releases import installs
     from mjbench.report import counts
     from mjbench.report.documents import InstructionsDocument

@@ -5,7 +5,8 @@ import random
 import numpy as np
 
 from mjbench.paired import requests
-from mjbench.paired.worker_pool import TargetError, WorkerPool, WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.releases import movable
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError

@@ -17,7 +17,8 @@ from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.paired import moved_check
-from mjbench.paired.preparation import Sizes, WorkCheck
+from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.targets import Target

@@ -8,61 +8,22 @@ import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import requests
+from mjbench.paired.block_sizes import DRAWN_PER_BLOCK, BlockSize, Sizes, block_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
-from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.simulation import agreement, starts, work_check
 from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import StateDrift
-from mjbench.simulation.workload import whole_holds
-
-# Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
-# blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
-# which both targets share and which makes any change look smaller.
-BLOCK_S = 0.001
-# Steps of each simulation of a block, at most.
-MAX_NSTEP = 100
-# Seconds of a block for each thread of a path with threads: long enough that starting the threads
-# is not what is measured.
-THREADED_BLOCK_S = 0.01
-# Simulations that are drawn for each one of a block. Every layout does others of them, so that a
-# verdict does not rest on the states of one block.
-DRAWN_PER_BLOCK = 8
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """The work of a block, as the user asked for it.
-
-    Attributes:
-      nbatch: simulations; None chooses them from what a step costs.
-      nstep: steps of each simulation; None chooses them from what a step costs.
-      hold: steps for which each control is held.
-      seed: of start states and controls.
-      starts: where start states are to come from.
-    """
-
-    nbatch: int | None = None
-    nstep: int | None = None
-    hold: int = 1
-    seed: int = 0
-    starts: StartPlan = DEFAULT_STARTS
-
-
-class BlockSize(NamedTuple):
-    """Simulations of a block, and steps of each."""
-
-    nbatch: int
-    nstep: int
 
 
 @dataclass(frozen=True)
@@ -197,7 +158,7 @@ def _choose_sizes(
         cost_s = max(cost_s, step_costs.step_cost_s(now.digest, settled))
         max_nstep = starts.max_settling_nstep(cost_s)
         settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
-        block = _block_size(sizes, nthread, cost_s)
+        block = block_size(sizes, nthread, cost_s)
         drawn = block.nbatch
         if not sizes.nbatch and nthread == 1:
             drawn *= DRAWN_PER_BLOCK
@@ -266,23 +227,6 @@ def _prepared(
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
     return Preparation(models, files, nsim, work_check)
-
-
-def _block_size(sizes: Sizes, nthread: int, step_s: float) -> BlockSize:
-    """Return a size such that a block takes about BLOCK_S where the user leaves it open.
-
-    Args:
-      sizes: as the user asked.
-      nthread: threads of the target that has more.
-      step_s: seconds of a step of the target that is slower, as tables have it.
-    """
-    block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
-    steps, hold = max(1, int(block_s / step_s)), sizes.hold
-    if sizes.nbatch:
-        nstep = sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
-        return BlockSize(sizes.nbatch, nstep)
-    nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP), hold)
-    return BlockSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)
 
 
 def _draw(

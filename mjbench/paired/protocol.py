@@ -18,11 +18,12 @@ import numpy as np
 
 from mjbench.instrument import machine, timing
 from mjbench.paired import cores, preparation, requests
-from mjbench.paired.preparation import Sizes
+from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import LAYOUTS, MAX_LAYOUTS, TimeLimit, launch_s, quad_count
-from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from mjbench.errors import InputError
+from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.outcomes import Arm
-from mjbench.paired.preparation import Sizes
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.paired.targets import Target
 from mjbench.releases import installs

@@ -13,9 +13,10 @@ from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
 from mjbench.paired.averaging import Averaging, averaging
+from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.outcomes import Cause, Verdict
-from mjbench.paired.preparation import Sizes, WorkCheck
+from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
     MAX_E_VALUE,

@@ -10,7 +10,8 @@ import pytest
 from paired_examples import INSTALLED
 
 from mjbench.paired import moved_check, requests
-from mjbench.paired.worker_pool import TargetError, WorkerPool
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import TargetError
 from mjbench.releases import movable
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement

@@ -9,12 +9,13 @@ import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 from mjbench.errors import InputError
-from mjbench.paired import preparation, requests
-from mjbench.paired.preparation import Sizes
+from mjbench.paired import block_sizes, preparation, requests
+from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
-from mjbench.paired.worker_pool import WorkerPool, WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_SETTLE_S, KEYFRAME_STARTS, StartPlan, Starts
 
@@ -82,7 +83,7 @@ def test_runs_with_other_stopwatch_readings_do_identical_work(
     first, second = runs
     assert next(readings_s) == 1e-4  # measured once
     assert first.work_check == second.work_check
-    assert first.nsim == second.nsim == preparation.DRAWN_PER_BLOCK * first.work_check.nbatch
+    assert first.nsim == second.nsim == block_sizes.DRAWN_PER_BLOCK * first.work_check.nbatch
     for one, other in zip(first.workloads, second.workloads, strict=True):
         assert one.read_bytes() == other.read_bytes()
 
@@ -147,4 +148,4 @@ def test_an_option_that_does_not_exist_is_bad_input(
 def test_a_block_takes_about_a_millisecond_where_the_user_leaves_it_open(
     sizes: Sizes, nthread: int, step_s: float, expected: tuple[int, int]
 ) -> None:
-    assert preparation._block_size(sizes, nthread, step_s * (1 - 1e-9)) == expected
+    assert block_sizes.block_size(sizes, nthread, step_s * (1 - 1e-9)) == expected

@@ -5,8 +5,8 @@ from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
 from mjbench.paired import selfcheck_cases
+from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.outcomes import Arm, Verdict
-from mjbench.paired.preparation import Sizes
 from mjbench.paired.selfcheck_cases import Case
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.releases.no_change_pairs import NoChangePair

@@ -17,7 +17,8 @@ from mjbench.errors import MachineError
 from mjbench.paired import requests
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
-from mjbench.paired.worker_pool import TargetError, WorkerPool
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import TargetError
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models

@@ -15,7 +15,8 @@ from paired_examples import BRIEF, CARTPOLE
 
 from mjbench.paired import verdict, worker_pool
 from mjbench.paired.requests import TimeBlocks
-from mjbench.paired.worker_pool import TargetError, WorkerPool, WorkerProcess
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.status import Status
 
 

@@ -1,0 +1,63 @@
+"""How much work a block is: what the user asked for, or what takes about a millisecond."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
+from mjbench.simulation.workload import whole_holds
+
+# Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
+# blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
+# which both targets share and which makes any change look smaller.
+BLOCK_S = 0.001
+# Steps of each simulation of a block, at most.
+MAX_NSTEP = 100
+# Seconds of a block for each thread of a path with threads: long enough that starting the threads
+# is not what is measured.
+THREADED_BLOCK_S = 0.01
+# Simulations that are drawn for each one of a block. Every layout does others of them, so that a
+# verdict does not rest on the states of one block.
+DRAWN_PER_BLOCK = 8
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The work of a block, as the user asked for it.
+
+    Attributes:
+      nbatch: simulations; None chooses them from what a step costs.
+      nstep: steps of each simulation; None chooses them from what a step costs.
+      hold: steps for which each control is held.
+      seed: of start states and controls.
+      starts: where start states are to come from.
+    """
+
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int = 1
+    seed: int = 0
+    starts: StartPlan = DEFAULT_STARTS
+
+
+class BlockSize(NamedTuple):
+    """Simulations of a block, and steps of each."""
+
+    nbatch: int
+    nstep: int
+
+
+def block_size(sizes: Sizes, nthread: int, step_s: float) -> BlockSize:
+    """Return a size such that a block takes about BLOCK_S where the user leaves it open.
+
+    Args:
+      sizes: as the user asked.
+      nthread: threads of the target that has more.
+      step_s: seconds of a step of the target that is slower, as tables have it.
+    """
+    block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
+    steps, hold = max(1, int(block_s / step_s)), sizes.hold
+    if sizes.nbatch:
+        nstep = sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
+        return BlockSize(sizes.nbatch, nstep)
+    nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP), hold)
+    return BlockSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)
