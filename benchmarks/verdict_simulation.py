@@ -19,7 +19,7 @@ from mjbench.status import ExitCode
 ROOT = Path(__file__).resolve().parent.parent
 TALLY: Path = ROOT / "results" / "verdicts.json"
 PAGE: Path = ROOT / "docs" / "method" / "verdict-errors.md"
-COMPARISONS = 4000
+COMPARISONS = 2000
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

@@ -85,7 +85,10 @@ class FailOn:
         if any(is_there[finding] for finding in self.findings):
             return ExitCode.FINDING
         asks_for_speed = bool({Finding.SLOWER, Finding.FASTER} & set(self.findings))
-        is_speed_open = asks_for_speed and bool(decided.undecided) and not self.allow_inconclusive
+        is_speed_open = asks_for_speed and any(
+            row.verdict != Verdict.INCONCLUSIVE or not self.allow_inconclusive
+            for row in decided.undecided
+        )
         is_work_open = Finding.CHANGED_WORK in self.findings and any(
             row.changed_work is None for row in rows
         )

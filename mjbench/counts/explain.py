@@ -61,7 +61,7 @@ def summary(baseline: ModelCount, candidate: ModelCount, row: ExplainRow) -> lis
     assert baseline.instructions_per_step
     assert candidate.instructions_per_step
     ratio = candidate.instructions_per_step / baseline.instructions_per_step
-    changes = _work_changes(baseline, candidate)
+    changes = _work_changes(baseline, candidate, row.time)
     lines = [
         f"instructions per step {baseline.instructions_per_step:,.0f} →"
         f" {candidate.instructions_per_step:,.0f} ({_percent(ratio)} %)",
@@ -221,7 +221,7 @@ def verdict_row(baseline: ModelCount, candidate: ModelCount, min_effect: float) 
         detail="; ".join(details),
         verdict=_verdict(ratio, min_effect) if ratio else None,
         ratio=ratio,
-        changed_work=None if failed else bool(_work_changes(baseline, candidate)),
+        changed_work=None if failed else bool(_work_changes(baseline, candidate, None)),
         work=work,
         drift=drift.one_step if drift else None,
         run_drift=drift.runs if drift else (),
@@ -265,14 +265,19 @@ def _verdict(ratio: Ratio, min_effect: float) -> Verdict:
     return Verdict.FASTER if ratio.estimate <= 1 / (1 + min_effect) else Verdict.SAME
 
 
-def _work_changes(baseline: ModelCount, candidate: ModelCount) -> list[str]:
-    """Return how the work of the two differs, for people; empty where it is the same."""
+def _work_changes(
+    baseline: ModelCount, candidate: ModelCount, time: VerdictRow | None
+) -> list[str]:
+    """Return how the work of the two differs, for people; empty where it is the same.
+
+    Where time was compared, single steps were compared with it; they are counted without otherwise.
+    """
     drift = state_drift(baseline, candidate)
+    one_step = drift.one_step if drift else None
+    if time is not None and time.drift is not None:
+        one_step = max(one_step or 0.0, time.drift)
     return agreement.work_changes(
-        baseline.work,
-        candidate.work,
-        drift.one_step if drift else None,
-        (baseline.diverged, candidate.diverged),
+        baseline.work, candidate.work, one_step, (baseline.diverged, candidate.diverged)
     )
 
 

@@ -195,7 +195,8 @@ def _line_arguments(
         for index in range(call - 1, -1, -1):
             if _is_branch(decoded[index]):
                 break
-            operands = [] if instructions[index].is_nop else decoded[index].operands
+            has_operands = not instructions[index].is_nop and _is_valid(decoded[index])
+            operands = decoded[index].operands if has_operands else []
             if operands and operands[0].type == x86.X86_OP_REG and operands[0].reg == register:
                 if decoded[index].id == x86.X86_INS_MOV and operands[1].type == x86.X86_OP_IMM:
                     yield index
@@ -208,8 +209,11 @@ def _is_nop(instruction: capstone.CsInsn) -> bool:
 
 def _is_branch(instruction: capstone.CsInsn) -> bool:
     """Return whether an instruction branches or calls; bytes that are none have no groups."""
-    is_valid = instruction.id != x86.X86_INS_INVALID
-    return is_valid and not _BRANCHES.isdisjoint(instruction.groups)
+    return _is_valid(instruction) and not _BRANCHES.isdisjoint(instruction.groups)
+
+
+def _is_valid(instruction: capstone.CsInsn) -> bool:
+    return bool(instruction.id != x86.X86_INS_INVALID)
 
 
 def _instruction(

@@ -52,5 +52,6 @@ def averaging(pool: WorkerPool, baseline: Target, candidate: Target) -> Averagin
         try:
             moved_check.check(pool, target.release)
         except ImmovableError as error:
-            return Averaging(False, f"MuJoCo {target.release.version}: {error}")
+            version = target.release.version
+            return Averaging(False, f"the code of MuJoCo {version} cannot be moved: {error}")
     return Averaging(True)

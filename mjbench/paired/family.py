@@ -5,11 +5,12 @@ So a change of a family of comparisons needs an e-value that suffices for their 
 `anytime.e_benjamini_hochberg`).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.instrument import anytime
-from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import VerdictRow
 
 
@@ -36,18 +37,14 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
 
     Args:
       rows: of the comparisons.
-      confidence: such as 0.99; of the changes that are named, a share of at most 1 - confidence is
-        expected to be a false alarm.
+      confidence: such as 0.99; of the slower ones that are named, a share of at most
+        1 - confidence is expected to be false alarms, and so of the faster ones.
     """
     changes: dict[Verdict, list[VerdictRow]] = {}
     for verdict in (Verdict.SLOWER, Verdict.FASTER):
         e_values = [_e_value(row, verdict) for row in rows]
         certain = anytime.e_benjamini_hochberg(e_values, 1 - confidence)
-        changes[verdict] = [
-            row
-            for row, is_certain in zip(rows, certain, strict=True)
-            if is_certain and row.verdict == verdict and not _may_be_placement(row)
-        ]
+        changes[verdict] = [row for row, is_sure in zip(rows, certain, strict=True) if is_sure]
     slower, faster = changes[Verdict.SLOWER], changes[Verdict.FASTER]
     decided = [*slower, *faster, *(row for row in rows if row.verdict == Verdict.SAME)]
     undecided = [row for row in rows if not any(row is other for other in decided)]
@@ -55,11 +52,15 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
 
 
 def _e_value(row: VerdictRow, verdict: Verdict) -> float:
-    """Return the evidence for a verdict; instruction counts, which have no noise, are certain."""
-    e_value = row.e_slower if verdict == Verdict.SLOWER else row.e_faster
-    if e_value is not None:
-        return e_value
-    return float("inf") if row.verdict == verdict else 0.0
+    """Return the evidence for a verdict; 0 where a comparison has another, or may be placement.
+
+    Instruction counts, which have no noise, are certain.
+    """
+    if row.verdict != verdict or _may_be_placement(row):
+        return 0.0
+    if row.metric == Metric.INSTRUCTIONS:
+        return math.inf
+    return (row.e_slower if verdict == Verdict.SLOWER else row.e_faster) or 0.0
 
 
 def _may_be_placement(row: VerdictRow) -> bool:

@@ -1,9 +1,11 @@
 """Check, once for each release, that moved libraries do what the installed ones do."""
 
 import random
+from pathlib import Path
 
 import numpy as np
 
+from mjbench.errors import InputError
 from mjbench.paired import requests
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
@@ -43,25 +45,49 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
     processes: list[WorkerProcess] = []
     try:
         processes.extend(pool.start(release, placement=placement) for placement in placements)
-        _compare(pool, release, processes)
-    except TargetError as error:
-        raise ImmovableError(f"with moved libraries it fails: {error}") from error
+        shipped, *moved = processes
+        workload, expected = _as_shipped(pool, release, shipped)
+        for process in moved:
+            _compare(pool, release, process, workload, expected)
     finally:
         pool.end(processes)
     movable.note_checked(install)
 
 
-def _compare(pool: WorkerPool, release: ReleaseSpec, processes: list[WorkerProcess]) -> None:
-    """Raise ImmovableError unless all processes reach the states of the first one."""
-    source, expected = models.resolve(_MODEL), None
-    for process in processes:
+def _as_shipped(
+    pool: WorkerPool, release: ReleaseSpec, process: WorkerProcess
+) -> tuple[Path, np.ndarray]:
+    """Return the file of a workload, and the final states of a process as shipped.
+
+    Raises:
+      ImmovableError: this release cannot step the model that is looked at.
+      TargetError: it crashed, hung or failed.
+    """
+    source = models.resolve(_MODEL)
+    pool.wait_for(process, release)
+    try:
+        process.call(requests.LoadModel(source.name, source.path, {}))
+        request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP))
+        workload = pool.save(process.call(request).workload)
+        return workload, process.call(requests.Observe(workload)).final_state
+    except InputError as error:
+        raise ImmovableError(f"it cannot be checked: {error}") from error
+
+
+def _compare(
+    pool: WorkerPool,
+    release: ReleaseSpec,
+    process: WorkerProcess,
+    workload: Path,
+    expected: np.ndarray,
+) -> None:
+    """Raise ImmovableError unless a moved process reaches the expected states."""
+    source = models.resolve(_MODEL)
+    try:
         pool.wait_for(process, release)
         process.call(requests.LoadModel(source.name, source.path, {}))
-        if expected is None:
-            request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP))
-            file = pool.save(process.call(request).workload)
-        states = process.call(requests.Observe(file)).final_state
-        if expected is None:
-            expected = states
-        elif not np.array_equal(states, expected):
-            raise ImmovableError("with moved libraries it steps to other states")
+        states = process.call(requests.Observe(workload)).final_state
+    except (InputError, TargetError) as error:
+        raise ImmovableError(f"with moved libraries it fails: {error}") from error
+    if not np.array_equal(states, expected):
+        raise ImmovableError("with moved libraries it steps to other states")

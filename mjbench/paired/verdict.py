@@ -134,7 +134,8 @@ class PairedResult:
     def _cause(self) -> Cause | None:
         """Return why the builds differ; None where they do not, or where more than the build does.
 
-        What is called `same` differs as shipped only if those launches say so.
+        What is called `same` differs by placement if it does so as shipped, and if as shipped it is
+        certainly another ratio.
         """
         baseline, candidate = self.baseline, replace(self.candidate, release=self.baseline.release)
         if self.judgement is None or self.averaging is None or baseline != candidate:
@@ -145,7 +146,9 @@ class PairedResult:
                 Verdict.FASTER,
                 Verdict.SLOWER,
             )
-            return Cause.PLACEMENT if differs else None
+            effect = self._placement_effect()
+            is_certain = effect is not None and not _holds_one(effect)
+            return Cause.PLACEMENT if differs and is_certain else None
         if verdict == Verdict.INCONCLUSIVE:
             return Cause.UNDECIDED
         if self.work_check is not None and self.work_check.changed:
@@ -157,13 +160,17 @@ class PairedResult:
             return None
         if not self.averaging.is_on:
             return PlacementEffect(False, self.averaging.problem)
-        if self.judgement is None or self.as_shipped is None:
+        if self.as_shipped is None:
             return PlacementEffect(True)
         return PlacementEffect(
-            True,
-            as_shipped=ratio_of(self.as_shipped),
-            effect=_quotient(ratio_of(self.as_shipped), ratio_of(self.judgement)),
+            True, as_shipped=ratio_of(self.as_shipped), effect=self._placement_effect()
         )
+
+    def _placement_effect(self) -> Ratio | None:
+        """Return the ratio as shipped over the averaged one; None where one was not measured."""
+        if self.judgement is None or self.as_shipped is None:
+            return None
+        return _quotient(ratio_of(self.as_shipped), ratio_of(self.judgement))
 
     def record(self) -> VerdictRecord:
         """Return the comparison as a run file stores it, with every launch's raw times."""
@@ -185,6 +192,11 @@ def ratio_of(judgement: Judgement) -> Ratio:
     if not math.isfinite(judgement.high):
         return Ratio(judgement.ratio, None, None)
     return Ratio(judgement.ratio, judgement.low, judgement.high)
+
+
+def _holds_one(ratio: Ratio) -> bool:
+    """Return whether an interval holds 1; a missing end is no bound."""
+    return (ratio.low is None or ratio.low <= 1) and (ratio.high is None or ratio.high >= 1)
 
 
 def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:

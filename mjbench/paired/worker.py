@@ -101,11 +101,15 @@ class Worker:
 
     def _start_release(self, request: requests.StartRelease) -> None:
         self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
+        package: Path | None = None
         if request.move is not None:
             movable = pickle.loads(request.move.movable_file.read_bytes())
-            movable.use(request.move.folder, request.move.placement)
-        import mujoco  # noqa: F401  now, so that its libraries lie behind the padding
+            package = movable.use(request.move.folder, request.move.placement)
+        import mujoco  # now, so that its libraries lie behind the padding
 
+        imported = Path(mujoco.__file__).parent
+        if package is not None and imported != package:
+            raise MachineError(f"imported {imported} instead of the moved {package}")
         from mjbench.releases import install_check
 
         if request.check_files:

@@ -63,7 +63,8 @@ def read(site: Path) -> MovableInstall:
             images[name] = _image(content)
         except ImmovableError as error:
             raise ImmovableError(f"{name}: {error}") from error
-    return MovableInstall(site, images)
+    digests = {name: moved_install.digest(content) for name, content in contents.items()}
+    return MovableInstall(site, images, digests)
 
 
 def was_checked(install: MovableInstall) -> bool:

@@ -5,7 +5,6 @@ which takes about 20 ms. So this module needs NumPy alone; `movable` finds what 
 """
 
 import csv
-import functools
 import hashlib
 import io
 import os
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.releases.install_check import DISTRIBUTIONS
-from mjbench.releases.moved_image import MovableImage
+from mjbench.releases.moved_image import ImmovableError, MovableImage
 from mjbench.releases.placement import Placement
 
 # What the names of libraries begin with that a step runs through.
@@ -34,19 +33,23 @@ class MovableInstall:
     Attributes:
       site: the folder that holds the package and its metadata, as installed.
       images: what changes in each library that moves, by the name of its file.
+      digests: of the content of each, by the name of its file.
     """
 
     site: Path
     images: Mapping[str, MovableImage]
+    digests: Mapping[str, str]
 
-    @functools.cached_property
+    @property
     def digest(self) -> str:
         """A short name for the content of the libraries that move."""
-        contents = [(self.site / _PACKAGE / name).read_bytes() for name in sorted(self.images)]
-        return digest(b"".join(contents))
+        return digest("".join(sorted(self.digests.values())).encode())
 
-    def use(self, folder: Path, placement: Placement) -> None:
+    def use(self, folder: Path, placement: Placement) -> Path:
         """Create a moved install in a new folder, and have this process import from it.
+
+        Returns:
+          The folder of the package that the process must import.
 
         Raises:
           OSError: it cannot be written.
@@ -59,13 +62,20 @@ class MovableInstall:
             if entry.name not in own:
                 (others / entry.name).symlink_to(entry)
         site = self.site.resolve()
-        sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != site]
-        sys.path += [str(moved), str(others)]
+        folders: list[str] = []
+        for name in sys.path:
+            if Path(name).resolve() != site:
+                folders.append(name)
+            elif str(moved) not in folders:  # it takes the place of the original
+                folders += [str(moved), str(others)]
+        sys.path[:] = folders
+        return moved / _PACKAGE
 
     def create(self, folder: Path, placement: Placement) -> None:
         """Create the package and its metadata in a new folder, libraries moved.
 
         Raises:
+          ImmovableError: a library was changed since it was read.
           OSError: it cannot be written.
         """
         package = folder / _PACKAGE
@@ -78,7 +88,10 @@ class MovableInstall:
                 continue
             is_engine = entry.name.startswith(ENGINE)
             shift = placement.engine_bytes if is_engine else placement.extension_bytes
-            content = image.moved(entry.read_bytes(), shift)
+            original = entry.read_bytes()
+            if digest(original) != self.digests[entry.name]:
+                raise ImmovableError(f"{entry.name} was changed while it was being measured")
+            content = image.moved(original, shift)
             (package / entry.name).write_bytes(content)
             sizes[f"{_PACKAGE}/{entry.name}"] = len(content)
         for metadata in _metadata_folders(self.site):

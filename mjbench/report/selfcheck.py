@@ -20,7 +20,7 @@ def print_tables(out: Console, rows: Sequence[SelfcheckRow]) -> None:
     if between:
         out.print(build_table(between))
     for problem in dict.fromkeys(row.problem for row in rows if row.problem):
-        out.print(f"compared as shipped, because of {problem}", soft_wrap=True)
+        out.print(f"compared as shipped: {problem}", soft_wrap=True)
 
 
 def slowdown_table(rows: Sequence[SelfcheckRow]) -> Table:

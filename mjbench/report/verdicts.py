@@ -7,7 +7,7 @@ from rich.console import Console
 
 from mjbench.paired import family
 from mjbench.paired.family import Family
-from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import Ratio, TargetRow, VerdictRow
 from mjbench.report import tables
 from mjbench.simulation import agreement
@@ -32,8 +32,14 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
         starts_lines = [f"  {line}" for line in tables.starts_lines(row.starts)]
         for line in [*starts_lines, *_warning_lines(row)]:
             out.print(line, soft_wrap=True)
-    if len(rows) > 1:
+    if len(rows) > 1 and all(_has_evidence(row) for row in rows):
         out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
+
+
+def _has_evidence(row: VerdictRow) -> bool:
+    """Return whether a comparison can be decided with others; old run files hold no e-values."""
+    is_exact = row.metric == Metric.INSTRUCTIONS
+    return is_exact or row.verdict is None or row.ratio is None or row.e_slower is not None
 
 
 def describe_family(decided: Family, confidence: float) -> str:
@@ -47,9 +53,19 @@ def describe_family(decided: Family, confidence: float) -> str:
         )
     ]
     sentence = f"All {decided.count} together: {', '.join(parts)}."
-    if decided.slower or decided.faster:
+    changes = [*decided.slower, *decided.faster]
+    if any(row.metric == Metric.TIME for row in changes):
         share = f"{100 * (1 - confidence):g} %"
-        sentence += f" Of the changes named here, at most {share} are expected to be false alarms."
+        each = "each" if decided.slower and decided.faster else ""
+        named = " and ".join(
+            outcome
+            for outcome, rows in (("slower", decided.slower), ("faster", decided.faster))
+            if rows
+        )
+        sentence += (
+            f" Of those named {named}, at most {share}{each and ' ' + each} are expected to be"
+            " false alarms."
+        )
     return sentence
 
 
@@ -146,7 +162,7 @@ def _describe_placement(row: VerdictRow) -> str:
     if placement is None:
         return ""
     if placement.problem:
-        return f"; compared as shipped, because its code cannot be moved: {placement.problem}"
+        return f"; compared as shipped: {placement.problem}"
     if placement.effect is None:
         return ""
     ratio = placement.effect

@@ -24,6 +24,8 @@ def row(
         status=status,
         verdict=verdict,
         ratio=Ratio(1.0, None, None),
+        e_slower=1e6 if verdict == Verdict.SLOWER else 0.1,
+        e_faster=1e6 if verdict == Verdict.FASTER else 0.1,
         changed_work=changed_work,
     )
 
@@ -60,7 +62,7 @@ def test_a_difference_that_may_be_placement_is_undecided_unless_asked_for_as_shi
     could_not = PlacementEffect(averaged=False, problem="MuJoCo 2: its package holds no libmujoco")
     slower = replace(row(Verdict.SLOWER), cause=Cause.UNDECIDED, placement=could_not)
     assert FailOn(SPEED).exit_code([slower], 0.99) == 3
-    assert FailOn(SPEED, allow_inconclusive=True).exit_code([slower], 0.99) == 0
+    assert FailOn(SPEED, allow_inconclusive=True).exit_code([slower], 0.99) == 3
     assert FailOn(SPEED).exit_code([replace(slower, placement=PlacementEffect(False))], 0.99) == 1
     assert FailOn(SPEED).exit_code([replace(slower, cause=Cause.WORK)], 0.99) == 1
     assert FailOn(SPEED).exit_code([replace(slower, verdict=Verdict.SAME, cause=None)], 0.99) == 0
@@ -72,6 +74,13 @@ def test_a_change_among_many_comparisons_needs_more_evidence() -> None:
     assert FailOn(SPEED).exit_code([slower], 0.99) == 1
     assert FailOn(SPEED).exit_code([slower, *others], 0.99) == 3
     assert FailOn(SPEED).exit_code([replace(slower, e_slower=1000.0), *others], 0.99) == 1
+
+
+def test_no_comparison_with_another_verdict_makes_a_change_certain() -> None:
+    """Small slowdowns that are called the same do not add to the evidence of another one."""
+    slower = replace(row(Verdict.SLOWER), e_slower=150.0)
+    same = replace(row(Verdict.SAME), e_slower=1e6)
+    assert FailOn(SPEED).exit_code([slower, *[same] * 9], 0.99) == 3
 
 
 def test_work_that_was_not_compared_does_not_pass() -> None:

@@ -34,7 +34,9 @@ def test_both_releases_must_move(pool: WorkerPool, monkeypatch: pytest.MonkeyPat
     other = replace(CARTPOLE, release=ReleaseSpec("3.5.0", "3.5.0"))
     assert averaging.averaging(pool, CARTPOLE, CARTPOLE) == Averaging(True)
     for pair in ((CARTPOLE, other), (other, CARTPOLE)):
-        assert averaging.averaging(pool, *pair) == Averaging(False, "MuJoCo 3.5.0: it is a program")
+        assert averaging.averaging(pool, *pair) == Averaging(
+            False, "the code of MuJoCo 3.5.0 cannot be moved: it is a program"
+        )
 
 
 def test_elsewhere_than_on_linux_the_reason_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,5 +44,5 @@ def test_elsewhere_than_on_linux_the_reason_is_named(monkeypatch: pytest.MonkeyP
     with WorkerPool() as pool:
         averaged = averaging.averaging(pool, CARTPOLE, CARTPOLE)
     version = INSTALLED.version
-    problem = f"MuJoCo {version}: only libraries for Linux on x86-64 can be moved"
+    problem = f"the code of MuJoCo {version} cannot be moved: only libraries for Linux on x86-64 can be moved"
     assert averaged == Averaging(False, problem)

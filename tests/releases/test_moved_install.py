@@ -39,7 +39,10 @@ def install(tmp_path: Path) -> MovableInstall:
     for name in ("mujoco-9.9.9.dist-info", "mujoco_core-9.9.9.dist-info", "mujoco_mjx-9.dist-info"):
         (site / name).mkdir()
         (site / name / "RECORD").write_text("".join(",".join(row) + "\n" for row in rows))
-    return MovableInstall(site, dict.fromkeys(names[:2], IMAGE))
+    digests = {
+        name: moved_install.digest((site / "mujoco" / name).read_bytes()) for name in names[:2]
+    }
+    return MovableInstall(site, dict.fromkeys(names[:2], IMAGE), digests)
 
 
 def test_libraries_are_moved_and_everything_else_is_linked(

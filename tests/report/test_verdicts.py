@@ -142,7 +142,7 @@ def test_comparisons_are_summed_up_together() -> None:
     assert decided.undecided == [unsure]
     assert verdicts.describe_family(decided, 0.99) == (
         "All 3 together: slower in 1 (humanoid), faster in none, undecided in 1 (cloth)."
-        " Of the changes named here, at most 1 % are expected to be false alarms."
+        " Of those named slower, at most 1 % are expected to be false alarms."
     )
     quiet = verdicts.describe_family(family.decide([same, same], 0.99), 0.99)
     assert quiet == "All 2 together: slower in none, faster in none, undecided in none."
