@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="What to compare. Instruction counts repeat within 0.1 %. They do not need a quiet"
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
-    " --precision and --time-limit do not apply.",
+    " --precision, --time-limit and --as-shipped do not apply.",
 )
 @with_options(*FAIL_ON, *JUDGING, *SIZES, *STORING)
 def versions(

@@ -1,6 +1,6 @@
 """Draw the workload of a measurement: starts in the model's typical regime, few that diverge."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -127,17 +127,24 @@ def _from_file(model: mujoco.MjModel, request: SampleRequest) -> Iterator[Sample
     """Yield workloads that start from the rows of a file."""
     assert request.starts.file is not None
     recorded = state_file.read(request.starts.file, model)
+    # controls of the file are replayed as they are
+    spreads = SPREADS[:1] if "ctrl" in recorded.fields else SPREADS
     yield from _over_spreads(
         lambda spread: state_file.draw(
             model, recorded, request.nbatch, request.nstep, request.hold, request.seed, spread
         ),
         Starts(0.0, 0.0, file=recorded.name),
+        spreads,
     )
 
 
-def _over_spreads(make: Callable[[float], Workload | None], came_from: Starts) -> Iterator[Sample]:
+def _over_spreads(
+    make: Callable[[float], Workload | None],
+    came_from: Starts,
+    spreads: Sequence[float] = SPREADS,
+) -> Iterator[Sample]:
     """Yield what `make` returns for each spread, without the simulations that diverge."""
-    for spread in SPREADS:
+    for spread in spreads:
         made = make(spread)
         if made is not None:
             healthy, observation = work.observe_healthy(made)

@@ -44,5 +44,6 @@ def test_elsewhere_than_on_linux_the_reason_is_named(monkeypatch: pytest.MonkeyP
     with WorkerPool() as pool:
         averaged = averaging.averaging(pool, CARTPOLE, CARTPOLE)
     version = INSTALLED.version
-    problem = f"the code of MuJoCo {version} cannot be moved: only libraries for Linux on x86-64 can be moved"
+    reason = "only libraries for Linux on x86-64 can be moved"
+    problem = f"the code of MuJoCo {version} cannot be moved: {reason}"
     assert averaged == Averaging(False, problem)
