@@ -56,11 +56,13 @@ class Move:
 
     Attributes:
       movable_file: a pickled `MovableInstall`.
+      others: the folder of what lies beside the package.
       folder: to create the moved install in.
       placement: how far.
     """
 
     movable_file: Path
+    others: Path
     folder: Path
     placement: Placement
 

@@ -104,7 +104,8 @@ class Worker:
         package: Path | None = None
         if request.move is not None:
             movable = pickle.loads(request.move.movable_file.read_bytes())
-            package = movable.use(request.move.folder, request.move.placement)
+            move = request.move
+            package = movable.use(move.folder, move.others, move.placement)
         import mujoco  # now, so that its libraries lie behind the padding
 
         imported = Path(mujoco.__file__).parent

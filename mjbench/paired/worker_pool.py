@@ -36,7 +36,7 @@ class WorkerPool:
         # By the key of a release: its install, what moves in it, and the file that holds that.
         self._installs: dict[str, Path | None] = {}
         self._movable: dict[str, MovableInstall] = {}
-        self._movable_files: dict[str, Path] = {}
+        self._moves: dict[str, tuple[Path, Path]] = {}
         # Releases whose files were checked. They cannot change while the install is in use.
         self._checked: set[str] = set()
         self._file_count = 0
@@ -105,8 +105,8 @@ class WorkerPool:
         install, output_file = self._install(release), self.new_file(".output")
         move = None
         if placement is not None:
-            movable_file = self._movable_file(release)
-            move = requests.Move(movable_file, self.new_file(".moved"), placement)
+            movable_file, others = self._movable_files(release)
+            move = requests.Move(movable_file, others, self.new_file(".moved"), placement)
         connection, process = self._spawn(install, output_file)
         name = name or f"MuJoCo {release.version}"
         moved_install = move.folder if move else None
@@ -152,11 +152,14 @@ class WorkerPool:
             self._installs[release.key] = install
         return self._installs[release.key]
 
-    def _movable_file(self, release: installs.ReleaseSpec) -> Path:
-        """Return the file that holds what moves in a release."""
-        if release.key not in self._movable_files:
-            self._movable_files[release.key] = self.save(self.movable(release))
-        return self._movable_files[release.key]
+    def _movable_files(self, release: installs.ReleaseSpec) -> tuple[Path, Path]:
+        """Return the file that holds what moves in a release, and the folder of what does not."""
+        if release.key not in self._moves:
+            install, others = self.movable(release), self.new_file(".others")
+            with writing(others):
+                install.link_others(others)
+            self._moves[release.key] = self.save(install), others
+        return self._moves[release.key]
 
     def _spawn(self, install: Path | None, output_file: Path) -> tuple[Connection, child.Child]:
         try:

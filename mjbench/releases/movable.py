@@ -50,6 +50,7 @@ def read(site: Path) -> MovableInstall:
         raise ImmovableError("only libraries for Linux on x86-64 can be moved")
     try:
         libraries = [file for file in (site / "mujoco").iterdir() if moved_install.moves(file.name)]
+        versions = {file.name: moved_install.FileVersion.of(file) for file in libraries}
         contents = {file.name: file.read_bytes() for file in sorted(libraries)}
     except OSError as error:
         raise ImmovableError(f"its libraries cannot be read: {error.strerror}") from error
@@ -63,8 +64,8 @@ def read(site: Path) -> MovableInstall:
             images[name] = _image(content)
         except ImmovableError as error:
             raise ImmovableError(f"{name}: {error}") from error
-    digests = {name: moved_install.digest(content) for name, content in contents.items()}
-    return MovableInstall(site, images, digests)
+    everything = moved_install.digest(b"".join(contents.values()))
+    return MovableInstall(site, images, versions, everything)
 
 
 def was_checked(install: MovableInstall) -> bool:

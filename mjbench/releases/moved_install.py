@@ -26,6 +26,25 @@ _PACKAGE = "mujoco"
 _RECORD = "RECORD"
 
 
+@dataclass(frozen=True)
+class FileVersion:
+    """What tells whether a file was replaced; reading it again would take longer.
+
+    Attributes:
+      size: in bytes.
+      modified_ns: when it was written.
+    """
+
+    size: int
+    modified_ns: int
+
+    @classmethod
+    def of(cls, file: Path) -> "FileVersion":
+        """Return the version of a file."""
+        status = file.stat()
+        return cls(status.st_size, status.st_mtime_ns)
+
+
 @dataclass(frozen=True, eq=False)
 class MovableInstall:
     """A release whose libraries can be moved.
@@ -33,43 +52,52 @@ class MovableInstall:
     Attributes:
       site: the folder that holds the package and its metadata, as installed.
       images: what changes in each library that moves, by the name of its file.
-      digests: of the content of each, by the name of its file.
+      versions: of the files that were read, by name.
+      digest: a short name for the content of all libraries that move.
     """
 
     site: Path
     images: Mapping[str, MovableImage]
-    digests: Mapping[str, str]
+    versions: Mapping[str, "FileVersion"]
+    digest: str
 
-    @property
-    def digest(self) -> str:
-        """A short name for the content of the libraries that move."""
-        return digest("".join(sorted(self.digests.values())).encode())
+    def link_others(self, folder: Path) -> None:
+        """Link whatever lies beside the package, such as NumPy, into a new folder.
 
-    def use(self, folder: Path, placement: Placement) -> Path:
+        Raises:
+          OSError: it cannot be written.
+        """
+        folder.mkdir()
+        own = {_PACKAGE, *(metadata.name for metadata in _metadata_folders(self.site))}
+        for entry in self.site.iterdir():
+            if entry.name not in own:
+                (folder / entry.name).symlink_to(entry)
+
+    def use(self, folder: Path, others: Path, placement: Placement) -> Path:
         """Create a moved install in a new folder, and have this process import from it.
+
+        Args:
+          folder: to create.
+          others: that `link_others` filled.
+          placement: how far libraries are moved.
 
         Returns:
           The folder of the package that the process must import.
 
         Raises:
+          ImmovableError: a library was changed since it was read.
           OSError: it cannot be written.
         """
-        moved, others = folder / "moved", folder / "others"
-        self.create(moved, placement)
-        others.mkdir()
-        own = {_PACKAGE, *(metadata.name for metadata in _metadata_folders(self.site))}
-        for entry in self.site.iterdir():
-            if entry.name not in own:
-                (others / entry.name).symlink_to(entry)
+        self.create(folder, placement)
         site = self.site.resolve()
         folders: list[str] = []
         for name in sys.path:
             if Path(name).resolve() != site:
                 folders.append(name)
-            elif str(moved) not in folders:  # it takes the place of the original
-                folders += [str(moved), str(others)]
+            elif str(folder) not in folders:  # it takes the place of the original
+                folders += [str(folder), str(others)]
         sys.path[:] = folders
-        return moved / _PACKAGE
+        return folder / _PACKAGE
 
     def create(self, folder: Path, placement: Placement) -> None:
         """Create the package and its metadata in a new folder, libraries moved.
@@ -88,10 +116,9 @@ class MovableInstall:
                 continue
             is_engine = entry.name.startswith(ENGINE)
             shift = placement.engine_bytes if is_engine else placement.extension_bytes
-            original = entry.read_bytes()
-            if digest(original) != self.digests[entry.name]:
+            if FileVersion.of(entry) != self.versions[entry.name]:
                 raise ImmovableError(f"{entry.name} was changed while it was being measured")
-            content = image.moved(original, shift)
+            content = image.moved(entry.read_bytes(), shift)
             (package / entry.name).write_bytes(content)
             sizes[f"{_PACKAGE}/{entry.name}"] = len(content)
         for metadata in _metadata_folders(self.site):

@@ -16,7 +16,7 @@ import pytest
 from mjbench.paired import release_python
 from mjbench.releases import install_check, moved_install
 from mjbench.releases.moved_image import MovableImage
-from mjbench.releases.moved_install import MovableInstall
+from mjbench.releases.moved_install import FileVersion, MovableInstall
 from mjbench.releases.placement import Placement
 
 PLACEMENT = Placement(engine_bytes=16, extension_bytes=32)
@@ -39,10 +39,8 @@ def install(tmp_path: Path) -> MovableInstall:
     for name in ("mujoco-9.9.9.dist-info", "mujoco_core-9.9.9.dist-info", "mujoco_mjx-9.dist-info"):
         (site / name).mkdir()
         (site / name / "RECORD").write_text("".join(",".join(row) + "\n" for row in rows))
-    digests = {
-        name: moved_install.digest((site / "mujoco" / name).read_bytes()) for name in names[:2]
-    }
-    return MovableInstall(site, dict.fromkeys(names[:2], IMAGE), digests)
+    versions = {name: FileVersion.of(site / "mujoco" / name) for name in names[:2]}
+    return MovableInstall(site, dict.fromkeys(names[:2], IMAGE), versions, "digest")
 
 
 def test_libraries_are_moved_and_everything_else_is_linked(
@@ -94,8 +92,9 @@ def test_a_process_imports_the_moved_package_and_all_others_of_its_folder(
     install: MovableInstall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", ["elsewhere", str(install.site), f"{install.site}/../site"])
-    install.use(tmp_path / "new", PLACEMENT)
-    moved, others = tmp_path / "new" / "moved", tmp_path / "new" / "others"
+    moved, others = tmp_path / "moved", tmp_path / "others"
+    install.link_others(others)
+    assert install.use(moved, others, PLACEMENT) == moved / "mujoco"
     assert sys.path == ["elsewhere", str(moved), str(others)]
     assert {p.name for p in others.iterdir()} == {"other", "mujoco_mjx-9.dist-info"}
     assert (others / "other").samefile(install.site / "other")
@@ -130,7 +129,9 @@ import ctypes, json, pickle, sys
 from pathlib import Path
 file, folder = map(Path, sys.argv[1:])
 movable, placement = pickle.loads(file.read_bytes())
-movable.use(folder, placement)
+folder.mkdir()
+movable.link_others(folder / "others")
+movable.use(folder / "moved", folder / "others", placement)
 import mujoco
 from mjbench.releases import install_check
 model = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
