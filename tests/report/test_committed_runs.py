@@ -11,19 +11,24 @@ from mjbench.paired import selfcheck
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
 from mjbench.report.advice import advise
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
+from mjbench.simulation import models
 
 RUNS = ROOT / "results/runs"
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
 SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
+BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
 
 
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert COMPARISONS
     assert SELFCHECKS
-    assert {*COMPARISONS, *SELFCHECKS} == set(RUNS.glob("reference-*.jsonl"))
+    assert BETWEEN_BUILDS
+    committed = {*COMPARISONS, *SELFCHECKS, *BETWEEN_BUILDS}
+    assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
 @pytest.mark.parametrize("file", COMPARISONS, ids=lambda f: f.stem)
@@ -82,3 +87,13 @@ def test_no_verdict_of_the_committed_selfchecks_is_wrong(file: Path) -> None:
         assert row.wrong == 0
         if row.slowdown >= 0.01:
             assert row.detected == 1
+
+
+@pytest.mark.parametrize("file", BETWEEN_BUILDS, ids=lambda f: f.stem)
+def test_at_most_one_of_forty_no_change_pairs_is_called_different_by_code(file: Path) -> None:
+    trials = runs.load(file, RECORD_TYPES).of_type(TrialRecord)
+    pairs = {(trial.model, trial.old, trial.new) for trial in trials}
+    assert len(pairs) == len(NO_CHANGE_PAIRS) * len(models.shipped())
+    different = [trial for trial in trials if trial.verdict in (Verdict.SLOWER, Verdict.FASTER)]
+    assert len(different) <= len(trials) / 40
+    assert all(trial.placement is not None and trial.placement.averaged for trial in trials)
