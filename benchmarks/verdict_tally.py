@@ -111,7 +111,7 @@ class FamilyRow:
       scenario: its name.
       change: of the one that is slower; 0 if none is.
       rule: how certain each comparison must be.
-      failed: share of the families in which one or more are found slower.
+      failed: share of the families in which one or more are called slower.
       wrong: share in which one or more are that do not differ.
       launches: mean number per comparison that does not differ.
       launches_changed: mean number per comparison that does.
@@ -151,20 +151,20 @@ def family_rows(comparisons: int) -> Iterator[FamilyRow]:
             unchanged = simulate(scenario, 0.0, FAMILY * comparisons, plan, family)
             for change in CHANGES:
                 changed = simulate(scenario, change, comparisons, plan, family, seed=1)
-                found = _found(unchanged, changed, level if family > 1 else None)
+                slower = _slower(unchanged, changed, level if family > 1 else None)
                 yield FamilyRow(
                     scenario.name,
                     change,
                     rule,
-                    failed=float(found.any(axis=1).mean()),
-                    wrong=float(found[:, 1 if change else 0 :].any(axis=1).mean()),
+                    failed=float(slower.any(axis=1).mean()),
+                    wrong=float(slower[:, 1 if change else 0 :].any(axis=1).mean()),
                     launches=float(unchanged.launches.mean()),
                     launches_changed=float(changed.launches.mean()),
                 )
 
 
-def _found(unchanged: Outcomes, changed: Outcomes, level: float | None) -> np.ndarray:
-    """Return which comparisons are found slower, of shape (families, FAMILY).
+def _slower(unchanged: Outcomes, changed: Outcomes, level: float | None) -> np.ndarray:
+    """Return which comparisons are called slower, of shape (families, FAMILY).
 
     Args:
       unchanged: FAMILY comparisons of each family, of which the first is replaced.

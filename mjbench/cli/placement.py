@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     type=COUNT,
     default=14,
     show_default=True,
-    help="Launches for each of the four placements; 9 at least give an interval.",
+    help="Launches for each of the four placements; an interval needs at least 9.",
 )
 @click.option(
     "--time-limit",

@@ -52,7 +52,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
 @click.option(
     "--between-builds",
     is_flag=True,
-    help="Compare releases between which nothing changed that a step executes.",
+    help="Compare releases whose steps execute equally many instructions, which should be `same`.",
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
 @with_options(*JUDGING, *STORING)

@@ -154,8 +154,8 @@ def _parse(text: str) -> CallgrindProfile:
 def _places(addresses: Mapping[tuple[str, str], set[int]]) -> dict[str, tuple[CodePlace, ...]]:
     """Return where functions lie; `addresses` are by function and file."""
     places: dict[str, tuple[CodePlace, ...]] = {}
-    for (function, library), found in addresses.items():
-        place = CodePlace(library, tuple(sorted(found)))
+    for (function, library), executed in addresses.items():
+        place = CodePlace(library, tuple(sorted(executed)))
         places[function] = (*places.get(function, ()), place)
     return places
 

@@ -72,7 +72,7 @@ class CodeComparer:
             for place in in_files
             if place.library == file
         }
-        return _Executed(library, {name: found for name, found in functions.items() if found})
+        return _Executed(library, {name: symbols for name, symbols in functions.items() if symbols})
 
 
 class _Library:

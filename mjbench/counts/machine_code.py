@@ -139,6 +139,8 @@ def compare(
     if not _shifts(pairs, "addends") <= {0} | shifts:
         return CodeChange.CHANGED
     names = renamed or {}
+    if any(_calls_another(old.callee, new.callee, names) for old, new in pairs):
+        return CodeChange.CHANGED
     has_same_layout = [i.size_bytes for i in baseline] == [i.size_bytes for i in candidate]
     has_same_references = all(
         (old.callee == new.callee or names.get(old.callee or "") == new.callee)
@@ -148,6 +150,11 @@ def compare(
     if has_same_layout and has_same_references and shifts <= {0}:
         return CodeChange.IDENTICAL
     return CodeChange.OFFSETS
+
+
+def _calls_another(old: str | None, new: str | None, renamed: Mapping[str, str]) -> bool:
+    """Return whether two calls are known to be of different functions."""
+    return old is not None and new is not None and new not in (old, renamed.get(old))
 
 
 def similarity(baseline: Sequence[Instruction], candidate: Sequence[Instruction]) -> float:

@@ -95,8 +95,8 @@ class SharedLibrary:
 
     def code_of(self, symbol: Symbol) -> bytes:
         """Return the code of a function."""
-        found = (section.read(symbol.address, symbol.size_bytes) for section in self.code)
-        return next((code for code in found if code is not None), b"")
+        contents = (section.read(symbol.address, symbol.size_bytes) for section in self.code)
+        return next((code for code in contents if code is not None), b"")
 
     @cached_property
     def surroundings(self) -> Surroundings:
@@ -108,8 +108,8 @@ class SharedLibrary:
         return source_name(symbols[0].name) if symbols else self.imported.get(address)
 
     def _constant_at(self, address: int, size_bytes: int) -> bytes | None:
-        found = (section.read(address, size_bytes) for section in self.constants)
-        return next((content for content in found if content is not None), None)
+        contents = (section.read(address, size_bytes) for section in self.constants)
+        return next((content for content in contents if content is not None), None)
 
     @cached_property
     def _addresses(self) -> list[int]:

@@ -64,11 +64,11 @@ class Fit:
     """The means of comparisons, and what their errors follow from; arrays, one entry for each.
 
     Attributes:
-      mean: of the launches that are kept, with equal weight on each residue.
+      mean: of the launches that are not left out, with equal weight on each residue.
       leverage: variance of the mean, in units of the variance of a launch.
       freedom: degrees of freedom that are left for the variance of a launch.
       squares: sum of squared differences of launches from the mean of their residue.
-      left_out: number of launches that are not kept.
+      left_out: number of disturbed launches.
     """
 
     mean: np.ndarray
@@ -134,15 +134,15 @@ def fit(cells: np.ndarray) -> Fit:
     """
     counts = np.sum(~np.isnan(cells), axis=2)
     disturbed = _disturbed(cells, counts)
-    kept = np.where(disturbed, np.nan, cells)
+    undisturbed = np.where(disturbed, np.nan, cells)
     counts = counts - disturbed.sum(axis=2)
-    means = np.nansum(kept, axis=2) / counts
+    means = np.nansum(undisturbed, axis=2) / counts
     residues = cells.shape[1]
     return Fit(
         mean=means.mean(axis=1),
         leverage=(1 / counts).sum(axis=1) / residues**2,
         freedom=counts.sum(axis=1) - residues,
-        squares=np.nansum((kept - means[:, :, None]) ** 2, axis=(1, 2)),
+        squares=np.nansum((undisturbed - means[:, :, None]) ** 2, axis=(1, 2)),
         left_out=disturbed.sum(axis=(1, 2)),
     )
 

@@ -24,7 +24,8 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
     """Make sure that a release can be moved: to every residue, and within its page.
 
     Moved libraries must load, report the version of the release, and step a model to the same
-    states to the last bit. A release that passed is not checked again.
+    states to the last bit. A release that passed is not checked again, and one that did not is not
+    as long as the pool lasts.
 
     Args:
       pool: starts the processes.
@@ -35,6 +36,16 @@ def check(pool: WorkerPool, release: ReleaseSpec) -> None:
       InputError: there is no such release.
       MachineError: it cannot be installed.
     """
+    if release.key in pool.immovable:
+        raise pool.immovable[release.key]
+    try:
+        _check(pool, release)
+    except ImmovableError as error:
+        pool.immovable[release.key] = error
+        raise
+
+
+def _check(pool: WorkerPool, release: ReleaseSpec) -> None:
     install = pool.movable(release)
     if pool.forbids_programs():
         raise ImmovableError("the temporary folder permits no programs: set TMPDIR")

@@ -47,4 +47,4 @@ class Arm(StrEnum):
     INSIDE_STEP = "inside_step"
     """Every step of the candidate calls one more function of the engine: it is slower."""
     BETWEEN_BUILDS = "between_builds"
-    """Two releases between which nothing changed that a step executes: they are the same."""
+    """Two releases whose steps execute equally many instructions: they should be the same."""

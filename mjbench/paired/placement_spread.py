@@ -13,24 +13,24 @@ from typing import ClassVar
 
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.errors import MachineError
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.paired import moved_check
 from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
+from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.verdict import CONFIDENCE
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement, PlacementPair
 from mjbench.status import FINISHED, Status
 
-# Of the interval of each residue.
-CONFIDENCE = 0.99
-# With fewer launches a residue has no interval: that of fewer would be several times as wide.
+# The interval of fewer launches would be too wide to be of use, so a residue has none then.
 MIN_LAUNCHES = 9
 
 
@@ -200,13 +200,9 @@ def measure(
         placements = schedule(random.Random())
         pair = TargetPair(pool, target, target, plan.sizes, time_limit, placements)
         detail = launch_all(pair.launch, plan, time_limit, launches, on_launch)
-    except OutOfTimeError as error:
-        detail = str(error)
-    except (InputError, MachineError) as error:
-        failure = failure_of(error)
-        status, detail = failure.status, failure.detail
-    except KeyboardInterrupt:
-        status, detail = Status.INTERRUPTED, "interrupted"
+    except ENDING_ERRORS as error:
+        ending = ending_of(error)
+        status, detail = ending.status, ending.detail
     finally:
         if pair is not None:
             pair.close()

@@ -33,6 +33,10 @@ class Ratio:
     low: PositiveFloat | None
     high: PositiveFloat | None
 
+    def covers(self, ratio: float) -> bool:
+        """Return whether the interval holds a ratio; a missing end is no bound."""
+        return (self.low is None or self.low <= ratio) and (self.high is None or ratio <= self.high)
+
 
 @dataclass(frozen=True)
 class TargetRow:

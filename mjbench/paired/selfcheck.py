@@ -141,17 +141,12 @@ def _row(case: CaseRow, averaged: bool, trials: Sequence[TrialRecord]) -> Selfch
         by_placement=share(lambda t: t.cause == Cause.PLACEMENT) if has_cause else None,
         missed=share(lambda t: t.verdict == Verdict.SAME and case.is_slower),
         inconclusive=share(lambda t: t.verdict == Verdict.INCONCLUSIVE),
-        covered=None if truth is None else share(lambda t: _covers(t, truth)),
+        covered=None if truth is None else share(lambda t: t.ratio.covers(truth)),
         error=None if truth is None else float(np.mean([t.estimate - truth for t in trials])),
         seconds=float(np.mean([t.seconds for t in trials])),
         launches=float(np.mean([len(t.launches) for t in trials])),
         launch_sd=float(np.sqrt(np.mean(variances))) if variances else None,
     )
-
-
-def _covers(trial: TrialRecord, truth: float) -> bool:
-    """Return whether a trial's interval holds the true ratio; a missing end is no bound."""
-    return (trial.low is None or trial.low <= truth) and (trial.high is None or truth <= trial.high)
 
 
 @contextlib.contextmanager

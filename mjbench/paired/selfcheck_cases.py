@@ -75,7 +75,7 @@ def inside_step(model: ModelSource, function: str) -> Case:
 
 
 def between_builds(model: ModelSource, pair: NoChangePair) -> Case:
-    """Return a case of two releases between which nothing changed that a step executes."""
+    """Return a case of two releases whose steps execute equally many instructions."""
     baseline, candidate = (
         Target(installs.parse_release(release), model) for release in (pair.old, pair.new)
     )

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from mjbench.instrument.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveFloat
 from mjbench.paired.outcomes import Arm, Cause, Verdict
-from mjbench.paired.records import PlacementEffect
+from mjbench.paired.records import PlacementEffect, Ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +68,11 @@ class TrialRecord(CaseRow):
     launches: Sequence[LogRatio]
     residues: Sequence[NonNegativeInt] = ()
     as_shipped: Sequence[LogRatio] = ()
+
+    @property
+    def ratio(self) -> Ratio:
+        """Estimate and interval of candidate over baseline time."""
+        return Ratio(self.estimate, self.low, self.high)
 
     @property
     def averaged(self) -> bool:

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
 from mjbench.paired.averaging import Averaging, averaging
 from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import WorkCheck
@@ -30,7 +30,7 @@ from mjbench.paired.records import (
     WorkPair,
 )
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import OutOfTimeError, TimeLimit
+from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
 
@@ -147,7 +147,7 @@ class PairedResult:
                 Verdict.SLOWER,
             )
             effect = self._placement_effect()
-            is_certain = effect is not None and not _holds_one(effect)
+            is_certain = effect is not None and not effect.covers(1.0)
             return Cause.PLACEMENT if differs and is_certain else None
         if verdict == Verdict.INCONCLUSIVE:
             return Cause.UNDECIDED
@@ -194,11 +194,6 @@ def ratio_of(judgement: Judgement) -> Ratio:
     return Ratio(judgement.ratio, judgement.low, judgement.high)
 
 
-def _holds_one(ratio: Ratio) -> bool:
-    """Return whether an interval holds 1; a missing end is no bound."""
-    return (ratio.low is None or ratio.low <= 1) and (ratio.high is None or ratio.high >= 1)
-
-
 def _quotient(numerator: Ratio, denominator: Ratio) -> Ratio:
     """Return a ratio over another; its interval holds the truth if both of theirs do."""
     estimate = numerator.estimate / denominator.estimate
@@ -239,13 +234,9 @@ def decide(
         time_limit = TimeLimit(plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock)
         pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, averaged.placements())
         _launch_until_enough(pair, plan, time_limit, launches, on_launch)
-    except OutOfTimeError as error:
-        detail = str(error)
-    except (InputError, MachineError) as error:
-        failure = failure_of(error)
-        status, detail = failure.status, failure.detail
-    except KeyboardInterrupt:
-        status, detail = Status.INTERRUPTED, "interrupted"
+    except ENDING_ERRORS as error:
+        ending = ending_of(error)
+        status, detail = ending.status, ending.detail
     finally:
         if pair is not None:
             pair.close()

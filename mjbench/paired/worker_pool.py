@@ -16,6 +16,7 @@ from mjbench.instrument import child, platforms
 from mjbench.paired import release_python, requests
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs, movable
+from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.moved_install import MovableInstall
 from mjbench.releases.placement import Placement
 
@@ -27,10 +28,12 @@ class WorkerPool:
 
     Attributes:
       limit_s: seconds without an answer after which a process is killed.
+      immovable: why releases cannot be moved, by their key (see `moved_check`).
     """
 
     def __init__(self, limit_s: float = 60.0):
         self.limit_s = limit_s
+        self.immovable: dict[str, ImmovableError] = {}
         self._closing = contextlib.ExitStack()
         self._processes: list[WorkerProcess] = []
         # By the key of a release: its install, what moves in it, and the file that holds that.

@@ -1,4 +1,4 @@
-"""Pairs of releases between which nothing changed that a step executes.
+"""Pairs of releases whose steps execute equally many instructions.
 
 A verdict between two of them must be `same`: they are the negative controls for whatever claims to
 tell a change of code from a change of its placement in memory.

@@ -30,15 +30,7 @@ def slowdown_table(rows: Sequence[SelfcheckRow]) -> Table:
     table = tables.plain_table(headings, right=range(3, len(headings)))
     for row in rows:
         shares = (row.detected, row.wrong, row.missed, row.inconclusive, row.covered)
-        table.add_row(
-            row.model,
-            describe_case(row),
-            _placement(row),
-            str(row.trials),
-            *map(_percent, shares),
-            "" if row.error is None else f"{100 * row.error:+.3f} %",
-            *_costs(row),
-        )
+        table.add_row(*_cells(row, shares))
     return table
 
 
@@ -50,15 +42,7 @@ def build_table(rows: Sequence[SelfcheckRow]) -> Table:
     table = tables.plain_table(headings, right=range(3, len(headings)))
     for row in rows:
         shares = (row.wrong, row.by_code, row.by_placement, row.inconclusive, row.covered)
-        table.add_row(
-            row.model,
-            describe_case(row),
-            _placement(row),
-            str(row.trials),
-            *map(_percent, shares),
-            "" if row.error is None else f"{100 * row.error:+.3f} %",
-            *_costs(row),
-        )
+        table.add_row(*_cells(row, shares))
     return table
 
 
@@ -74,14 +58,19 @@ def describe_case(case: CaseRow) -> str:
     assert_never(case.arm)
 
 
-def _placement(row: SelfcheckRow) -> str:
-    return "averaged" if row.averaged else "as shipped"
-
-
-def _costs(row: SelfcheckRow) -> tuple[str, str, str]:
-    """Return seconds, launches, and their standard deviation."""
-    sd = "" if row.launch_sd is None else f"{100 * row.launch_sd:.2f} %"
-    return f"{row.seconds:.1f}", f"{row.launches:.1f}", sd
+def _cells(row: SelfcheckRow, shares: Sequence[float | None]) -> list[str]:
+    """Return the cells of a row; the shares are what its table is about."""
+    return [
+        row.model,
+        describe_case(row),
+        "averaged" if row.averaged else "as shipped",
+        str(row.trials),
+        *map(_percent, shares),
+        "" if row.error is None else f"{100 * row.error:+.3f} %",
+        f"{row.seconds:.1f}",
+        f"{row.launches:.1f}",
+        "" if row.launch_sd is None else f"{100 * row.launch_sd:.2f} %",
+    ]
 
 
 def _percent(share: float | None) -> str:

@@ -145,7 +145,7 @@ def _over_spreads(
 ) -> Iterator[Sample]:
     """Yield what `make` returns for each spread, without the simulations that diverge."""
     for spread in spreads:
-        made = make(spread)
-        if made is not None:
-            healthy, observation = work.observe_healthy(made)
+        drawn = make(spread)
+        if drawn is not None:
+            healthy, observation = work.observe_healthy(drawn)
             yield Sample(healthy, observation, spread, came_from)

@@ -41,6 +41,7 @@ class Pool:
 
     def __init__(self, *states: np.ndarray | Exception, forbids_programs: bool = False):
         self._states, self._forbids_programs = list(states), forbids_programs
+        self.immovable: dict[str, ImmovableError] = {}
         self.placements: list[Placement | None] = []
         self.processes: list[Process] = []
 
