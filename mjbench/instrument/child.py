@@ -9,11 +9,13 @@ Every process that starts a child or is one imports this module, so it imports l
 
 import contextlib
 import os
+import select
 import signal
 import subprocess
 import sys
 import time
 import uuid
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 # The environment variable that marks a child and what it starts. Each child has its own value,
 # which begins with that of this process.
-_MARK = "MJBENCH_CHILD"
+MARK = "MJBENCH_CHILD"
 _OWN_MARK = uuid.uuid4().hex
 # Descendants may start others while they are ended: they are looked for at most so often, and
 # awaited for so many seconds.
@@ -39,8 +41,49 @@ _TAIL_BYTES = 1 << 16
 _SCRATCH = "mjbench-"
 
 
-class Child:
-    """A process that leads a session of its own, and all that it starts.
+class ChildProcess(ABC):
+    """A child that leads a session of its own, and all that it starts.
+
+    Attributes:
+      pid: process id.
+    """
+
+    pid: int
+
+    def __init__(self, mark: str):
+        """Set the mark of what the child starts."""
+        self._mark = mark
+        self._has_ended = False
+
+    @abstractmethod
+    def wait(self, timeout_s: float | None = None) -> int | None:
+        """Wait until the child has ended, at most so long; return its exit code, or None.
+
+        The exit code is minus the signal that killed it, if one did.
+        """
+
+    def end(self) -> int:
+        """Kill the child with everything that it started; return its exit code.
+
+        Further calls return the exit code again.
+        """
+        if not self._has_ended:
+            if self.wait(0.0) is None:  # otherwise its id may be another process's by now
+                offspring = _descendants(self.pid)
+                with contextlib.suppress(ProcessLookupError, PermissionError):
+                    os.killpg(self.pid, signal.SIGKILL)
+                _kill(offspring)
+                self.wait()
+                _await_end(offspring)
+            _end_marked(self._mark)
+            self._has_ended = True
+        code = self.wait()
+        assert code is not None, "it has ended"
+        return code
+
+
+class Child(ChildProcess):
+    """A program that this process started.
 
     Attributes:
       process: the child itself.
@@ -66,37 +109,58 @@ class Child:
           MachineError: no process can be started.
         """
         _adopt_orphans()
-        self._mark = f"{_OWN_MARK}-{uuid.uuid4().hex}"
-        self._has_ended = False
+        super().__init__(new_mark())
         environment = os.environ if env is None else env
         try:
             self.process: subprocess.Popen[bytes] = subprocess.Popen(
                 command,
-                env={**environment, _MARK: self._mark},
+                env={**environment, MARK: self._mark},
                 start_new_session=True,
                 preexec_fn=preexec_fn,
                 **arguments,
             )
         except OSError as error:
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        self.pid = self.process.pid
 
-    def end(self) -> int:
-        """Kill the child with everything that it started; return its exit code.
+    def wait(self, timeout_s: float | None = None) -> int | None:
+        """Wait until the child has ended (see `ChildProcess.wait`)."""
+        try:
+            return self.process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            return None
 
-        Further calls return the exit code again.
+
+class AdoptedChild(ChildProcess):
+    """A process that a child of this one forked, orphaned, and thereby gave to this one (Linux)."""
+
+    def __init__(self, pid: int, mark: str):
+        """Take over a process.
+
+        Args:
+          pid: of a process that is a child of this one by now, and leads a session.
+          mark: that its environment has as MARK.
         """
-        if self._has_ended:
-            return self.process.wait()
-        if self.process.returncode is None:  # otherwise its id may be another process's by now
-            offspring = _descendants(self.process.pid)
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self.process.pid, signal.SIGKILL)
-            _kill(offspring)
-            self.process.wait()
-            _await_end(offspring)
-        _end_marked(self._mark)
-        self._has_ended = True
-        return self.process.wait()
+        super().__init__(mark)
+        self.pid = pid
+        self._exit_code: int | None = None
+
+    def wait(self, timeout_s: float | None = None) -> int | None:
+        """Wait until the child has ended (see `ChildProcess.wait`)."""
+        if self._exit_code is None:
+            descriptor = os.pidfd_open(self.pid)
+            try:
+                if not select.select([descriptor], [], [], timeout_s)[0]:
+                    return None
+            finally:
+                os.close(descriptor)
+            self._exit_code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self._exit_code
+
+
+def new_mark() -> str:
+    """Return a mark for one more child."""
+    return f"{_OWN_MARK}-{uuid.uuid4().hex}"
 
 
 def end_descendants() -> None:
@@ -121,7 +185,7 @@ def _mark_of(process: "psutil.Process") -> str:
     import psutil
 
     try:
-        return process.environ().get(_MARK, "")
+        return process.environ().get(MARK, "")
     except (psutil.Error, OSError):  # it has ended, or is another user's
         return ""
 

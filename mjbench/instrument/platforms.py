@@ -68,6 +68,11 @@ def pinning_problem() -> str | None:
     )
 
 
+def can_adopt() -> bool:
+    """Return whether this process can adopt what its children orphan, and fork safely."""
+    return sys.platform == "linux"
+
+
 def can_count_instructions() -> bool:
     """Return whether instructions are counted on this system, if valgrind is installed."""
     return sys.platform == "linux"

@@ -186,11 +186,12 @@ class TargetPair:
         started: dict[int, WorkerProcess] = {}
         try:
             for i in random.sample((0, 1), 2):  # neither target is always the first
-                started[i] = self._pool.start(self._targets[i].release, names[i], placements[i])
-                cores.confine([started[i].pid], allowed)
-                started[i].ask(
-                    requests.Equip(self._prepared.models[i], self._prepared.workloads[i])
+                target = self._targets[i]
+                started[i] = self._pool.start(
+                    target.release, names[i], placements[i], series=i, cores=allowed
                 )
+                model, workload = self._prepared.models[i], self._prepared.workloads[i]
+                started[i].ask(requests.Equip(model, workload, target.path))
         except BaseException:
             self._pool.end(list(started.values()))
             raise

@@ -152,11 +152,18 @@ class Observe(Request["Observed"]):
 
 @dataclass(frozen=True)
 class Equip(Request[None]):
-    """Read a saved model and a workload, and import what a run needs."""
+    """Read a saved model and a workload, and import what a run needs.
+
+    Attributes:
+      model_file: holds the model.
+      workload_file: holds a pickled `PortableWorkload`.
+      path: its name.
+    """
 
     activity = "reading the workload"
     model_file: Path
     workload_file: Path
+    path: str
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,7 @@ class Worker:
 
         self.model = models.load(models.ModelSource("", request.model_file))
         self._read_workload(request.workload_file)
-        paths.registry()  # imports every path
+        paths.find(request.path)  # imports it
 
     def _read_workload(self, file: Path) -> "PortableWorkload":
         from mjbench.simulation import workload

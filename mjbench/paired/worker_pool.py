@@ -1,20 +1,16 @@
 """Processes in the environment of any release, each answering requests (see `requests`)."""
 
 import contextlib
-import os
 import pickle
-import socket
-import struct
-import subprocess
-from collections.abc import Iterator, Sequence
-from multiprocessing.connection import Connection
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import MachineError, one_line, writing
+from mjbench.errors import writing
 from mjbench.instrument import child, platforms
 from mjbench.paired import release_python, requests
 from mjbench.paired.worker_process import WorkerProcess
+from mjbench.paired.worker_programs import ReleaseEnvironment, WorkerPrograms
 from mjbench.releases import installs, movable
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.moved_install import MovableInstall
@@ -51,12 +47,14 @@ class WorkerPool:
             with writing(self._core):
                 release_python.link_mjbench(self._core)
                 self._work.mkdir()
+            self._programs = WorkerPrograms(self._core, self._work, self.limit_s)
             self._closing = closing.pop_all()
         return self
 
     def __exit__(self, *exception: object) -> None:
         with self._closing:  # folders and locks last until no process uses them
             self.end(list(self._processes))
+            self._programs.end()
 
     def new_file(self, suffix: str) -> Path:
         """Return a new path in a folder that lasts as long as this pool."""
@@ -92,6 +90,8 @@ class WorkerPool:
         release: installs.ReleaseSpec,
         name: str = "",
         placement: Placement | None = None,
+        series: int = 0,
+        cores: Collection[int] = (),
     ) -> WorkerProcess:
         """Start a process that imports a release, without waiting for it (see `wait_for`).
 
@@ -99,6 +99,8 @@ class WorkerPool:
           release: of MuJoCo; installed first if it is missing.
           name: of the process, for error messages.
           placement: of the release's libraries; None for as shipped.
+          series: processes of different series have not even the addresses of NumPy in common.
+          cores: that it may run on, for now; none for all that this process may use.
 
         Raises:
           InputError: there is no such release.
@@ -110,7 +112,8 @@ class WorkerPool:
         if placement is not None:
             movable_file, others = self._movable_files(release)
             move = requests.Move(movable_file, others, self.new_file(".moved"), placement)
-        connection, process = self._spawn(install, output_file)
+        environment = ReleaseEnvironment(release.key, install)
+        connection, process = self._programs.start(environment, output_file, series, cores)
         name = name or f"MuJoCo {release.version}"
         moved_install = move.folder if move else None
         worker = WorkerProcess(connection, name, self.limit_s, process, output_file, moved_install)
@@ -163,32 +166,3 @@ class WorkerPool:
                 install.link_others(others)
             self._moves[release.key] = self.save(install), others
         return self._moves[release.key]
-
-    def _spawn(self, install: Path | None, output_file: Path) -> tuple[Connection, child.Child]:
-        try:
-            parent, worker = socket.socketpair()
-        except OSError as error:
-            raise MachineError(f"cannot start a process: {one_line(error)}") from error
-        # of an answer that has begun; `poll` waits for its beginning
-        parent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(self.limit_s))
-        connection = Connection(parent.detach())
-        with worker, writing(output_file), output_file.open("wb") as output:
-            main = f"main({worker.fileno()}, {os.getpid()})"
-            process = child.Child(
-                release_python.command(
-                    f"from mjbench.paired.worker import main; {main}", self._core, install
-                ),
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                cwd=self._work,
-                env=release_python.environment(install),
-                pass_fds=[worker.fileno()],
-            )
-        return connection, process
-
-
-def _timeval(seconds: float) -> bytes:
-    """Return a time as the `struct timeval` of C."""
-    whole = int(seconds)
-    return struct.pack("@ll", whole, int(1e6 * (seconds - whole)))

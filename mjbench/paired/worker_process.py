@@ -3,11 +3,10 @@
 import contextlib
 import pickle
 import shutil
-import subprocess
 from collections import deque
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from mjbench.errors import Failure, InputError, MachineError, one_line
 from mjbench.instrument import child, machine
@@ -26,6 +25,20 @@ class TargetError(MachineError):
     """A target's process crashed, hung or failed; the message names the target in one line."""
 
 
+class Process(Protocol):
+    """What a worker runs in; see `child.ChildProcess`."""
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+
+    def wait(self, timeout_s: float | None = None) -> int | None:
+        """Return its exit code, or None if it goes on for longer than this."""
+
+    def end(self) -> object:
+        """Kill it with everything that it started."""
+
+
 class WorkerProcess:
     """A worker, seen from its parent: it answers requests in the order they were sent.
 
@@ -33,7 +46,6 @@ class WorkerProcess:
       connection: to the worker.
       name: for error messages, such as `baseline (MuJoCo 4.0.0, cartpole)`.
       limit_s: seconds without an answer after which the process is killed.
-      pid: of the process.
     """
 
     def __init__(
@@ -41,15 +53,19 @@ class WorkerProcess:
         connection: Connection,
         name: str,
         limit_s: float,
-        process: child.Child,
+        process: Process,
         output_file: Path,
         moved_install: Path | None = None,
     ):
         self.connection, self.name, self.limit_s = connection, name, limit_s
-        self.pid = process.process.pid
         self._process, self._output_file = process, output_file
         self._moved_install = moved_install
         self._pending: deque[Request[Any]] = deque()
+
+    @property
+    def pid(self) -> int:
+        """The process id."""
+        return self._process.pid
 
     def call(self, request: Request[_T]) -> _T:
         """Send a request and return its answer; no other request may be pending.
@@ -144,11 +160,11 @@ class WorkerProcess:
 
     def _describe_end(self) -> str:
         """Describe how the process ended; one that goes on sent an answer that is too long."""
-        try:
-            return child.describe_exit(self._process.process.wait(_EXIT_S))
-        except subprocess.TimeoutExpired:
-            self._process.end()
-            return "sent an invalid answer, killed"
+        code = self._process.wait(_EXIT_S)
+        if code is not None:
+            return child.describe_exit(code)
+        self._process.end()
+        return "sent an invalid answer, killed"
 
     def _unpickled(self, content: bytes, *kinds: type) -> Any:
         """Return the answer that bytes stand for.

@@ -31,21 +31,32 @@ __all__ = [
 ]
 
 
+# Where the class of each path is, by the path's name; in the order they are shown.
+_CLASSES = {
+    "python_loop": "python_loop:PythonLoop",
+    "python_loop_hold": "python_loop:PythonLoopHold",
+    "rollout": "rollout:Rollout",
+    "batch_step": "batch:BatchStep",
+    "batch_rollout": "batch:BatchRollout",
+    "threads": "threads:Threads",
+    "processes": "processes:Processes",
+    "mjx": "mjx:Mjx",
+    "mjx64": "mjx:Mjx64",
+    "mjx_warp": "mjx:MjxWarp",
+    "warp": "warp:Warp",
+}
+
+
 def registry() -> dict[str, SteppingPath]:
     """Return every path by name, each a new object."""
-    from mjbench.paths.batch import BatchRollout, BatchStep
-    from mjbench.paths.mjx import Mjx, Mjx64, MjxWarp
-    from mjbench.paths.processes import Processes
-    from mjbench.paths.python_loop import PythonLoop, PythonLoopHold
-    from mjbench.paths.rollout import Rollout
-    from mjbench.paths.threads import Threads
-    from mjbench.paths.warp import Warp
+    return {name: _own(name) for name in _CLASSES}
 
-    classes = (
-        *(PythonLoop, PythonLoopHold, Rollout, BatchStep, BatchRollout, Threads, Processes),
-        *(Mjx, Mjx64, MjxWarp, Warp),
-    )
-    return {path_class.name: path_class() for path_class in classes}
+
+def _own(name: str) -> SteppingPath:
+    """Return a new object of one of the paths that come with mjbench."""
+    module, _, class_name = _CLASSES[name].partition(":")
+    path: SteppingPath = getattr(importlib.import_module(f"{__name__}.{module}"), class_name)()
+    return path
 
 
 def find(name: str) -> SteppingPath:
@@ -54,13 +65,12 @@ def find(name: str) -> SteppingPath:
     Raises:
       InputError: no such path (the message lists the known ones), or the user's own is not one.
     """
-    paths = registry()
-    if name in paths:
-        return paths[name]
+    if name in _CLASSES:
+        return _own(name)
     module, colon, attribute = name.partition(":")
     if not colon:
-        hint = suggestion(name, paths)
-        raise InputError(f"no path {name!r}{hint}; the paths are {', '.join(paths)}")
+        hint = suggestion(name, _CLASSES)
+        raise InputError(f"no path {name!r}{hint}; the paths are {', '.join(_CLASSES)}")
     try:
         with _running_user_code():
             path_class = getattr(importlib.import_module(module), attribute)

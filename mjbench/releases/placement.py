@@ -70,20 +70,26 @@ class PlacementPair:
 AS_SHIPPED = PlacementPair()
 
 
+# To so many launches that move the libraries comes one as shipped.
+_MOVED_PER_SHIPPED = 2 * len(RESIDUES)
+
+
 def schedule(rng: random.Random) -> Iterator[PlacementPair]:
     """Yield the placements of one launch after the other, endlessly.
 
-    Of every five launches one is as shipped, but never the first. The other four take every residue
-    once, in random order. Both sides are moved by as much: then identical code is placed alike, and
-    each residue adds one unknown to the comparison.
+    Of every nine launches one is as shipped, but never the first or the last of them. The other
+    eight take every residue twice, in random order, the second time after the first. Both sides are
+    moved by as much: then identical code is placed alike, and each residue adds one unknown to the
+    comparison.
     """
     while True:
-        placements = [Placement.draw(r, rng) for r in rng.sample(RESIDUES, len(RESIDUES))]
+        residues = [*rng.sample(RESIDUES, len(RESIDUES)), *rng.sample(RESIDUES, len(RESIDUES))]
+        placements = [Placement.draw(residue, rng) for residue in residues]
         block = [PlacementPair(placement, placement) for placement in placements]
-        block.insert(rng.randrange(1, len(block) + 1), AS_SHIPPED)
+        block.insert(rng.randrange(1, len(block)), AS_SHIPPED)
         yield from block
 
 
 def launches_with(moved: int) -> int:
     """Return the number of launches of a `schedule` that hold at least `moved` moved ones."""
-    return moved + math.ceil((moved - 1) / len(RESIDUES))
+    return moved + math.ceil((moved - 1) / _MOVED_PER_SHIPPED)

@@ -59,7 +59,7 @@ def test_steps_call_a_function_of_the_engine_that_they_step_with(
     workload = process.call(requests.MakeWorkload(SampleRequest(nbatch=2, nstep=3))).workload
     observed = process.call(requests.Observe(pool.save(workload)))
     workload = workload.only(np.arange(2), observed.final_state)
-    process.call(requests.Equip(model_file, pool.save(workload)))
+    process.call(requests.Equip(model_file, pool.save(workload), "python_loop"))
     prepare = requests.Prepare("python_loop", {}, cores=(), simulations=(0, 1))
     assert process.call(replace(prepare, callback="mj_factorM")) > 0
     with pytest.raises(TargetError, match="with mj_Euler called inside each step does not reach"):

@@ -3,7 +3,6 @@
 import pickle
 import socket
 import struct
-import subprocess
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import process_tree
 import pytest
 from paired_examples import BRIEF, CARTPOLE
 
-from mjbench.paired import verdict, worker_pool
+from mjbench.paired import verdict, worker_programs
 from mjbench.paired.requests import TimeBlocks
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
@@ -74,10 +73,10 @@ class Endless:
     """Stands for a worker that goes on until it is ended."""
 
     def __init__(self) -> None:
-        self.pid, self.process, self.has_ended = 1, self, False
+        self.pid, self.has_ended = 1, False
 
-    def wait(self, timeout: float) -> int:
-        raise subprocess.TimeoutExpired("worker", timeout)
+    def wait(self, timeout_s: float | None = None) -> None:
+        return None
 
     def end(self) -> None:
         self.has_ended = True
@@ -99,7 +98,7 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
     tmp_path: Path, sent: bytes, is_block: bool
 ) -> None:
     ours, theirs = socket.socketpair()
-    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, worker_pool._timeval(0.01))
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, worker_programs._timeval(0.01))
     process: Any = Endless()
     worker = WorkerProcess(Connection(ours.detach()), "baseline", 60.0, process, tmp_path / "log")
     with theirs, worker.connection:
@@ -113,4 +112,4 @@ def test_a_worker_that_sends_no_answer_is_ended_in_one_line(
 
 
 def test_the_longest_silence_within_an_answer_is_given_to_the_system_in_its_format() -> None:
-    assert worker_pool._timeval(2.5) == struct.pack("@ll", 2, 500_000)
+    assert worker_programs._timeval(2.5) == struct.pack("@ll", 2, 500_000)

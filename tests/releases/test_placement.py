@@ -10,17 +10,19 @@ from mjbench.releases.placement import AS_SHIPPED, RESIDUES, Placement
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_of_five_launches_each_side_takes_every_residue_once_and_one_is_as_shipped(
+def test_of_nine_launches_each_side_takes_every_residue_twice_and_one_is_as_shipped(
     seed: int,
 ) -> None:
-    pairs = list(itertools.islice(placement.schedule(random.Random(seed)), 50))
-    for begin in range(0, 50, 5):
-        block = pairs[begin : begin + 5]
+    pairs = list(itertools.islice(placement.schedule(random.Random(seed)), 90))
+    for begin in range(0, 90, 9):
+        block = pairs[begin : begin + 9]
         moved = [pair for pair in block if pair.is_moved]
         assert block.count(AS_SHIPPED) == 1
         assert block[0].is_moved
+        assert block[-1].is_moved
         for side in ("old", "new"):
-            assert sorted(getattr(pair, side).residue for pair in moved) == list(RESIDUES)
+            residues = [getattr(pair, side).residue for pair in moved]
+            assert sorted(residues[:4]) == sorted(residues[4:]) == list(RESIDUES)
 
 
 def test_both_sides_are_placed_alike_and_libraries_independently_within_their_pages() -> None:

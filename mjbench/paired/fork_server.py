@@ -1,0 +1,93 @@
+"""A program that imports what all workers need, and forks them (Linux).
+
+To import NumPy and the standard library takes more than half of a worker's start. MuJoCo is not
+imported here: where its libraries and its data lie is another matter of chance in each worker. Few
+workers come of one server, because they share the addresses of NumPy and Python.
+
+This module runs inside the environment of any one release: it needs only the standard library.
+"""
+
+import contextlib
+import gc
+import importlib
+import os
+import signal
+import socket
+import struct
+import time
+
+from mjbench.instrument import child
+
+# What workers import, or MuJoCo does.
+_MODULES = (
+    *("copy", "csv", "ctypes.util", "hashlib", "importlib.metadata", "mmap", "platform", "random"),
+    *("subprocess", "typing", "warnings", "zipfile", "numpy", "numpy.typing"),
+    *("mjbench.paired.worker", "mjbench.releases.install_check", "mjbench.releases.moved_install"),
+)
+# The answer to a request: the process id of the worker.
+PID = struct.Struct("<q")
+# A request is a mark, with two files: the worker's connection and its output.
+MAX_MARK_BYTES, _FILES = 256, 2
+
+
+def main(control: int, parent: int) -> None:
+    """Fork a worker for every request on the inherited socket, until the process `parent` hangs up.
+
+    Args:
+      control: descriptor of a socket that keeps messages apart.
+      parent: process id of the parent, which becomes the parent of the workers, too.
+    """
+    child.die_with_parent(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in _MODULES:
+        with contextlib.suppress(Exception):  # a worker that needs it says what is wrong
+            importlib.import_module(name)
+    gc.collect()
+    gc.freeze()  # collections in workers leave the memory alone that they share
+    with socket.socket(fileno=control) as requests:
+        requests.set_inheritable(False)
+        while True:
+            mark, descriptors, _, _ = socket.recv_fds(requests, MAX_MARK_BYTES, _FILES)
+            if not mark:
+                os._exit(0)
+            pid = _fork(mark.decode(), descriptors, requests, parent)
+            for descriptor in descriptors:
+                os.close(descriptor)
+            requests.send(PID.pack(pid))
+
+
+def _fork(mark: str, descriptors: list[int], requests: socket.socket, parent: int) -> int:
+    """Fork a worker whose parent is `parent`, not this process; return its process id."""
+    reader, writer = os.pipe()
+    middle = os.fork()
+    if middle == 0:
+        middle = os.getpid()
+        pid = os.fork()
+        if pid != 0:
+            os.write(writer, PID.pack(pid))
+            os._exit(0)  # its child is an orphan now, which `parent` adopts
+        while os.getppid() == middle:
+            time.sleep(0)
+        requests.close()
+        os.close(reader)
+        os.close(writer)
+        connection, output = descriptors
+        _work(mark, connection, output, parent)
+        os._exit(0)
+    os.close(writer)
+    (pid,) = PID.unpack(os.read(reader, PID.size))
+    os.close(reader)
+    os.waitpid(middle, 0)
+    return int(pid)
+
+
+def _work(mark: str, connection: int, output: int, parent: int) -> None:
+    """Be a worker."""
+    from mjbench.paired import worker
+
+    os.setsid()
+    os.environ[child.MARK] = mark
+    for stream in (1, 2):
+        os.dup2(output, stream)
+    os.close(output)
+    worker.main(connection, parent)

@@ -1,0 +1,126 @@
+"""A fork server (see `fork_server`), seen from its parent."""
+
+import contextlib
+import socket
+from collections import deque
+from pathlib import Path
+
+from mjbench.errors import MachineError, one_line
+from mjbench.instrument import child
+from mjbench.paired import fork_server
+
+# Workers of one server, at most. More would start quicker still, but what they share weighs more.
+MAX_FORKS = 3
+
+
+class ForkedChild:
+    """A worker that a fork server was asked for; nothing waits for it until it must be known."""
+
+    def __init__(self, server: "ForkServerProcess", mark: str):
+        self._server, self._mark = server, mark
+        self._process: child.AdoptedChild | None = None
+
+    @property
+    def pid(self) -> int:
+        """Its process id, or the server's if that ended before it forked."""
+        self._server.receive(self)
+        return self._process.pid if self._process else self._server.process.pid
+
+    def adopt(self, pid: int) -> None:
+        """Note that it was forked, and has become a child of this process."""
+        self._process = child.AdoptedChild(pid, self._mark)
+
+    def wait(self, timeout_s: float | None = None) -> int | None:
+        """Wait until it has ended (see `child.ChildProcess.wait`)."""
+        self._server.receive(self)
+        process = self._process or self._server.process
+        return process.wait(timeout_s)
+
+    def end(self) -> None:
+        """Kill it with everything that it started."""
+        self._server.receive(self)
+        if self._process is not None:
+            self._process.end()
+        self._server.release(self)
+
+
+class ForkServerProcess:
+    """A program that forks workers of one release.
+
+    Attributes:
+      process: the program itself.
+    """
+
+    def __init__(
+        self, process: child.Child, control: socket.socket, limit_s: float, output_file: Path
+    ):
+        """Take over a server.
+
+        Args:
+          process: the program.
+          control: to the program; it keeps messages apart.
+          limit_s: seconds without an answer after which the program is killed.
+          output_file: of the program.
+        """
+        self.process = process
+        self._control, self._output_file = control, output_file
+        self._control.settimeout(limit_s)
+        self._forks, self._is_retired = 0, False
+        self._pending: deque[ForkedChild] = deque()
+        self._children: set[ForkedChild] = set()
+
+    @property
+    def is_used_up(self) -> bool:
+        """Whether the next worker should come of another server."""
+        return self._forks >= MAX_FORKS
+
+    def fork(self, connection: int, output: int) -> ForkedChild:
+        """Ask for a worker, without waiting for it.
+
+        Args:
+          connection: descriptor of the worker's end of its connection.
+          output: descriptor of the file for what it prints.
+
+        Raises:
+          MachineError: the server has ended.
+        """
+        mark = child.new_mark()
+        forked = ForkedChild(self, mark)
+        try:
+            socket.send_fds(self._control, [mark.encode()], [connection, output])
+        except OSError as error:
+            raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        self._forks += 1
+        self._pending.append(forked)
+        self._children.add(forked)
+        return forked
+
+    def receive(self, forked: ForkedChild) -> None:
+        """Wait until it is known whether a worker was forked."""
+        while forked in self._pending:
+            answer = b""
+            with contextlib.suppress(OSError):
+                answer = self._control.recv(fork_server.PID.size)
+            if len(answer) == fork_server.PID.size:
+                self._pending.popleft().adopt(*fork_server.PID.unpack(answer))
+            else:
+                self._pending.clear()
+                self.process.end()
+
+    def release(self, forked: ForkedChild) -> None:
+        """Note that a worker has ended; the last one of a retired server ends the server."""
+        self._children.discard(forked)
+        if self._is_retired and not self._children:
+            self.end()
+
+    def retire(self) -> None:
+        """End the server as soon as all of its workers have ended."""
+        self._is_retired = True
+        if not self._children:
+            self.end()
+
+    def end(self) -> None:
+        """End the server, and its workers."""
+        self._control.close()
+        self.process.end()
+        self._output_file.unlink(missing_ok=True)
