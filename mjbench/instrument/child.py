@@ -147,8 +147,14 @@ class AdoptedChild(ChildProcess):
 
     def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait until the child has ended (see `ChildProcess.wait`)."""
+        if sys.platform != "linux":
+            raise NotImplementedError("only Linux adopts orphans")
         if self._exit_code is None:
-            descriptor = os.pidfd_open(self.pid)
+            try:
+                descriptor = os.pidfd_open(self.pid)
+            except ProcessLookupError:  # killed, and waited for, with the child that forked it
+                self._exit_code = -signal.SIGKILL
+                return self._exit_code
             try:
                 if not select.select([descriptor], [], [], timeout_s)[0]:
                     return None

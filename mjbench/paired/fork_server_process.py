@@ -74,6 +74,11 @@ class ForkServerProcess:
         """Whether the next worker should come of another server."""
         return self._forks >= MAX_FORKS
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the program has ended, by itself or because it was killed."""
+        return self.process.wait(0.0) is not None
+
     def fork(self, connection: int, output: int) -> ForkedChild:
         """Ask for a worker, without waiting for it.
 

@@ -1,11 +1,11 @@
 """The process of one target: it prepares runs and times blocks as `protocol` asks.
 
 Where code and data lie in memory decides 1 % of a process's speed, sometimes 3 %, for all its life,
-and one layout is not a sample. So each launch is a program started anew, which maps MuJoCo's
-libraries behind a random amount of other memory. Several times per launch it allocates model, data
-and controls anew in the same way, and runs at a random depth of the stack. (Forking launches from
-one started program is quicker, but all launches of a parent then shared an offset of 0.5 %, once
-of 3 %.)
+and one layout is not a sample. So each launch is a new process, which maps MuJoCo's libraries
+behind a random amount of other memory. Several times per launch it allocates model, data and
+controls anew in the same way, and runs at a random depth of the stack. (Where processes were forked
+after MuJoCo was imported, all of one parent shared an offset of 0.5 %, once of 3 %. So
+`fork_server` forks them before.)
 
 This module runs inside the environment of any one release: it needs only the standard library,
 NumPy and MuJoCo, and imports MuJoCo after it has mapped that other memory.
@@ -41,8 +41,9 @@ _SMALL, _SMALL_BYTES = 400, 4096
 _LARGE, _LARGE_BYTES = 8, 1 << 21
 # A layout runs below fewer frames of the C stack than this.
 _DEPTH = 24
-# Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these.
-_MAPS, _MAP_PAGES = 8, 512
+# Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these. Linux
+# maps large libraries at multiples of 2 MiB; so the pieces are large, and nothing uses them.
+_MAPS, _MAP_PAGES = 8, 1 << 14
 
 
 class Worker:
@@ -271,7 +272,9 @@ class Worker:
 
 def _mapped() -> mmap.mmap:
     """Map a random number of pages, which move whatever is mapped after them."""
-    return mmap.mmap(-1, mmap.PAGESIZE * random.randrange(1, _MAP_PAGES))
+    size = mmap.PAGESIZE * random.randrange(1, _MAP_PAGES)
+    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
+    return mmap.mmap(-1, size, flags=flags, prot=mmap.PROT_READ)  # takes up no memory
 
 
 def _scattered() -> list[bytearray]:

@@ -92,6 +92,8 @@ class WorkerPrograms:
     ) -> ForkServerProcess:
         """Return the program that forks the next worker of a series, kept on some cores."""
         key = environment.key, series
+        if key in self._servers and self._servers[key].has_ended:
+            self._servers.pop(key).end()
         if key not in self._servers:
             self._server_count += 1
             output_file = self._folder / f"server{self._server_count}.output"

@@ -59,9 +59,12 @@ def read(content: bytes) -> MovableImage:
     try:
         reader = _Reader(content, ELFFile(io.BytesIO(content)))
         reader.check()
+        addresses = np.unique(np.concatenate([*reader.addresses()]))
+        if np.any(addresses % 8):
+            raise ImmovableError("it holds an address that is not aligned")
         return MovableImage(
             reader.headers_end,
-            np.unique(np.concatenate([*reader.addresses()])),
+            addresses,
             _replacements(reader.permissions()),
             _replacements(aligned_instructions.replacements(content, reader.code())),
         )

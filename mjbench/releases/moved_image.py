@@ -28,7 +28,7 @@ class MovableImage:
 
     Attributes:
       insert_at: place in the file where bytes are inserted; whatever lies before it stays.
-      addresses: (n,) places in the file of 8-byte numbers that grow by the shift.
+      addresses: (n,) places in the file of 8-byte numbers that grow by the shift; multiples of 8.
       permissions: (n, 2) places of bytes that say what a segment may be used for, and what each
         becomes, because the segment may come to share a page with the one before it.
       unaligned: (n, 2) places of bytes in instructions on vectors, and what each becomes where
@@ -49,14 +49,18 @@ class MovableImage:
         """
         if not shift:
             return content
+        source = np.frombuffer(content, np.uint8)
         result = np.empty(len(content) + shift, np.uint8)
-        source = np.frombuffer(content, np.uint8).copy()
-        places = self.addresses[:, None] + np.arange(8)
-        source[places] = (source[places].view("<u8") + np.uint64(shift)).view(np.uint8)
-        source[self.permissions[:, 0]] = self.permissions[:, 1]
-        if shift % _VECTOR_BYTES:
-            source[self.unaligned[:, 0]] = self.unaligned[:, 1]
         result[: self.insert_at] = source[: self.insert_at]
         result[self.insert_at : self.insert_at + shift] = 0
         result[self.insert_at + shift :] = source[self.insert_at :]
+        numbers = result[: len(result) // 8 * 8].view("<u8")
+        numbers[self._places(self.addresses, shift) // 8] += np.uint64(shift)
+        result[self._places(self.permissions[:, 0], shift)] = self.permissions[:, 1]
+        if shift % _VECTOR_BYTES:
+            result[self._places(self.unaligned[:, 0], shift)] = self.unaligned[:, 1]
         return result.tobytes()
+
+    def _places(self, places: np.ndarray, shift: int) -> np.ndarray:
+        """Return where places of the file are after it was moved."""
+        return np.where(places < self.insert_at, places, places + shift)

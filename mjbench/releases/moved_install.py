@@ -159,13 +159,15 @@ def _link(entry: Path, link: Path) -> None:
 
 
 def _copy_metadata(source: Path, target: Path, sizes: Mapping[str, int]) -> None:
-    """Copy a folder of metadata; files that were moved get their new size, and no hash."""
-    shutil.copytree(source, target)
-    record = target / _RECORD
+    """Link a folder of metadata; files that were moved get their new size there, and no hash."""
+    target.mkdir()
+    for entry in source.iterdir():
+        if entry.name != _RECORD:
+            _link(entry, target / entry.name)
     rows = [
         [row[0], "", str(sizes[row[0]])] if row and row[0] in sizes else row
-        for row in csv.reader(record.read_text(encoding="utf-8").splitlines())
+        for row in csv.reader((source / _RECORD).read_text(encoding="utf-8").splitlines())
     ]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
-    record.write_text(text.getvalue(), encoding="utf-8")
+    (target / _RECORD).write_text(text.getvalue(), encoding="utf-8")
