@@ -118,7 +118,7 @@ def _cases(
     """Return the cases of all arms that were asked for.
 
     Raises:
-      InputError: there is no such model, or a slowdown cannot be injected.
+      InputError: there is no such model.
     """
     from mjbench.paired import selfcheck_cases
     from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS

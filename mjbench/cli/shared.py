@@ -20,7 +20,7 @@ MAX_SEED = 2**63 - 1
 # The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
 # compiler may take several times its limit.
 MAX_SECONDS = 86_400.0
-# The largest slowdown to inject: every simulation is done this many times more.
+# The largest slowdown to inject, as a share of the time of a block.
 MAX_SLOWDOWN = 10.0
 
 

@@ -201,19 +201,18 @@ class TargetPair:
         self, processes: Sequence[WorkerProcess], core: int | None
     ) -> tuple[list[str], np.ndarray]:
         """Time some quads with memory laid out anew; return their orders and (quads, 4) ns."""
-        nbatch = self.work_check.nbatch
-        rows = random.sample(range(self._prepared.nsim), nbatch)
+        rows = random.sample(range(self._prepared.nsim), self.work_check.nbatch)
         warm_ns = 0
         for i in random.sample((0, 1), 2):
             target = self._targets[i]
-            repeated = random.choices(rows, k=round(target.slowdown * nbatch))
             warm_ns += processes[i].call(
                 requests.Prepare(
                     path=target.path,
                     options=dict(target.options),
                     cores=sorted(cores.USABLE) if core is None else [core],
-                    simulations=rows + repeated,
+                    simulations=rows,
                     callback=target.callback,
+                    slowdown=target.slowdown,
                 )
             )
         if not self._has_timed:  # steps may have become heavier than those at the start

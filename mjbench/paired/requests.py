@@ -174,8 +174,9 @@ class Prepare(Request[int]):
       path: its name.
       options: of the path.
       cores: to run on.
-      simulations: rows of the workload to do; a row named twice is done twice.
+      simulations: rows of the workload to do.
       callback: function of the engine that steps call (see `engine_callback`); empty for none.
+      slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
     """
 
     activity = "preparing a run"
@@ -184,6 +185,7 @@ class Prepare(Request[int]):
     cores: Sequence[int]
     simulations: Sequence[int]
     callback: str = ""
+    slowdown: float = 0.0
 
 
 @dataclass(frozen=True)

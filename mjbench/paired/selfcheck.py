@@ -39,7 +39,7 @@ def run(
     Args:
       pool: starts the processes.
       cases: of the trials.
-      plan: of every verdict; its sizes are replaced by those of the case.
+      plan: of every verdict.
       on_trial: called after each trial.
       on_failure: called with each case that is not tried again, and why.
 
@@ -69,7 +69,6 @@ def trial(pool: WorkerPool, case: Case, plan: VerdictPlan) -> TrialRecord:
       MachineError: a target failed.
       KeyboardInterrupt: interrupted.
     """
-    plan = replace(plan, sizes=case.sizes)
     return record_of(case, verdict.decide(pool, case.baseline, case.candidate, plan))
 
 

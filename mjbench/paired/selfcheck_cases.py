@@ -2,20 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from fractions import Fraction
+from dataclasses import dataclass, replace
 
-from mjbench.errors import InputError
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.outcomes import Arm
 from mjbench.paired.selfcheck_records import CaseRow, TrialRecord
 from mjbench.paired.targets import Target
 from mjbench.releases import installs
 from mjbench.releases.no_change_pairs import NoChangePair
 from mjbench.simulation.models import ModelSource
-
-# Simulations of a block, at most: a slowdown is a whole number of them.
-MAX_NBATCH = 200
 
 
 @dataclass(frozen=True)
@@ -26,13 +20,11 @@ class Case:
       arm: kind of difference.
       baseline: the one target.
       candidate: the other.
-      sizes: of a block.
     """
 
     arm: Arm
     baseline: Target
     candidate: Target
-    sizes: Sizes = field(default_factory=Sizes)
 
     def row(self) -> CaseRow:
         """Return what records say of it."""
@@ -47,25 +39,14 @@ class Case:
 
 
 def slowed(model: ModelSource, slowdown: float) -> Case:
-    """Return a case in which the candidate does a share of the work once more, such as 0.01.
+    """Return a case in which each block of the candidate lasts longer by a share, such as 0.01.
 
-    A block holds the fewest simulations of which the slowdown is a whole number; the usual ones
-    for a slowdown of 0, where the targets are identical.
-
-    Raises:
-      InputError: it is not a whole number of at most MAX_NBATCH simulations.
+    Its process spins for that share of the time that the block took. So every slowdown is exact, of
+    every model, and blocks do as much work as those of an ordinary comparison. Where the slowdown
+    is 0, the targets are identical.
     """
     baseline = _installed(model)
-    if slowdown == 0:
-        return Case(Arm.SLOWDOWN, baseline, baseline)
-    share = Fraction(slowdown).limit_denominator(MAX_NBATCH)
-    if share <= 0 or abs(share - slowdown) > 1e-9:
-        raise InputError(
-            f"cannot inject a slowdown of {100 * slowdown:g} %: it must be a whole number of at"
-            f" most {MAX_NBATCH} simulations, such as 0.5 % (1 of 200) or 1 % (1 of 100)"
-        )
-    candidate = replace(baseline, slowdown=slowdown)
-    return Case(Arm.SLOWDOWN, baseline, candidate, Sizes(nbatch=share.denominator))
+    return Case(Arm.SLOWDOWN, baseline, replace(baseline, slowdown=slowdown))
 
 
 def inside_step(model: ModelSource, function: str) -> Case:

@@ -27,7 +27,7 @@ class Target:
       path: way of stepping.
       options: of the path.
       model_options: fields of `model.opt` to set, by name.
-      slowdown: share of the simulations to do twice, a slowdown of known size.
+      slowdown: share of its time by which each block lasts longer, a slowdown of known size.
       callback: function of the engine that every timed step calls (see `engine_callback`), a
         slowdown of unknown size; empty for none.
     """

@@ -56,6 +56,7 @@ class Worker:
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
       prepared: the run that a block runs.
       resources: of that run; None before the first.
+      slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
     """
 
@@ -67,6 +68,7 @@ class Worker:
     def __init__(self, connection: Connection):
         self.connection = connection
         self.resources: Resources | None = None
+        self.slowdown = 0.0
         self.padding: list[Any] = []
         self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
             requests.StartRelease: self._start_release,
@@ -217,6 +219,7 @@ class Worker:
             raise InputError(reason)
         if request.callback:
             engine_callback.install(model, request.callback)
+        self.slowdown = request.slowdown
         self.resources = paths.Resources(selected)
         self.prepared = path.prepare(selected, request.options, self.resources)
         name = f"path {request.path}"
@@ -263,11 +266,17 @@ class Worker:
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
     def _block(self) -> int:
-        """Run one block; return its nanoseconds."""
+        """Run one block; return its nanoseconds, slowdown included."""
         run, clock = self.prepared.run, time.perf_counter_ns
         begin = clock()
         run()
-        return clock() - begin
+        ns = clock() - begin
+        if self.slowdown:
+            end = begin + round((1 + self.slowdown) * ns)
+            while (now := clock()) < end:
+                pass
+            ns = now - begin
+        return ns
 
 
 def _mapped() -> mmap.mmap:
