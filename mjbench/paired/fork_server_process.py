@@ -52,7 +52,12 @@ class ForkServerProcess:
     """
 
     def __init__(
-        self, process: child.Child, control: socket.socket, limit_s: float, output_file: Path
+        self,
+        process: child.Child,
+        control: socket.socket,
+        limit_s: float,
+        output_file: Path,
+        max_forks: int = MAX_FORKS,
     ):
         """Take over a server.
 
@@ -61,18 +66,19 @@ class ForkServerProcess:
           control: to the program; it keeps messages apart.
           limit_s: seconds without an answer after which the program is killed.
           output_file: of the program.
+          max_forks: after which another server should take its place.
         """
         self.process = process
         self._control, self._output_file = control, output_file
         self._control.settimeout(limit_s)
-        self._forks, self._is_retired = 0, False
+        self._forks_left, self._is_retired = max_forks, False
         self._pending: deque[ForkedChild] = deque()
         self._children: set[ForkedChild] = set()
 
     @property
     def is_used_up(self) -> bool:
         """Whether the next worker should come of another server."""
-        return self._forks >= MAX_FORKS
+        return self._forks_left <= 0
 
     @property
     def has_ended(self) -> bool:
@@ -95,7 +101,7 @@ class ForkServerProcess:
             socket.send_fds(self._control, [mark.encode()], [connection, output])
         except OSError as error:
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
-        self._forks += 1
+        self._forks_left -= 1
         self._pending.append(forked)
         self._children.add(forked)
         return forked

@@ -110,8 +110,8 @@ def prepare(
     """
     processes: list[WorkerProcess] = []
     try:
-        for target, name in zip(targets, describe(targets), strict=True):
-            processes.append(pool.start(target.release, name))
+        for i, (target, name) in enumerate(zip(targets, describe(targets), strict=True)):
+            processes.append(pool.start(target.release, name, series=i))
         for process, target in zip(processes, targets, strict=True):
             pool.wait_for(process, target.release)
         models = _load(pool, targets, processes)

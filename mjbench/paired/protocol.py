@@ -123,9 +123,15 @@ class TargetPair:
         self._next_placements = AS_SHIPPED
         self._calibrator: WorkerProcess | None = None
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        self._prepared = preparation.prepare(
-            pool, self._targets, sizes or Sizes(), self._time_limit
-        )
+        self._start_ahead(cores.USABLE)  # they import MuJoCo in the meantime
+        try:
+            self._prepared = preparation.prepare(
+                pool, self._targets, sizes or Sizes(), self._time_limit
+            )
+        except BaseException:
+            pool.end(self._next)
+            raise
+        self._equip_next()
         self.work_check = self._prepared.work_check
         self.baseline_workload: Path = self._prepared.workloads[0]
 
@@ -139,6 +145,7 @@ class TargetPair:
         """
         if not self._next:
             self._start_ahead(cores.USABLE)
+            self._equip_next()
         processes, self._next = self._next, []
         placements = self._next_placements
         try:
@@ -153,6 +160,7 @@ class TargetPair:
             with cores.pinned(core):
                 if starts_ahead:
                     self._start_ahead(cores.USABLE - {core})
+                    self._equip_next()
                 layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
                 while len(layouts) < MAX_LAYOUTS and not self._is_next_ready():
                     layouts.append(self._time_layout(processes, core))
@@ -190,12 +198,17 @@ class TargetPair:
                 started[i] = self._pool.start(
                     target.release, names[i], placements[i], series=i, cores=allowed
                 )
-                model, workload = self._prepared.models[i], self._prepared.workloads[i]
-                started[i].ask(requests.Equip(model, workload, target.path))
         except BaseException:
             self._pool.end(list(started.values()))
             raise
         self._next = [started[0], started[1]]
+
+    def _equip_next(self) -> None:
+        """Have the processes of the next launch read model and workload, without waiting."""
+        for process, target, model, workload in zip(
+            self._next, self._targets, self._prepared.models, self._prepared.workloads, strict=True
+        ):
+            process.ask(requests.Equip(model, workload, target.path))
 
     def _time_layout(
         self, processes: Sequence[WorkerProcess], core: int | None

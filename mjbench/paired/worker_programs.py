@@ -13,7 +13,7 @@ from typing import BinaryIO
 from mjbench.errors import MachineError, one_line, writing
 from mjbench.instrument import child, platforms
 from mjbench.paired import cores, release_python
-from mjbench.paired.fork_server_process import ForkServerProcess
+from mjbench.paired.fork_server_process import MAX_FORKS, ForkServerProcess
 from mjbench.paired.worker_process import Process
 
 
@@ -43,6 +43,7 @@ class WorkerPrograms:
         """
         self._core, self._folder, self._limit_s = core, folder, limit_s
         self._servers: dict[tuple[str, int], ForkServerProcess] = {}
+        self._replaced: set[tuple[str, int]] = set()
         self._server_count = 0
 
     def start(
@@ -74,6 +75,7 @@ class WorkerPrograms:
                 process = server.fork(theirs.fileno(), output.fileno())
                 if server.is_used_up:
                     del self._servers[environment.key, series]
+                    self._replaced.add((environment.key, series))
                     server.retire()
                     self._server(environment, series, allowed)  # the next one is ready in time
             else:
@@ -100,7 +102,11 @@ class WorkerPrograms:
             ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
             with theirs, writing(output_file), output_file.open("wb") as output:
                 program = self._start("mjbench.paired.fork_server", environment, theirs, output)
-            self._servers[key] = ForkServerProcess(program, ours, self._limit_s, output_file)
+            # the servers of two series are replaced in turns, rather than at the same time
+            max_forks = MAX_FORKS if key in self._replaced else MAX_FORKS - series % 2
+            self._servers[key] = ForkServerProcess(
+                program, ours, self._limit_s, output_file, max_forks
+            )
         server = self._servers[key]
         cores.confine([server.process.pid], allowed or cores.USABLE)
         return server
