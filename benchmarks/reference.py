@@ -2,23 +2,18 @@
 
 asv's times are those of one machine on one day. This ratio does not follow the machine's drift, so
 releases that were measured months apart can be compared by it. The reference release is installed
-in mjbench's cache (see mjbench.releases.installs).
+in mjbench's cache (see mjbench.releases.installs). `mjbench history measure` measures the same, and
+keeps every launch.
 """
-
-import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench.instrument import stats
-from mjbench.paired.protocol import TargetPair
+from mjbench.paired import step_ratio
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
+from mjbench.releases.step_ratios import REFERENCE
 from mjbench.simulation import models
-
-REFERENCE = "4.0.0"
-# Launches vary by 0.5 to 0.9 %, the mean of this many by about 0.25 %.
-LAUNCHES = 8
 
 
 class Reference(Tracked):
@@ -27,7 +22,7 @@ class Reference(Tracked):
     params = models.shipped()
     param_names = ("model",)
     timeout = 300  # the first one installs the reference
-    version = "2"
+    version = "3"
 
     def setup(self, model: str) -> None:
         """Skip models that this release cannot load."""
@@ -39,10 +34,11 @@ class Reference(Tracked):
         reference = Target(installs.parse_release(REFERENCE), source)
         under_test = Target(installs.parse_release(installs.INSTALLED), source)
         with WorkerPool() as pool:
-            pair = TargetPair(pool, reference, under_test)
-            log_ratios = [pair.launch().log_ratio for _ in range(LAUNCHES)]
-            pair.close()
-        return float(np.exp(stats.trimmed_mean(log_ratios)))
+            record = step_ratio.measure(pool, reference, under_test)
+        ratio = record.averaged()
+        if ratio is None:
+            raise RuntimeError(record.detail)
+        return ratio.ratio
 
     track_ratio_to_reference.unit = "new/reference"
     track_ratio_to_reference.pretty_name = f"time of a step over that of MuJoCo {REFERENCE}, paired"

@@ -22,6 +22,7 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
+    from mjbench.releases.step_ratios import StepRatioRecord
     from mjbench.report.documents import RECORD_TYPES
 
     file = file or runs.latest(results)
@@ -33,6 +34,8 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
             _show_verdicts(run, stored)
         elif stored.of_type(SpreadRecord):
             _show_spreads(run, stored)
+        elif stored.of_type(StepRatioRecord):
+            _show_step_ratios(run, stored)
         else:
             _show_comparison(run, stored)
 
@@ -71,6 +74,16 @@ def _show_spreads(run: RunContext, stored: "Run") -> None:
     rows = [record.row() for record in stored.of_type(SpreadRecord)]
     print_spreads(run.out, rows)
     run.write(PlacementDocument(machine=stored.header.machine, results=rows))
+
+
+def _show_step_ratios(run: RunContext, stored: "Run") -> None:
+    from mjbench.releases.step_ratios import StepRatioRecord
+    from mjbench.report import step_ratios as report
+    from mjbench.report.documents import HistoryDocument
+
+    records = stored.of_type(StepRatioRecord)
+    report.print_table(run.out, records)
+    run.write(HistoryDocument(machine=stored.header.machine, results=records))
 
 
 def _show_comparison(run: RunContext, stored: "Run") -> None:

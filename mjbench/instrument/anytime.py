@@ -197,6 +197,28 @@ def most_disturbed(count: int) -> int:
     return 0
 
 
+def mean_and_deviation(
+    samples: Sequence[float], residues: Sequence[int] | None = None
+) -> tuple[float, float]:
+    """Return the mean of launches, with equal weight on each residue, and its standard error.
+
+    Disturbed launches are left out (see `fit`).
+
+    Args:
+      samples: one of each launch; of one residue at least there are two.
+      residues: of the launches; see `anytime_interval`.
+
+    Raises:
+      ValueError: too few samples, or residues of other launches.
+    """
+    fitted = fit(_cells(samples, residues))
+    freedom = int(fitted.freedom[0])
+    if freedom <= 0:
+        raise ValueError("need more samples than residues")
+    variance = float(fitted.leverage[0]) * float(fitted.squares[0]) / freedom
+    return float(fitted.mean[0]), math.sqrt(variance)
+
+
 def evidence(
     samples: Sequence[float], confidence: float, residues: Sequence[int] | None = None
 ) -> Evidence:

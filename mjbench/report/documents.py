@@ -26,6 +26,7 @@ from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.releases.catalogue import ReleaseRow
+from mjbench.releases.step_ratios import StepRatioRecord
 from mjbench.report.advice import Advice, advise
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.lint import LintDocument
@@ -42,6 +43,7 @@ RECORD_TYPES: Mapping[str, type] = {
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
+    StepRatioRecord.record_type: StepRatioRecord,
 }
 
 
@@ -135,6 +137,15 @@ class SelfcheckDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HistoryDocument:
+    """What `mjbench history measure --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[StepRatioRecord]
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlacementDocument:
     """What `mjbench placement --json` writes."""
 
@@ -209,6 +220,7 @@ DOCUMENTS: Mapping[str, type] = {
     "versions": VerdictDocument,
     "ab": VerdictDocument,
     "selfcheck": SelfcheckDocument,
+    "history": HistoryDocument,
     "placement": PlacementDocument,
     "instructions": InstructionsDocument,
     "explain": ExplainDocument,

@@ -212,6 +212,14 @@ class PortableWorkload:
         fields = {name: values[rows] for name, values in self.fields.items()}
         return PortableWorkload(fields, self.control[rows], self.hold, final_state[rows])
 
+    def digest(self) -> str:
+        """Return a short name for its start states and controls."""
+        content = hashlib.blake2b(str(self.hold).encode(), digest_size=8)
+        for name, values in (*sorted(self.fields.items()), ("control", self.control)):
+            content.update(f" {name} {values.shape} {values.dtype}".encode())
+            content.update(np.ascontiguousarray(values).tobytes())
+        return content.hexdigest()
+
 
 def whole_holds(nstep: int, hold: int) -> int:
     """Return `nstep` rounded down to a multiple of `hold`, as `make` needs it; at least `hold`."""

@@ -1,0 +1,170 @@
+"""Histories whose truth is known: log ratios of releases, drawn at random."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mjbench.releases import change_points
+from mjbench.releases.change_points import Changes
+
+RELEASES = 42
+NO_CHANGE = Path(__file__).parent.parent / "results" / "runs" / "reference-between-builds.jsonl"
+# A drift lasts as many releases.
+_DRIFTING = 20
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How the log ratios of a model are drawn.
+
+    Attributes:
+      name: for the table.
+      steps: number of steps.
+      smallest: size of the smallest step, as a share.
+      largest: size of the largest.
+      deviation: of a release's log ratio, which is also what is known of it; None draws noise from
+        the no-change pairs instead.
+      drift: change of each release to the next, over _DRIFTING of them.
+      outliers: share of the releases that are off by a deviation of 1 %, without a known reason.
+      understated: how many times larger the deviation is than is known.
+    """
+
+    name: str
+    steps: int = 3
+    smallest: float = 0.01
+    largest: float = 0.05
+    deviation: float | None = None
+    drift: float = 0.0
+    outliers: float = 0.0
+    understated: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedHistory:
+    """A model's log ratios, and what is true of them.
+
+    Attributes:
+      log_ratios: (RELEASES,) measured.
+      deviations: (RELEASES,) known standard errors.
+      steps: the change of the log ratio, by the index of the first release after it.
+      drift: the indices of the first release of a drift and after its last one; None without one.
+    """
+
+    log_ratios: np.ndarray
+    deviations: np.ndarray
+    steps: dict[int, float]
+    drift: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class Score:
+    """What was found in many histories.
+
+    Attributes:
+      planted: number of steps.
+      found: of these, listed at the very release, in the right direction.
+      wrong: steps that were listed, and are not true.
+      drifts: number of drifts.
+      named: of these, listed as a drift that covers most of it.
+      histories: how many.
+    """
+
+    planted: int
+    found: int
+    wrong: int
+    drifts: int
+    named: int
+    histories: int
+
+    @property
+    def power(self) -> float:
+        """Share of the steps that are found; 0 where there is none."""
+        return self.found / max(1, self.planted)
+
+    @property
+    def false_discoveries(self) -> float:
+        """Share of the listed steps that are wrong; 0 where none is listed."""
+        return self.wrong / max(1, self.wrong + self.found)
+
+
+def no_change_log_ratios(file: Path = NO_CHANGE) -> np.ndarray:
+    """Return (n,) log ratios between builds of equal code, measured with placement averaged out."""
+    records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    return np.log([r["estimate"] for r in records if r["type"] == "trial"])
+
+
+def draw(rng: np.random.Generator, plan: Plan) -> SimulatedHistory:
+    """Draw a history."""
+    truth = np.zeros(RELEASES)
+    steps: dict[int, float] = {}
+    while len(steps) < plan.steps:
+        index = int(rng.integers(1, RELEASES))
+        if all(abs(index - other) >= 2 for other in steps):
+            size = rng.uniform(plan.smallest, plan.largest) * rng.choice([-1.0, 1.0])
+            steps[index] = float(np.log1p(size))
+            truth[index:] += steps[index]
+    drift = None
+    if plan.drift:
+        begin = int(rng.integers(0, RELEASES - _DRIFTING))
+        drift = begin, begin + _DRIFTING
+        truth += plan.drift * np.clip(np.arange(RELEASES) - begin, 0, _DRIFTING - 1)
+    noise, known = _noise(rng, plan)
+    is_outlier = rng.random(RELEASES) < plan.outliers
+    noise = plan.understated * noise + is_outlier * rng.normal(0.0, 0.01, RELEASES)
+    return SimulatedHistory(truth + noise, np.full(RELEASES, known), steps, drift)
+
+
+def _noise(rng: np.random.Generator, plan: Plan) -> tuple[np.ndarray, float]:
+    """Return the errors of the log ratios, and their deviation."""
+    if plan.deviation is not None:
+        return rng.normal(0.0, plan.deviation, RELEASES), plan.deviation
+    pairs = no_change_log_ratios()
+    # a pair has the error of two releases
+    known = float(np.sqrt(np.mean(pairs**2) / 2))
+    return rng.choice(pairs, RELEASES) / np.sqrt(2), known
+
+
+def score(plan: Plan, histories: int, seed: int = 0) -> Score:
+    """Return what is found in a number of histories."""
+    rng = np.random.default_rng([seed, *plan.name.encode()])
+    planted = found = wrong = drifts = named = 0
+    for _ in range(histories):
+        history = draw(rng, plan)
+        changes = change_points.changes(history.log_ratios, history.deviations)
+        listed = {step.index: step.change for step in changes.steps}
+        right = {i for i, change in history.steps.items() if listed.get(i, 0.0) * change > 0}
+        planted += len(history.steps)
+        found += len(right)
+        wrong += len(listed.keys() - right)
+        drifts += history.drift is not None
+        named += _is_named(history, changes)
+    return Score(planted, found, wrong, drifts, named, histories)
+
+
+def _is_named(history: SimulatedHistory, changes: Changes) -> bool:
+    """Return whether the drift of a history is listed, over more than half of its releases."""
+    if history.drift is None:
+        return False
+    begin, end = history.drift
+    covered = [min(d.end, end) - max(d.begin, begin) for d in changes.drifts]
+    return sum(n for n in covered if n > 0) > (end - begin) / 2
+
+
+# So large a deviation is beyond what a history is measured with.
+NOISIEST = 0.005
+PLANS: Sequence[Plan] = (
+    Plan("nothing happens", steps=0),
+    Plan("steps of 1 to 5 %"),
+    Plan("steps of 1 %", smallest=0.01, largest=0.01),
+    Plan("steps of 1.5 %", smallest=0.015, largest=0.015),
+    Plan("steps of 2 %", smallest=0.02, largest=0.02),
+    Plan("steps of 2 %, deviation 0.35 %", smallest=0.02, largest=0.02, deviation=0.0035),
+    Plan("steps of 2 %, deviation 0.5 %", smallest=0.02, largest=0.02, deviation=NOISIEST),
+    Plan("a drift of 0.2 % a release", steps=0, drift=0.002),
+    Plan("a drift of 0.2 %, steps of 2 %", steps=2, smallest=0.02, largest=0.02, drift=0.002),
+    Plan("steps of 2 %, 2 % outliers", smallest=0.02, largest=0.02, outliers=0.02),
+    Plan("steps of 2 %, noise understated", smallest=0.02, largest=0.02, understated=2.0),
+)

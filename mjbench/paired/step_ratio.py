@@ -1,0 +1,88 @@
+"""Measure the time of a step of a release over that of the reference, as the history needs it.
+
+Unlike a verdict, which ends when it is certain, each ratio has the same number of launches: so all
+are equally well known, and none is biased by when it ended.
+"""
+
+import pickle
+import time
+from collections.abc import Callable
+
+from mjbench.paired import averaging
+from mjbench.paired.averaging import Averaging
+from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.step_ratios import LAUNCHES, LaunchRatio, StepRatioRecord
+from mjbench.simulation.workload import PortableWorkload
+from mjbench.status import Status
+
+
+def measure(
+    pool: WorkerPool,
+    reference: Target,
+    target: Target,
+    launches: int = LAUNCHES,
+    on_launch: Callable[[int], None] = lambda count: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> StepRatioRecord:
+    """Compare a release with the reference on the reference's workload.
+
+    Where a target crashes, hangs or fails, or Ctrl-C is pressed, the record says so, and holds what
+    was measured until then.
+
+    Args:
+      pool: starts the processes.
+      reference: the release that all are compared with, and the model.
+      target: the other release, and the same model.
+      launches: how many.
+      on_launch: called after each launch, with the number of launches so far.
+      clock: returns seconds.
+    """
+    begin_s = clock()
+    measured: list[Launch] = []
+    pair: TargetPair | None = None
+    averaged = Averaging(False)
+    workload, status, detail = "", Status.OK, ""
+    try:
+        averaged = averaging.averaging(pool, reference, target)
+        pair = TargetPair(pool, reference, target, placements=averaged.placements())
+        workload = _digest(pair)
+        while len(measured) < launches:
+            measured.append(pair.launch())
+            on_launch(len(measured))
+    except ENDING_ERRORS as error:
+        ending = ending_of(error)
+        status, detail = ending.status, ending.detail
+    finally:
+        if pair is not None:
+            pair.close()
+    check = pair.work_check if pair else None
+    return StepRatioRecord(
+        model=target.model.name,
+        release=target.release.version,
+        build=target.release.key,
+        reference=reference.release.version,
+        status=status,
+        detail=detail,
+        launches=[LaunchRatio(each.log_ratio, each.placements.new) for each in measured],
+        problem=averaged.problem,
+        workload=workload,
+        work=check.candidate if check else None,
+        reference_work=check.baseline if check else None,
+        diverged=check.diverged[1] if check else 0,
+        reference_diverged=check.diverged[0] if check else 0,
+        drift=check.drift.one_step if check and check.drift else None,
+        run_drift=check.drift.runs if check and check.drift else (),
+        nbatch=check.nbatch if check else None,
+        nstep=check.nstep if check else None,
+        starts=check.starts if check else None,
+        seconds=clock() - begin_s,
+    )
+
+
+def _digest(pair: TargetPair) -> str:
+    """Return the digest of the reference's workload."""
+    workload: PortableWorkload = pickle.loads(pair.baseline_workload.read_bytes())
+    return workload.digest()

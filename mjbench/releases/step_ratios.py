@@ -1,0 +1,134 @@
+"""The time of a step of a release over that of a fixed one, launch by launch.
+
+Releases that were measured months apart can be compared by it, because the machine's drift hits
+both. `mjbench history measure` measures it and stores it, one record for a model and a release.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from mjbench.instrument import anytime
+from mjbench.instrument.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveInt
+from mjbench.releases.placement import Placement
+from mjbench.simulation.starts import Starts
+from mjbench.simulation.work import Work
+from mjbench.simulation.work_check import RunDrift
+from mjbench.status import FINISHED, Status
+
+# The release that all are compared with.
+REFERENCE = "4.0.0"
+# Launches of a ratio: two blocks of the schedule of placements, so that each residue has four.
+LAUNCHES = 18
+# No ratio is better known than this: twice the root mean square of the no-change pairs' estimates
+# is 0.4 %, of which half is due to each release (see docs/method/history.md).
+MIN_DEVIATION = 0.001
+
+
+@dataclass(frozen=True)
+class LaunchRatio:
+    """What one launch says.
+
+    Attributes:
+      log_ratio: natural logarithm of the release's time over the reference's.
+      placement: of the libraries of both; None as shipped.
+    """
+
+    log_ratio: LogRatio
+    placement: Placement | None = None
+
+
+@dataclass(frozen=True)
+class StepRatio:
+    """The time of a step of a release over that of the reference.
+
+    Attributes:
+      log_ratio: estimate of its natural logarithm.
+      deviation: standard error of `log_ratio`.
+    """
+
+    log_ratio: float
+    deviation: float
+
+    @property
+    def ratio(self) -> float:
+        """The estimate itself."""
+        return math.exp(self.log_ratio)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRatioRecord:
+    """One model and one release, as a run file stores them; None is not known.
+
+    Attributes:
+      model: its name.
+      release: of MuJoCo.
+      build: tells builds of one version apart.
+      reference: release that it is compared with.
+      status: how the measurement ended.
+      detail: one line; empty when ok.
+      launches: in the order they ran.
+      problem: why the libraries were not moved; empty where they were.
+      workload: digest of start states and controls; equal digests are equal work.
+      work: per step of the release.
+      reference_work: per step of the reference.
+      diverged: simulations that diverged in the release; none of them is timed.
+      reference_diverged: in the reference.
+      drift: largest difference of qpos, qvel and act one step after the same states.
+      run_drift: the same for runs from the same starts, at several points.
+      nbatch: simulations of a block.
+      nstep: steps of each.
+      starts: where start states came from.
+      seconds: from start to end.
+    """
+
+    record_type: ClassVar[str] = "step_ratio"
+    model: str
+    release: str
+    build: str
+    reference: str
+    status: Status
+    detail: str = ""
+    launches: Sequence[LaunchRatio] = ()
+    problem: str = ""
+    workload: str = ""
+    work: Work | None = None
+    reference_work: Work | None = None
+    diverged: NonNegativeInt = 0
+    reference_diverged: NonNegativeInt = 0
+    drift: float | None = None
+    run_drift: Sequence[RunDrift] = ()
+    nbatch: PositiveInt | None = None
+    nstep: PositiveInt | None = None
+    starts: Starts | None = None
+    seconds: NonNegativeFloat = 0.0
+
+    def averaged(self) -> StepRatio | None:
+        """Return the ratio with placement averaged out, or as shipped where nothing was moved.
+
+        None with too few launches.
+        """
+        moved = [launch for launch in self.launches if launch.placement is not None]
+        if not moved:
+            return self.as_shipped()
+        residues = [launch.placement.residue for launch in moved if launch.placement]
+        return _estimate([launch.log_ratio for launch in moved], residues)
+
+    def as_shipped(self) -> StepRatio | None:
+        """Return the ratio of the launches that moved nothing; None with fewer than two."""
+        return _estimate([r.log_ratio for r in self.launches if r.placement is None], None)
+
+
+def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> StepRatio | None:
+    """Return the mean of launches, with equal weight on each residue; None with too few."""
+    count = len(set(residues)) if residues else 1
+    if len(log_ratios) <= count:
+        return None
+    mean, deviation = anytime.mean_and_deviation(log_ratios, residues)
+    return StepRatio(mean, max(deviation, MIN_DEVIATION))
+
+
+def finished(records: Sequence[object]) -> list[StepRatioRecord]:
+    """Return the records of a run file that need not be measured again when it is continued."""
+    return [r for r in records if isinstance(r, StepRatioRecord) and r.status in FINISHED]

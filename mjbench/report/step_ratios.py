@@ -1,0 +1,49 @@
+"""What `mjbench history measure` prints: a row for each release and model."""
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
+from mjbench.report import tables
+from mjbench.simulation import agreement
+
+
+def print_table(out: Console, records: Sequence[StepRatioRecord]) -> None:
+    """Print the ratio of each release and model, with its standard error."""
+    headings = ["model", "release", "time", "as shipped", "work", "launches", "seconds"]
+    table = tables.plain_table(headings, right=(2, 3, 5, 6))
+    for record in records:
+        table.add_row(
+            record.model,
+            record.release,
+            _change(record.averaged()) or record.detail,
+            _change(record.as_shipped()),
+            _work(record),
+            str(len(record.launches)),
+            f"{record.seconds:.1f}",
+        )
+    out.print(table)
+    references = sorted({record.reference for record in records})
+    out.print(
+        f"time: of a step, against MuJoCo {', '.join(references)}, with placement averaged out"
+        " (± standard error); work: against the same release",
+        soft_wrap=True,
+    )
+
+
+def _change(ratio: StepRatio | None) -> str:
+    """Return a ratio as a change in percent, such as `+1.2 ±0.3 %`."""
+    if ratio is None:
+        return ""
+    return f"{100 * math.expm1(ratio.log_ratio):+.1f} ±{100 * ratio.deviation:.1f} %"
+
+
+def _work(record: StepRatioRecord) -> str:
+    """Return how the work differs from that of the reference."""
+    if record.work is None or record.reference_work is None:
+        return ""
+    diverged = record.reference_diverged, record.diverged
+    changes = agreement.work_changes(record.reference_work, record.work, record.drift, diverged)
+    return "; ".join(changes) or "the same"

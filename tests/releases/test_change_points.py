@@ -1,0 +1,86 @@
+"""Steps, excursions and drifts of series that are given, and of simulated histories."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks import simulated_histories
+from benchmarks.simulated_histories import NOISIEST, PLANS, Plan
+from mjbench.releases import change_points
+
+SIGMA = 0.002
+
+
+def changes(values: list[float]) -> change_points.Changes:
+    """Return the changes of a series with a little noise that is always the same."""
+    noise = SIGMA * np.random.default_rng(3).standard_normal(len(values))
+    return change_points.changes(np.array(values) + noise, [SIGMA] * len(values))
+
+
+def test_a_level_series_has_no_changes() -> None:
+    assert changes([0.5] * 20) == change_points.Changes([], [], [])
+
+
+def test_a_step_is_where_it_is_as_large_as_it_is() -> None:
+    (step,) = changes([0.0] * 9 + [0.03] * 11).steps
+    assert step.index == 9
+    assert step.change == pytest.approx(0.03, abs=3 * step.deviation)
+    assert step.deviation == pytest.approx(SIGMA * math.sqrt(1 / 9 + 1 / 11))
+
+
+def test_the_last_release_alone_can_be_a_step() -> None:
+    (step,) = changes([0.0] * 19 + [-0.03]).steps
+    assert step.index == 19
+    assert step.change < -0.02
+
+
+def test_a_single_release_that_is_off_is_an_excursion_and_not_two_steps() -> None:
+    result = changes([0.0] * 9 + [0.04] + [0.0] * 10)
+    assert not result.steps
+    (excursion,) = result.excursions
+    assert excursion.index == 9
+    assert excursion.change == pytest.approx(0.04, abs=4 * SIGMA)
+
+
+def test_a_regression_that_lasts_two_releases_is_a_step_and_the_way_back() -> None:
+    up, down = changes([0.0] * 9 + [0.04] * 2 + [0.0] * 9).steps
+    assert (up.index, down.index) == (9, 11)
+    assert up.change > 0.03 > -0.03 > down.change
+
+
+def test_a_slow_change_is_a_drift_and_a_step_in_it_is_a_step() -> None:
+    drift = [0.003 * i for i in range(20)]
+    result = changes(drift)
+    assert not result.steps
+    assert result.drifts[0].change == pytest.approx(0.057, abs=4 * SIGMA)
+    (step,) = changes(drift[:10] + [value + 0.04 for value in drift[10:]]).steps
+    assert step.index == 10
+
+
+def test_changes_below_the_smallest_are_not_listed() -> None:
+    values = [0.0] * 10 + [0.008] * 10
+    assert not changes(values).steps
+    sensitive = change_points.changes(values, [1e-4] * 20, min_change=0.005)
+    assert [step.index for step in sensitive.steps] == [10]
+
+
+@pytest.mark.parametrize("deviations", [[1.0], [1.0, 0.0], [1.0, -1.0]])
+def test_each_log_ratio_needs_a_positive_deviation(deviations: list[float]) -> None:
+    with pytest.raises(ValueError, match="positive deviation"):
+        change_points.changes([0.0, 0.0], deviations)
+
+
+# In the noisiest histories a step of 2 % is often found one release too early or too late.
+@pytest.mark.parametrize(
+    "plan",
+    [plan for plan in PLANS if plan.deviation != NOISIEST],
+    ids=lambda plan: plan.name,
+)
+def test_in_simulated_histories_steps_are_found_and_few_wrongly(plan: Plan) -> None:
+    score = simulated_histories.score(plan, 50)
+    assert score.wrong <= max(1, 0.05 * (score.wrong + score.found))
+    if plan.smallest >= 0.02 and plan.steps:
+        assert score.power >= 0.95
+    if plan.drift:
+        assert score.named >= 0.95 * score.drifts > 0
