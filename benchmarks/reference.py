@@ -11,7 +11,7 @@ from benchmarks.settings import Tracked
 from mjbench.paired import step_ratio
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs
+from mjbench.releases import installs, step_ratios
 from mjbench.releases.step_ratios import REFERENCE
 from mjbench.simulation import models
 
@@ -35,7 +35,7 @@ class Reference(Tracked):
         under_test = Target(installs.parse_release(installs.INSTALLED), source)
         with WorkerPool() as pool:
             record = step_ratio.measure(pool, reference, under_test)
-        ratio = record.averaged()
+        ratio = step_ratios.averaged(record.launches)
         if ratio is None:
             raise RuntimeError(record.detail)
         return ratio.ratio

@@ -154,10 +154,14 @@ def measure(
         for source in sources
     ]
     paired_options.warn_if_unpinned()
-    targets = [target for pair in pairs for target in pair]
-    arguments = {"launches": step_ratios.LAUNCHES, "targets": [each.row() for each in targets]}
+    arguments = {
+        "reference": reference.key,
+        "releases": [release.key for release in releases],
+        "models": [source.name for source in sources],
+    }
     storage = Storage(results, arguments, resume, step_ratios.finished)
-    files = paired_options.input_files(targets)
+    files = paired_options.input_files([target for _, target in pairs])
+    files = list(dict.fromkeys(files))
     with RunContext("history", json_file, files, storage, wait) as run:
         records = _measure(run, pairs)
         if any(record.status == Status.INTERRUPTED for record in records):
@@ -206,7 +210,7 @@ def _measure(
             name = f"{target.model.name} {target.release.version}"
 
             def on_launch(count: int, number: int = number, name: str = name) -> None:
-                advance(number, name, count / step_ratios.LAUNCHES)
+                advance(number, name, min(1.0, count / step_ratios.MIN_LAUNCHES))
 
             record = step_ratio.measure(pool, reference, target, on_launch=on_launch)
             run.record(record)

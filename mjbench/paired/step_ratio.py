@@ -1,7 +1,7 @@
 """Measure the time of a step of a release over that of the reference, as the history needs it.
 
-Unlike a verdict, which ends when it is certain, each ratio has the same number of launches: so all
-are equally well known, and none is biased by when it ended.
+Unlike a verdict, which ends when it is certain, a ratio ends when it is known well enough, whatever
+it is: so none is biased by when it ended.
 """
 
 import pickle
@@ -11,10 +11,11 @@ from collections.abc import Callable
 from mjbench.paired import averaging
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
-from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.protocol import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases.step_ratios import LAUNCHES, LaunchRatio, StepRatioRecord
+from mjbench.releases import step_ratios
+from mjbench.releases.step_ratios import LaunchRatio, StepRatioRecord
 from mjbench.simulation.workload import PortableWorkload
 from mjbench.status import Status
 
@@ -23,7 +24,6 @@ def measure(
     pool: WorkerPool,
     reference: Target,
     target: Target,
-    launches: int = LAUNCHES,
     on_launch: Callable[[int], None] = lambda count: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> StepRatioRecord:
@@ -36,12 +36,11 @@ def measure(
       pool: starts the processes.
       reference: the release that all are compared with, and the model.
       target: the other release, and the same model.
-      launches: how many.
       on_launch: called after each launch, with the number of launches so far.
       clock: returns seconds.
     """
     begin_s = clock()
-    measured: list[Launch] = []
+    launches: list[LaunchRatio] = []
     pair: TargetPair | None = None
     averaged = Averaging(False)
     workload, status, detail = "", Status.OK, ""
@@ -49,9 +48,10 @@ def measure(
         averaged = averaging.averaging(pool, reference, target)
         pair = TargetPair(pool, reference, target, placements=averaged.placements())
         workload = _digest(pair)
-        while len(measured) < launches:
-            measured.append(pair.launch())
-            on_launch(len(measured))
+        while not step_ratios.are_enough(launches):
+            launch = pair.launch()
+            launches.append(LaunchRatio(launch.log_ratio, launch.placements.new))
+            on_launch(len(launches))
     except ENDING_ERRORS as error:
         ending = ending_of(error)
         status, detail = ending.status, ending.detail
@@ -66,7 +66,7 @@ def measure(
         reference=reference.release.version,
         status=status,
         detail=detail,
-        launches=[LaunchRatio(each.log_ratio, each.placements.new) for each in measured],
+        launches=launches,
         problem=averaged.problem,
         workload=workload,
         work=check.candidate if check else None,

@@ -19,8 +19,10 @@ from mjbench.status import FINISHED, Status
 
 # The release that all are compared with.
 REFERENCE = "4.0.0"
-# Launches of a ratio: two blocks of the schedule of placements, so that each residue has four.
-LAUNCHES = 18
+# Launches of a ratio: whole blocks of the schedule of placements, so that each residue has as many;
+# two blocks, and more until the standard error is small enough, but no more than four.
+BLOCK, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
+SMALL_DEVIATION = 0.0025
 # No ratio is better known than this: twice the root mean square of the no-change pairs' estimates
 # is 0.4 %, of which half is due to each release (see docs/method/history.md).
 MIN_DEVIATION = 0.001
@@ -55,6 +57,41 @@ class StepRatio:
     def ratio(self) -> float:
         """The estimate itself."""
         return math.exp(self.log_ratio)
+
+
+def averaged(launches: Sequence[LaunchRatio]) -> StepRatio | None:
+    """Return the ratio with placement averaged out, or as shipped where nothing was moved.
+
+    None with too few launches.
+    """
+    moved = [launch for launch in launches if launch.placement is not None]
+    if not moved:
+        return as_shipped(launches)
+    residues = [launch.placement.residue for launch in moved if launch.placement]
+    return _estimate([launch.log_ratio for launch in moved], residues)
+
+
+def as_shipped(launches: Sequence[LaunchRatio]) -> StepRatio | None:
+    """Return the ratio of the launches that moved nothing; None with fewer than two."""
+    return _estimate([r.log_ratio for r in launches if r.placement is None], None)
+
+
+def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> StepRatio | None:
+    """Return the mean of launches, with equal weight on each residue; None with too few."""
+    count = len(set(residues)) if residues else 1
+    if len(log_ratios) <= count:
+        return None
+    mean, deviation = anytime.mean_and_deviation(log_ratios, residues)
+    return StepRatio(mean, max(deviation, MIN_DEVIATION))
+
+
+def are_enough(launches: Sequence[LaunchRatio]) -> bool:
+    """Return whether no more launches are needed."""
+    count = len(launches)
+    if count < MIN_LAUNCHES or count % BLOCK:
+        return False
+    ratio = averaged(launches)
+    return count >= MAX_LAUNCHES or (ratio is not None and ratio.deviation <= SMALL_DEVIATION)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,30 +140,6 @@ class StepRatioRecord:
     nstep: PositiveInt | None = None
     starts: Starts | None = None
     seconds: NonNegativeFloat = 0.0
-
-    def averaged(self) -> StepRatio | None:
-        """Return the ratio with placement averaged out, or as shipped where nothing was moved.
-
-        None with too few launches.
-        """
-        moved = [launch for launch in self.launches if launch.placement is not None]
-        if not moved:
-            return self.as_shipped()
-        residues = [launch.placement.residue for launch in moved if launch.placement]
-        return _estimate([launch.log_ratio for launch in moved], residues)
-
-    def as_shipped(self) -> StepRatio | None:
-        """Return the ratio of the launches that moved nothing; None with fewer than two."""
-        return _estimate([r.log_ratio for r in self.launches if r.placement is None], None)
-
-
-def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> StepRatio | None:
-    """Return the mean of launches, with equal weight on each residue; None with too few."""
-    count = len(set(residues)) if residues else 1
-    if len(log_ratios) <= count:
-        return None
-    mean, deviation = anytime.mean_and_deviation(log_ratios, residues)
-    return StepRatio(mean, max(deviation, MIN_DEVIATION))
 
 
 def finished(records: Sequence[object]) -> list[StepRatioRecord]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from mjbench.releases import step_ratios
 from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
 from mjbench.report import tables
 from mjbench.simulation import agreement
@@ -12,17 +13,17 @@ from mjbench.simulation import agreement
 
 def print_table(out: Console, records: Sequence[StepRatioRecord]) -> None:
     """Print the ratio of each release and model, with its standard error."""
-    headings = ["model", "release", "time", "as shipped", "work", "launches", "seconds"]
-    table = tables.plain_table(headings, right=(2, 3, 5, 6))
+    headings = ["model", "release", "time", "as shipped", "launches", "seconds", "work"]
+    table = tables.plain_table(headings, right=(2, 3, 4, 5))
     for record in records:
         table.add_row(
             record.model,
             record.release,
-            _change(record.averaged()) or record.detail,
-            _change(record.as_shipped()),
-            _work(record),
+            _change(step_ratios.averaged(record.launches)),
+            _change(step_ratios.as_shipped(record.launches)),
             str(len(record.launches)),
             f"{record.seconds:.1f}",
+            _work(record) or record.detail,
         )
     out.print(table)
     references = sorted({record.reference for record in records})

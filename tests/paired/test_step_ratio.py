@@ -9,16 +9,19 @@ from mjbench.errors import MachineError
 from mjbench.paired import step_ratio
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import step_ratios
 from mjbench.status import Status
 
 
-def test_a_release_against_itself_does_the_same_work_in_as_many_launches_as_asked_for(
-    pool: WorkerPool,
+def test_a_release_against_itself_does_the_same_work_in_as_many_launches_as_are_enough(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counts: list[int] = []
     clock = itertools.count(10.0).__next__
-    record = step_ratio.measure(pool, CARTPOLE, CARTPOLE, 2, counts.append, clock)
-    again = step_ratio.measure(pool, CARTPOLE, CARTPOLE, 1)
+    enough = iter([False, False, True, True])
+    monkeypatch.setattr(step_ratios, "are_enough", lambda launches: next(enough))
+    record = step_ratio.measure(pool, CARTPOLE, CARTPOLE, counts.append, clock)
+    again = step_ratio.measure(pool, CARTPOLE, CARTPOLE)
     assert (record.status, record.model, record.release) == (
         Status.OK,
         "cartpole",
@@ -47,6 +50,6 @@ def test_what_was_measured_before_a_failure_is_kept(
             raise MachineError("out of luck") from None
 
     monkeypatch.setattr(TargetPair, "launch", fail_later)
-    record = step_ratio.measure(pool, CARTPOLE, CARTPOLE, 3)
+    record = step_ratio.measure(pool, CARTPOLE, CARTPOLE)
     assert (record.status, record.detail) == (Status.FAILED, "out of luck")
     assert len(record.launches) == 1

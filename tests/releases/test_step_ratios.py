@@ -5,15 +5,18 @@ import math
 import pytest
 
 from mjbench.releases.placement import Placement
-from mjbench.releases.step_ratios import MIN_DEVIATION, LaunchRatio, StepRatioRecord, finished
+from mjbench.releases.step_ratios import (
+    MAX_LAUNCHES,
+    MIN_DEVIATION,
+    MIN_LAUNCHES,
+    LaunchRatio,
+    StepRatioRecord,
+    are_enough,
+    as_shipped,
+    averaged,
+    finished,
+)
 from mjbench.status import Status
-
-
-def record(*launches: LaunchRatio, status: Status = Status.OK) -> StepRatioRecord:
-    return StepRatioRecord(
-        model="pile", release="3.5.0", build="3.5.0", reference="4.0.0", status=status,
-        launches=launches,
-    )  # fmt: skip
 
 
 def moved(residue: int, log_ratio: float) -> LaunchRatio:
@@ -21,11 +24,9 @@ def moved(residue: int, log_ratio: float) -> LaunchRatio:
 
 
 def test_residues_weigh_the_same_and_launches_as_shipped_do_not_count() -> None:
-    ratio = record(
-        *(moved(0, x) for x in (0.10, 0.12, 0.11, 0.11)),
-        *(moved(16, x) for x in (0.30, 0.32)),
-        LaunchRatio(5.0),
-    ).averaged()
+    launches = [moved(0, x) for x in (0.10, 0.12, 0.11, 0.11)]
+    launches += [moved(16, x) for x in (0.30, 0.32)]
+    ratio = averaged([*launches, LaunchRatio(5.0)])
     assert ratio is not None
     assert ratio.log_ratio == pytest.approx((0.11 + 0.31) / 2)
     assert ratio.ratio == pytest.approx(math.exp(0.21))
@@ -35,23 +36,34 @@ def test_residues_weigh_the_same_and_launches_as_shipped_do_not_count() -> None:
 
 
 def test_no_ratio_is_known_better_than_the_no_change_pairs_show() -> None:
-    ratio = record(*(moved(r, 0.2) for r in (0, 16, 32, 48) * 4)).averaged()
+    ratio = averaged([moved(residue, 0.2) for residue in (0, 16, 32, 48) * 4])
     assert ratio is not None
     assert ratio.deviation == MIN_DEVIATION
 
 
 def test_where_nothing_was_moved_the_ratio_is_that_as_shipped() -> None:
-    shipped = record(*map(LaunchRatio, (0.01, 0.03)))
-    assert shipped.averaged() == shipped.as_shipped()
-    assert shipped.as_shipped() is not None
+    launches = [LaunchRatio(0.01), LaunchRatio(0.03)]
+    assert averaged(launches) == as_shipped(launches) is not None
 
 
 def test_too_few_launches_say_nothing() -> None:
-    assert record().averaged() is None
-    assert record(moved(0, 0.1), moved(16, 0.1)).averaged() is None
-    assert record(moved(0, 0.1), LaunchRatio(0.1)).as_shipped() is None
+    assert averaged([]) is None
+    assert averaged([moved(0, 0.1), moved(16, 0.1)]) is None
+    assert as_shipped([moved(0, 0.1), LaunchRatio(0.1)]) is None
+
+
+@pytest.mark.parametrize(("spread", "expected"), [(0.001, MIN_LAUNCHES), (0.05, MAX_LAUNCHES)])
+def test_noisy_launches_are_repeated_but_not_for_ever(spread: float, expected: int) -> None:
+    block = [moved(residue, sign * spread) for residue in (0, 16, 32, 48) for sign in (-1, 1)]
+    schedule = 4 * [*block, LaunchRatio(0.0)]
+    assert next(n for n in range(37) if are_enough(schedule[:n])) == expected
 
 
 def test_what_failed_is_measured_again() -> None:
-    good, failed = record(), record(status=Status.FAILED)
+    good, failed = (
+        StepRatioRecord(
+            model="pile", release="3.5.0", build="3.5.0", reference="4.0.0", status=status
+        )
+        for status in (Status.OK, Status.FAILED)
+    )
     assert finished([good, failed, "another record"]) == [good]
