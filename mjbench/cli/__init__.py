@@ -11,6 +11,8 @@ from mjbench.cli import (  # each adds its command to the group
     explain,
     falls,
     history,
+    history_explain,
+    history_measure,
     instructions,
     lint,
     models,

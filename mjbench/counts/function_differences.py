@@ -98,6 +98,34 @@ def moved_groups(functions: Iterable[FunctionDifference]) -> list[list[FunctionD
     return groups
 
 
+@dataclass(frozen=True)
+class NetDifference:
+    """By how much the instructions of one function differ, or of some between which cost moved.
+
+    Attributes:
+      names: of the functions.
+      difference: candidate minus baseline, instructions per step, together.
+    """
+
+    names: Sequence[str]
+    difference: float
+
+
+def largest_differences(functions: Sequence[FunctionDifference], count: int) -> list[NetDifference]:
+    """Return what accounts for most of a difference, the largest first.
+
+    Args:
+      functions: that differ.
+      count: how many to return at most.
+    """
+    groups = moved_groups(functions)
+    moved = {function.name for group in groups for function in group}
+    groups += [[function] for function in functions if function.name not in moved]
+    net = [NetDifference([f.name for f in g], sum(f.difference for f in g)) for g in groups]
+    net = [difference for difference in net if difference.difference]
+    return sorted(net, key=lambda d: (-abs(d.difference), d.names))[:count]
+
+
 def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]:
     """Return what each function executes itself, by name; unnamed ones by library.
 

@@ -7,10 +7,11 @@ candidate `new`, as on the command line.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
 from mjbench.paired.records import VerdictRow
 from mjbench.simulation.work import Work
-from mjbench.status import Status
+from mjbench.status import FINISHED, Status
 
 
 @dataclass(frozen=True)
@@ -172,3 +173,15 @@ class ExplainRow:
     code: Mapping[CodeChange, CodeShare] | None = None
     code_detail: str = ""
     time: VerdictRow | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplainRecord(ExplainRow):
+    """A row as a run file stores it; of its functions, only those that changed most."""
+
+    record_type: ClassVar[str] = "explain"
+
+
+def finished(records: Sequence[object]) -> list[ExplainRecord]:
+    """Return the records of a run file that need not be counted again when it is continued."""
+    return [r for r in records if isinstance(r, ExplainRecord) and r.status in FINISHED]

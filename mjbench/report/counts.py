@@ -5,10 +5,14 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from mjbench.counts import explain
+from mjbench.counts.function_differences import largest_differences
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRow, FunctionDifference
 from mjbench.report import tables
 from mjbench.status import Status
+
+# As many functions are named of those that account for a change.
+_MAIN_FUNCTIONS = 3
 
 
 def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
@@ -76,6 +80,22 @@ def print_explanation(
         out.print(line, soft_wrap=True)
     _print_stage_changes(out, row)
     _print_function_changes(out, row, top)
+
+
+def print_changes(out: Console, rows: Sequence[ExplainRow]) -> None:
+    """Print a row for each model and pair of releases whose instructions differ, or that failed."""
+    headings = ["model", "old", "new", "instructions/step", "functions that account for most"]
+    table = tables.plain_table(headings, right=(3,))
+    for row in rows:
+        old, new = row.instructions_per_step.old, row.instructions_per_step.new
+        if not old or not new:
+            table.add_row(row.model, row.old, row.new, "", f"not counted: {row.status}")
+        elif abs(new / old - 1) > explain.REPEATABILITY:
+            differences = largest_differences(row.functions, _MAIN_FUNCTIONS)
+            texts = [f"{' and '.join(d.names)} {d.difference:+,.0f}" for d in differences]
+            change = f"{100 * (new / old - 1):+.1f} %"
+            table.add_row(row.model, row.old, row.new, change, ", ".join(texts))
+    out.print(table)
 
 
 def _print_stage_changes(out: Console, row: ExplainRow) -> None:

@@ -16,7 +16,7 @@ import msgspec
 
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
-from mjbench.counts.records import ExplainRow, InstructionsRow
+from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.overhead import OverheadRow
@@ -44,6 +44,7 @@ RECORD_TYPES: Mapping[str, type] = {
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
     StepRatioRecord.record_type: StepRatioRecord,
+    ExplainRecord.record_type: ExplainRecord,
 }
 
 

@@ -1,0 +1,60 @@
+"""What the subcommands of `mjbench history` share: which releases, which models, which folder."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.errors import InputError
+
+if TYPE_CHECKING:
+    from mjbench.releases.installs import ReleaseSpec
+
+SELECTING = (
+    click.option(
+        "--since",
+        metavar="VERSION",
+        help="Without a RELEASE: those of the git history from VERSION on, rather than all.",
+    ),
+    click.option(
+        "--model",
+        "models",
+        multiple=True,
+        metavar="MODEL",
+        help="A model; may be given several times  [default: all shipped models]",
+    ),
+    click.option(
+        "--results",
+        default="results/history",
+        show_default=True,
+        metavar="DIR",
+        type=click.Path(path_type=Path),
+        help="Folder for the run file.",
+    ),
+)
+
+
+def releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
+    """Return the releases that arguments name, or those of the git history.
+
+    Args:
+      names: of releases.
+      since: the first release of the history to return; None for all.
+      history: a git bundle; None for that of the checkout.
+
+    Raises:
+      InputError: there is none, or `since` is not in the history.
+    """
+    from mjbench.releases import bundle, installs
+
+    if names and since:
+        raise InputError("give RELEASEs or --since, not both")
+    if names:
+        return [installs.parse_release(name) for name in names]
+    path = history or bundle.default_path()
+    versions = [release.version for release in bundle.read(path)]
+    if since is not None and since not in versions:
+        raise InputError(f"{path} has no release {since}; it has {', '.join(versions)}")
+    first = versions.index(since) if since else 0
+    return [installs.parse_release(version) for version in versions[first:]]
