@@ -47,6 +47,7 @@ def explain(
     from mjbench.counts import records
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.releases import installs, step_ratios
+    from mjbench.report.counts import print_changes
     from mjbench.simulation import models as model_sources
 
     releases = history_options.releases(names, since, history)
@@ -67,7 +68,8 @@ def explain(
     ):
         counter.count(reference, sources)  # draws the workloads
         stored = _count_all(run, counter, releases, sources)
-        run.out.print(f"{stored} pairs of releases and models stored")
+        print_changes(run.out, stored)
+    run.exit(record.status for record in stored)
 
 
 def _count_all(
@@ -75,13 +77,14 @@ def _count_all(
     counter: "InstructionCounter",
     releases: Sequence["ReleaseSpec"],
     sources: Sequence["ModelSource"],
-) -> int:
-    """Count each release, and store what changed since the one before; return the records."""
+) -> list["ExplainRecord"]:
+    """Count each release, and store what changed since the one before; return all records."""
     from mjbench.counts import records
     from mjbench.counts.explain import Explainer
 
-    done = {(r.old, r.new, r.model) for r in records.finished(run.resumed_records)}
-    stored, explainer = len(done), Explainer()
+    stored = list(records.finished(run.resumed_records))
+    done = {(record.old, record.new, record.model) for record in stored}
+    explainer = Explainer()
     before: Sequence[ModelCount] = ()
     with run.progress(len(releases)) as advance:
         for number, release in enumerate(releases):
@@ -89,8 +92,9 @@ def _count_all(
             counts = counter.count(release, sources)
             for old, new in zip(before, counts, strict=bool(before)):
                 if (old.release, new.release, new.model) not in done:
-                    run.record(_record(explainer, old, new))
-                    stored += 1
+                    record = _record(explainer, old, new)
+                    run.record(record)
+                    stored.append(record)
             before = counts
     return stored
 

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
 @with_options(RESULTS, JSON)
 def show(file: Path | None, results: Path, json_file: str | None) -> None:
     """Print a run FILE again; without one, the newest in results/runs."""
+    from mjbench.counts.records import ExplainRecord
     from mjbench.instrument import runs
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.releases.step_ratios import StepRatioRecord
+    from mjbench.report.counts import print_changes
     from mjbench.report.documents import RECORD_TYPES
 
     file = file or runs.latest(results)
@@ -36,6 +38,8 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
             _show_spreads(run, stored)
         elif stored.of_type(StepRatioRecord):
             _show_step_ratios(run, stored)
+        elif stored.of_type(ExplainRecord):
+            print_changes(run.out, stored.of_type(ExplainRecord))
         else:
             _show_comparison(run, stored)
 
