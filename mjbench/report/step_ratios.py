@@ -23,7 +23,7 @@ def print_table(out: Console, records: Sequence[StepRatioRecord]) -> None:
             _change(step_ratios.as_shipped(record.launches)),
             str(len(record.launches)),
             f"{record.seconds:.1f}",
-            _work(record) or record.detail,
+            record.detail or _work(record),
         )
     out.print(table)
     references = sorted({record.reference for record in records})

@@ -1,0 +1,93 @@
+"""The speed of models over the releases, and what changed it: from ratios to one fixed release."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from mjbench.releases import change_points, step_ratios
+from mjbench.releases.change_points import Changes
+from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
+from mjbench.simulation import agreement
+from mjbench.status import Status
+
+# The smallest relative difference of two drifts that says that a step's result changed.
+_DRIFT_CHANGE = 1e-3
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A model in one release.
+
+    Attributes:
+      release: of MuJoCo.
+      ratio: time of a step over that of the reference.
+      record: that it is from.
+    """
+
+    release: str
+    ratio: StepRatio
+    record: StepRatioRecord
+
+
+@dataclass(frozen=True)
+class ModelHistory:
+    """A model over the releases.
+
+    Attributes:
+      model: its name.
+      measured: the releases in which it was measured, in the order of their upload.
+      changes: of its speed; indices are those of `measured`.
+    """
+
+    model: str
+    measured: Sequence[Measured]
+    changes: Changes
+
+    def pair(self, index: int) -> tuple[Measured, Measured]:
+        """Return the release before an index, and the one at it."""
+        return self.measured[index - 1], self.measured[index]
+
+
+def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> list[ModelHistory]:
+    """Return the history of each model, by name.
+
+    Of several records of a model and a release the last one counts that did not fail.
+
+    Args:
+      records: of any releases, in the order they were measured.
+      versions: of all releases, in the order of their upload; others are left out.
+    """
+    by_model: dict[str, dict[str, Measured]] = {}
+    for record in records:
+        ratio = step_ratios.averaged(record.launches)
+        if record.status == Status.OK and ratio is not None:
+            measured = Measured(record.release, ratio, record)
+            by_model.setdefault(record.model, {})[record.release] = measured
+    return [
+        _history(model, [of_release[v] for v in versions if v in of_release])
+        for model, of_release in sorted(by_model.items())
+    ]
+
+
+def _history(model: str, measured: Sequence[Measured]) -> ModelHistory:
+    log_ratios = [each.ratio.log_ratio for each in measured]
+    deviations = [each.ratio.deviation for each in measured]
+    return ModelHistory(model, measured, change_points.changes(log_ratios, deviations))
+
+
+def work_changes(before: Measured, after: Measured) -> list[str]:
+    """Describe how the work of a step changed from one release to another.
+
+    Returns:
+      Phrases such as `contacts 1 → 5`, the counters first, and then whether one step gives another
+      result. For that the drifts of both releases from the reference are compared: where they
+      differ, one of the two computes something else.
+    """
+    old, new = before.record, after.record
+    if old.workload != new.workload or old.work is None or new.work is None:
+        return ["another workload, because the size of the model changed"]
+    changes = agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
+    if old.drift is not None and new.drift is not None:
+        low, high = sorted((old.drift, new.drift))
+        if high > agreement.ROUNDING and high - low > _DRIFT_CHANGE * high:
+            changes.append("different result of one step")
+    return changes

@@ -1,0 +1,168 @@
+"""`mjbench history measure` and `mjbench history explain` as a user types them."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from mjbench.cli import cli
+from mjbench.counts.instructions import InstructionCounter, ModelCount
+from mjbench.counts.records import FunctionCount
+from mjbench.paired import step_ratio
+from mjbench.paired.targets import Target
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.placement import Placement
+from mjbench.releases.step_ratios import REFERENCE, LaunchRatio, StepRatioRecord
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.work import Work
+from mjbench.status import Status
+
+LAUNCHES = [
+    *(LaunchRatio(x, Placement(r, r)) for r in (0, 16, 32, 48) for x in (0.09, 0.11)),
+    LaunchRatio(0.2),
+    LaunchRatio(0.2),
+]
+
+
+@pytest.fixture(autouse=True)
+def in_its_own_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def invoke(*words: str) -> Result:
+    return CliRunner().invoke(cli, ["history", *words])
+
+
+def only_run_file() -> Path:
+    (file,) = Path("results/history").glob("*.jsonl")
+    return file
+
+
+def measured(
+    monkeypatch: pytest.MonkeyPatch, status: Callable[[Target], Status] = lambda target: Status.OK
+) -> list[tuple[str, str]]:
+    """Have no time measured; return the list of what is to be."""
+    targets: list[tuple[str, str]] = []
+
+    def measure(
+        pool: WorkerPool, reference: Target, target: Target, on_launch: Callable[[int], None]
+    ) -> StepRatioRecord:
+        assert reference.release.version == REFERENCE
+        targets.append((target.model.name, target.release.version))
+        on_launch(1)
+        return StepRatioRecord(
+            model=target.model.name,
+            release=target.release.version,
+            build=target.release.key,
+            reference=REFERENCE,
+            status=status(target),
+            detail="" if status(target) == Status.OK else "it fell over",
+            launches=LAUNCHES,
+            work=Work(1.0, 4.0, 2.0),
+            reference_work=Work(5.0, 20.0, 2.0),
+        )
+
+    monkeypatch.setattr(step_ratio, "measure", measure)
+    return targets
+
+
+def test_releases_are_measured_model_by_model_stored_and_shown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    targets = measured(monkeypatch)
+    words = ("3.3.0", "3.3.1", "--model", "pile", "--model", "cloth")
+    done = invoke("measure", *words, "--json", "out.json")
+    assert done.exit_code == 0, done.output
+    assert targets == [(m, r) for r in ("3.3.0", "3.3.1") for m in ("pile", "cloth")]
+    assert "+10.5 ±0.5 %" in done.output
+    assert "+22.1 ±0.1 %" in done.output
+    assert "contacts 5 → 1" in done.output
+    rows = json.loads(Path("out.json").read_text())["results"]
+    assert [row["release"] for row in rows] == ["3.3.0", "3.3.0", "3.3.1", "3.3.1"]
+    shown = CliRunner().invoke(cli, ["show", str(only_run_file()), "--json", "shown.json"])
+    assert "+10.5 ±0.5 %" in shown.output
+    assert json.loads(Path("shown.json").read_text())["results"] == rows
+
+
+def test_what_was_measured_is_not_measured_again_and_what_failed_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measured(monkeypatch, lambda t: Status.FAILED if t.model.name == "cloth" else Status.OK)
+    words = ("3.3.0", "--model", "pile", "--model", "cloth")
+    done = invoke("measure", *words)
+    assert done.exit_code == 3
+    assert "it fell over" in done.output
+    targets = measured(monkeypatch)
+    again = invoke("measure", *words, "--resume", str(only_run_file()))
+    assert again.exit_code == 0
+    assert targets == [("cloth", "3.3.0")]
+
+
+def test_without_releases_those_of_the_git_history_are_measured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    targets = measured(monkeypatch)
+    assert invoke("measure", "--since", "3.16.0", "--model", "pile").exit_code == 0
+    assert targets == [("pile", release) for release in ("3.16.0", "3.17.0", "4.0.0")]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("measure", "--since", "9.9"), "has no release 9.9"),
+        (("measure", "3.3.0", "--since", "3.3.0"), "give RELEASEs or --since, not both"),
+        (("measure", "tea"), "'tea' is not a release"),
+        (("measure", "3.3.0", "--model", "tea"), "no model 'tea'"),
+        (("explain", "3.3.0"), "give two releases or more"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_a_line(words: Sequence[str], message: str) -> None:
+    done = invoke(*words)
+    assert done.exit_code == 2
+    assert message in done.output
+    assert not Path("results").exists()
+
+
+def count(release: str, source: ModelSource, **functions: float) -> ModelCount:
+    return ModelCount(
+        model=source.name,
+        release=release,
+        instructions_per_step=sum(functions.values()),
+        functions=[FunctionCount(name, cost, cost) for name, cost in functions.items()],
+    )
+
+
+def test_instructions_are_counted_from_release_to_release(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counted: list[str] = []
+    costs = {"3.3.0": 100.0, "3.3.1": 150.0, "3.3.2": 150.0, REFERENCE: 1.0}
+
+    def count_release(
+        counter: InstructionCounter, release: ReleaseSpec, sources: Sequence[ModelSource]
+    ) -> list[ModelCount]:
+        counted.append(release.version)
+        cost = costs[release.version]
+        return [count(release.version, s, mj_step=900.0, getTime=cost) for s in sources]
+
+    monkeypatch.setattr("mjbench.counts.instructions.unavailable", lambda: None)
+    monkeypatch.setattr(InstructionCounter, "count", count_release)
+    words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile")
+    done = invoke("explain", *words)
+    assert done.exit_code == 0, done.output
+    assert counted == [REFERENCE, "3.3.0", "3.3.1", "3.3.2"]
+    assert "+5.0 %" in done.output
+    assert "getTime +50" in done.output
+    records = [json.loads(line) for line in only_run_file().read_text().splitlines()[1:]]
+    assert [(r["type"], r["old"], r["new"]) for r in records] == [
+        ("explain", "3.3.0", "3.3.1"),
+        ("explain", "3.3.1", "3.3.2"),
+    ]
+    shown = CliRunner().invoke(cli, ["show", str(only_run_file())])
+    assert "getTime +50" in shown.output
+    again = invoke("explain", *words, "--resume", str(only_run_file()))
+    assert again.exit_code == 0
+    assert len(only_run_file().read_text().splitlines()) == 3

@@ -1,0 +1,96 @@
+"""Histories of models, from records of their ratios to the reference."""
+
+import math
+from collections.abc import Sequence
+
+from mjbench.releases import speed_history
+from mjbench.releases.placement import Placement
+from mjbench.releases.speed_history import ModelHistory
+from mjbench.releases.step_ratios import LaunchRatio, StepRatioRecord
+from mjbench.simulation.work import Work
+from mjbench.status import Status
+
+VERSIONS = [f"1.{i}" for i in range(12)]
+SPREAD = 0.002
+
+
+def record(
+    release: str,
+    ratio: float,
+    model: str = "pile",
+    status: Status = Status.OK,
+    contacts: float = 5.0,
+    drift: float | None = 0.0,
+    workload: str = "a",
+) -> StepRatioRecord:
+    log_ratio = math.log(ratio)
+    launches = [
+        LaunchRatio(log_ratio + sign * SPREAD, Placement(residue, residue))
+        for residue in (0, 16, 32, 48)
+        for sign in (-1, 1)
+    ]
+    return StepRatioRecord(
+        model=model,
+        release=release,
+        build=release,
+        reference="4.0.0",
+        status=status,
+        launches=launches,
+        work=Work(contacts, 4 * contacts, 2.0),
+        drift=drift,
+        workload=workload,
+    )
+
+
+def history(ratios: Sequence[float]) -> ModelHistory:
+    records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
+    (only,) = speed_history.histories(records, VERSIONS)
+    return only
+
+
+def test_a_step_is_named_by_the_releases_around_it() -> None:
+    result = history([0.8] * 6 + [1.0] * 6)
+    (step,) = result.changes.steps
+    before, after = result.pair(step.index)
+    assert (before.release, after.release) == ("1.5", "1.6")
+
+
+def test_releases_are_in_the_order_of_their_upload_and_failures_are_left_out() -> None:
+    records = [
+        record("1.10", 1.0),
+        record("1.2", 1.0),
+        record("1.3", 1.0, status=Status.CRASHED),
+        record("1.9", 1.0),
+        record("0.1", 1.0),
+        record("1.2", 1.0, model="cloth"),
+    ]
+    cloth, pile = speed_history.histories(records, VERSIONS)
+    assert [each.release for each in pile.measured] == ["1.2", "1.9", "1.10"]
+    assert (cloth.model, len(cloth.measured)) == ("cloth", 1)
+
+
+def test_a_release_that_was_measured_again_counts_once() -> None:
+    first, again = record("1.0", 1.0), record("1.0", 1.2)
+    failed = record("1.0", 1.5, status=Status.FAILED)
+    (result,) = speed_history.histories([first, again, failed], VERSIONS)
+    (measured,) = result.measured
+    assert measured.record is again
+
+
+def work_changes(old: StepRatioRecord, new: StepRatioRecord) -> list[str]:
+    (result,) = speed_history.histories([old, new], VERSIONS)
+    return speed_history.work_changes(*result.pair(1))
+
+
+def test_work_is_compared_between_neighbours() -> None:
+    old = record("1.0", 1.0, drift=0.3)
+    assert work_changes(old, record("1.1", 1.0, drift=0.3)) == []
+    assert work_changes(old, record("1.1", 1.0, drift=0.1)) == ["different result of one step"]
+    assert work_changes(old, record("1.1", 1.0, drift=None)) == []
+    more = work_changes(old, record("1.1", 1.0, contacts=1.0, drift=0.3))
+    assert more[0] == "contacts 5 → 1"
+
+
+def test_another_workload_cannot_be_compared() -> None:
+    (change,) = work_changes(record("1.0", 1.0), record("1.1", 1.0, workload="b"))
+    assert change.startswith("another workload")
