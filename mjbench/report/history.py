@@ -3,7 +3,7 @@
 Only the causes are added by hand (see mjbench.releases.causes).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from mjbench.releases.benchmark_names import STEP_TIMES, BenchmarkName
@@ -23,6 +23,7 @@ from mjbench.releases.history import (
     work_changes,
 )
 from mjbench.report import tables
+from mjbench.report.markdown import table
 
 # Longer lists of parameters are only counted.
 _MOST_LABELS = 4
@@ -119,7 +120,7 @@ def _time_table(history: History, change_points: Sequence[ChangePoint]) -> Itera
         [version] + [_microseconds(s, version) + marks.get((s.label, version), "") for s in columns]
         for version in history.versions
     )
-    return _table(["release", *names], rows, right_aligned=names)
+    return table(["release", *names], rows, right_aligned=names)
 
 
 def _microseconds(series: Series, version: str) -> str:
@@ -142,7 +143,7 @@ def _instructions_table(history: History) -> Iterator[str]:
     names = [f"`{series.label}`" for series in columns]
     cells = [_instruction_cells(series, history.versions) for series in columns]
     rows = zip(history.versions, *cells, strict=True)
-    return _table(["release", *names], rows, right_aligned=names)
+    return table(["release", *names], rows, right_aligned=names)
 
 
 def _instruction_cells(series: Series, versions: Sequence[str]) -> list[str]:
@@ -176,7 +177,7 @@ def _step_table(
     numbers = ["time, paired", "time, unpaired, by round", "instructions"]
     rows = (_step_row(history, change_point, causes) for change_point in change_points)
     headings = ["release", "model", *numbers, "work", "cause"]
-    return _table(headings, rows, right_aligned=numbers)
+    return table(headings, rows, right_aligned=numbers)
 
 
 def _step_row(
@@ -208,7 +209,7 @@ def _other_table(
         groups.setdefault(key, []).append(point)
     rows = (_other_row(group, causes) for group in groups.values())
     headings = ["release", "benchmark", "parameters", "change", "cause"]
-    return _table(headings, rows, right_aligned=["change"])
+    return table(headings, rows, right_aligned=["change"])
 
 
 def _other_row(group: Sequence[ChangePoint], causes: Sequence[Cause]) -> Sequence[str]:
@@ -243,7 +244,7 @@ def _work_table(history: History) -> Iterator[str]:
         texts = [f"`{model}`: {', '.join(texts)}" for model, texts in changes.items() if texts]
         if texts:
             rows.append((release, "<br>".join(texts)))
-    return _table(["release", "model: what changed"], rows) if rows else iter(["None."])
+    return table(["release", "model: what changed"], rows) if rows else iter(["None."])
 
 
 def _gap_table(history: History) -> Iterator[str]:
@@ -258,7 +259,7 @@ def _gap_table(history: History) -> Iterator[str]:
         (title, _labels([gap.label for gap in group]), reason, _ranges(history, versions))
         for (title, reason, versions), group in groups.items()
     )
-    return _table(["benchmark", "parameters", "why", "releases"], rows)
+    return table(["benchmark", "parameters", "why", "releases"], rows)
 
 
 def _labels(labels: Sequence[str]) -> str:
@@ -287,15 +288,3 @@ def _percent(share: float) -> str:
 def _change(ratio: float) -> str:
     """Return a ratio as a change in percent, or as a factor where it is at least twofold."""
     return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"
-
-
-def _table(
-    headings: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    right_aligned: Collection[str] = (),
-) -> Iterator[str]:
-    """Yield the lines of a Markdown table."""
-    yield f"| {' | '.join(headings)} |"
-    yield "|" + "|".join("---:" if h in right_aligned else "---" for h in headings) + "|"
-    for row in rows:
-        yield f"| {' | '.join(row)} |"

@@ -1,51 +1,10 @@
 """Histories of models, from records of their ratios to the reference."""
 
-import math
-from collections.abc import Sequence
+from speed_histories import VERSIONS, history, record
 
 from mjbench.releases import speed_history
-from mjbench.releases.placement import Placement
-from mjbench.releases.speed_history import ModelHistory
-from mjbench.releases.step_ratios import LaunchRatio, StepRatioRecord
-from mjbench.simulation.work import Work
+from mjbench.releases.step_ratios import StepRatioRecord
 from mjbench.status import Status
-
-VERSIONS = [f"1.{i}" for i in range(12)]
-SPREAD = 0.002
-
-
-def record(
-    release: str,
-    ratio: float,
-    model: str = "pile",
-    status: Status = Status.OK,
-    contacts: float = 5.0,
-    drift: float | None = 0.0,
-    workload: str = "a",
-) -> StepRatioRecord:
-    log_ratio = math.log(ratio)
-    launches = [
-        LaunchRatio(log_ratio + sign * SPREAD, Placement(residue, residue))
-        for residue in (0, 16, 32, 48)
-        for sign in (-1, 1)
-    ]
-    return StepRatioRecord(
-        model=model,
-        release=release,
-        build=release,
-        reference="4.0.0",
-        status=status,
-        launches=launches,
-        work=Work(contacts, 4 * contacts, 2.0),
-        drift=drift,
-        workload=workload,
-    )
-
-
-def history(ratios: Sequence[float]) -> ModelHistory:
-    records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
-    (only,) = speed_history.histories(records, VERSIONS)
-    return only
 
 
 def test_a_step_is_named_by_the_releases_around_it() -> None:

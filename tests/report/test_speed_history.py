@@ -1,0 +1,90 @@
+"""What a page says of the history of the time of a step."""
+
+from speed_histories import VERSIONS, history, record
+
+from mjbench.counts.records import (
+    CountedWorkPair,
+    CountPair,
+    ExplainRecord,
+    FunctionDifference,
+)
+from mjbench.paired.outcomes import Cause
+from mjbench.releases import speed_history
+from mjbench.releases.changelog import Changelog, ChangelogItem
+from mjbench.report import speed_history as report
+from mjbench.status import Status
+
+COUNTS = ExplainRecord(
+    model="pile",
+    old="1.5",
+    new="1.6",
+    status=Status.OK,
+    instructions_per_step=CountPair(1000.0, 1200.0),
+    outside_per_step=CountPair(None, None),
+    work=CountedWorkPair(None, None),
+    stages={},
+    functions=[
+        FunctionDifference(name="mj_island", old=100.0, new=290.0, difference=190.0),
+        FunctionDifference(name="mj_crb", old=10.0, new=20.0, difference=10.0),
+    ],
+    time=None,
+)
+ISLANDS = ChangelogItem("1.6", ("abc1234",), "Constraint islands became the default.")
+CHANGELOG = Changelog([ISLANDS, *(ChangelogItem("1.2", (), f"Sensor {i}.") for i in range(99))])
+STEP = history([1.0] * 6 + [1.25] * 6)
+
+
+def test_a_step_has_its_cause_its_functions_and_an_item_of_the_changelog() -> None:
+    (listed,) = report.listed_steps([STEP], {("pile", "1.5", "1.6"): COUNTS})
+    assert listed.cause == Cause.CODE
+    _, _, row = report.steps_table([listed], CHANGELOG)
+    assert row.startswith("| 1.6 | `pile` | +25.0 % ±0.1 | +20.0 % | code | ")
+    assert "`mj_island` +19.0 %, `mj_crb` +1.0 %" in row
+    assert "perhaps: “Constraint islands became the default.” (`abc1234`)" in row
+
+
+def test_a_step_with_other_work_is_due_to_work() -> None:
+    records = [record(v, 1.0) for v in VERSIONS[:6]]
+    records += [record(v, 0.8, contacts=1.0) for v in VERSIONS[6:]]
+    listed = report.listed_steps(speed_history.histories(records, VERSIONS), {})
+    assert [step.cause for step in listed] == [Cause.WORK]
+    (*_, row) = report.steps_table(listed, None)
+    assert "| -20.0 % ±0.1 |  | work | contacts 5 → 1" in row
+
+
+def test_steps_are_listed_by_release() -> None:
+    late, early = history([1.0] * 9 + [1.1] * 3), history([1.0] * 3 + [1.1] * 9)
+    listed = report.listed_steps([late, early], {})
+    assert [step.after.release for step in listed] == ["1.3", "1.9"]
+
+
+def test_the_conclusion_counts_models_and_names_the_largest_steps() -> None:
+    models = [STEP, history([1.0] * 12), history([1.0] * 11 + [0.5])]
+    text = " ".join(report.conclusion(models, report.listed_steps(models, {})))
+    assert "slower for 1 of 3 models (+25.0 %), and faster for 1 (×0.50)" in text
+    assert "The largest steps are ×0.50 for `pile` in 1.11, +25.0 % for `pile` in 1.6." in text
+
+
+def test_a_release_that_is_off_alone_and_a_drift_have_tables_of_their_own() -> None:
+    off = history([1.0] * 5 + [1.1] + [1.0] * 6)
+    (*_, row) = report.excursions_table([off])
+    assert row == "| 1.5 | `pile` | +10.0 % | the same |"
+    drifting = history([1.01**i for i in range(12)])
+    (*_, row) = report.drifts_table([drifting])
+    assert row == "| 1.0 to 1.11 | `pile` | +11.6 % |"
+    (*_, row) = report.totals_table([drifting])
+    assert row == "| `pile` | 1.0 | 1.11 | +11.6 % | 0 | the same |"
+
+
+def test_what_only_the_builds_as_shipped_show_is_placement() -> None:
+    records = [record(v, 1.0, shipped=1.04 if i >= 6 else 1.0) for i, v in enumerate(VERSIONS)]
+    models = speed_history.histories(records, VERSIONS)
+    (*_, row) = report.placement_table(models)
+    assert row == "| 1.6 | `pile` | +4.0 % | +0.0 % |"
+
+
+def test_a_history_in_which_nothing_happens_says_so() -> None:
+    level = [history([1.0] * 12)]
+    assert [*report.steps_table(report.listed_steps(level, {}), None)] == ["None from 1 % on."]
+    for table in (report.excursions_table, report.drifts_table, report.placement_table):
+        assert [*table(level)] == ["None."]

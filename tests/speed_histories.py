@@ -1,0 +1,52 @@
+"""Invented records of ratios to the reference, and histories of a model."""
+
+import math
+from collections.abc import Sequence
+
+from mjbench.releases import speed_history
+from mjbench.releases.placement import Placement
+from mjbench.releases.speed_history import ModelHistory
+from mjbench.releases.step_ratios import LaunchRatio, StepRatioRecord
+from mjbench.simulation.work import Work
+from mjbench.status import Status
+
+VERSIONS = [f"1.{i}" for i in range(12)]
+SPREAD = 0.002
+
+
+def record(
+    release: str,
+    ratio: float,
+    model: str = "pile",
+    status: Status = Status.OK,
+    contacts: float = 5.0,
+    drift: float | None = 0.0,
+    workload: str = "a",
+    shipped: float = 1.0,
+) -> StepRatioRecord:
+    """Return a record whose launches spread by SPREAD; as shipped the ratio is another one."""
+    log_ratio = math.log(ratio)
+    launches = [
+        LaunchRatio(log_ratio + sign * SPREAD, Placement(residue, residue))
+        for residue in (0, 16, 32, 48)
+        for sign in (-1, 1)
+    ]
+    launches += [LaunchRatio(log_ratio + math.log(shipped) + x) for x in (-SPREAD, SPREAD)]
+    return StepRatioRecord(
+        model=model,
+        release=release,
+        build=release,
+        reference="4.0.0",
+        status=status,
+        launches=launches,
+        work=Work(contacts, 4 * contacts, 2.0),
+        drift=drift,
+        workload=workload,
+    )
+
+
+def history(ratios: Sequence[float]) -> ModelHistory:
+    """Return the history of a model in the first of VERSIONS."""
+    records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
+    (only,) = speed_history.histories(records, VERSIONS)
+    return only
