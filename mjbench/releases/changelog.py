@@ -23,6 +23,8 @@ _LINK = re.compile(r"`([^`<]*?)\s*<[^`>]*>`__?")
 _LITERAL = re.compile(r"``([^`]*)``")
 # Prefixes of MuJoCo's functions, which say nothing of what they do.
 _PREFIXES = frozenset({"mj", "mju", "mjc", "mjd", "mjraw", "mjp"})
+# So many characters of an item say what it is about.
+_SUBJECT = 300
 # Shorter words are in every item.
 _MIN_LETTERS = 4
 # An item fits where its words are so rare in the whole changelog, together, in natural logarithms.
@@ -45,8 +47,8 @@ class ChangelogItem:
 
     @property
     def words(self) -> frozenset[str]:
-        """The words that say what it is about."""
-        return frozenset(words_of(self.text))
+        """The words that say what it is about; long items list details at their end."""
+        return frozenset(words_of(self.text[:_SUBJECT]))
 
 
 class Changelog:
@@ -65,14 +67,15 @@ class Changelog:
         Args:
           release: of MuJoCo.
           functions: names of functions whose cost changed.
-          features: further words, such as `contact`.
+          features: further words, such as `contact`, for where functions alone fit nothing.
         """
-        wanted = {word for name in (*functions, *features) for word in words_of(name)}
-        scores = [
-            (self._score(item, wanted), item) for item in self.items if item.release == release
-        ]
-        score, item = max(scores, key=lambda pair: pair[0], default=(0.0, None))
-        return item if score >= _MIN_SCORE else None
+        for names in (functions, [*functions, *features]):
+            wanted = {word for name in names for word in words_of(name)}
+            scores = [(self._score(i, wanted), i) for i in self.items if i.release == release]
+            score, item = max(scores, key=lambda pair: pair[0], default=(0.0, None))
+            if score >= _MIN_SCORE:
+                return item
+        return None
 
     def _score(self, item: ChangelogItem, wanted: Collection[str]) -> float:
         common = item.words & set(wanted)
