@@ -7,11 +7,13 @@ import numpy as np
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
+from mjbench.paired.fork_server_process import MAX_FORKS
 from mjbench.paired.judgement import MIN_LAUNCHES, conclude
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
 
-# A launch takes about 0.7 s; as many as the default time limit of a minute allows.
+# A launch takes about half a second, more where the machine is busy; the default time limit of a
+# minute allows as many or more.
 MOST_LAUNCHES = 80
 # How much slower than on average code is at each residue. The baseline's are measured (pile,
 # MuJoCo 3.2.1); the candidate's are as large, and in another order for each comparison.
@@ -56,6 +58,8 @@ class Scenario:
       deviation: of a launch's log ratio.
       noise: draws launches of deviation 1.
       correlation: of each launch with the one before.
+      shared: correlation of launches whose processes are forked from one program; as many as
+        MAX_FORKS in a row are.
       disturbed: share of the launches that are off by DISTURBANCE deviations, to either side.
       placed: whether launches move the libraries.
       page_deviation: of what the place within a page does to one side, drawn anew for each launch.
@@ -66,6 +70,7 @@ class Scenario:
     deviation: float = 0.0085
     noise: Noise = normal
     correlation: float = 0.0
+    shared: float = 0.0
     disturbed: float = 0.0
     placed: bool = False
     page_deviation: float = 0.0
@@ -195,6 +200,10 @@ def _noise(rng: np.random.Generator, scenario: Scenario, size: tuple[int, int]) 
         fresh = np.sqrt(1 - scenario.correlation**2)
         for i in range(1, size[1]):
             noise[:, i] = scenario.correlation * noise[:, i - 1] + fresh * noise[:, i]
+    if scenario.shared:
+        programs = scenario.noise(rng, (size[0], -(-size[1] // MAX_FORKS)))
+        of_program = np.repeat(programs, MAX_FORKS, axis=1)[:, : size[1]]
+        noise = np.sqrt(1 - scenario.shared) * noise + np.sqrt(scenario.shared) * of_program
     is_disturbed = rng.random(size) < scenario.disturbed
     noise = noise + np.where(is_disturbed, DISTURBANCE * rng.choice([-1.0, 1.0], size), 0.0)
     return scenario.deviation * noise

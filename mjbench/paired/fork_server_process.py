@@ -10,7 +10,7 @@ from mjbench.instrument import child
 from mjbench.paired import fork_server
 
 # Workers of one server, at most. More would start quicker still, but what they share weighs more.
-MAX_FORKS = 3
+MAX_FORKS = 2
 
 
 class ForkedChild:
