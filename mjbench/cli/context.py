@@ -18,12 +18,14 @@ from mjbench.status import ExitCode, Status, exit_code
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mjbench.instrument.machine import Machine
+    from mjbench.instrument.machine import Machine, ProcessorTime
     from mjbench.instrument.neighbours import Neighbour, Presence
     from mjbench.instrument.run_file import RunFile
     from mjbench.instrument.runs import Record
 
 Advance = Callable[[int, str, float], None]
+# The share of processor time that the host must take for others before a line says so.
+_MIN_STOLEN = 0.02
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ class RunContext:
         self._presence: Presence | None = None
         self._run_file: RunFile | None = None
         self._machine: Machine | None = None
+        self._begin: ProcessorTime | None = None
 
     def __enter__(self) -> "RunContext":
         """Open the outputs.
@@ -114,12 +117,15 @@ class RunContext:
           InputError: the run to continue is not one of this command and this machine.
           MachineError: an output cannot be written.
         """
+        from mjbench.instrument import machine
+
         interrupts.enable()
         with contextlib.ExitStack() as closing:
             closing.callback(self._json.close)
             self._json.open()
             if self._wait is not None:
                 self._presence = closing.enter_context(_announced(self._command, wait=self._wait))
+                self._begin = machine.ProcessorTime.now()
             if self._storage is not None:
                 self._run_file = self._open_run_file(self._storage)
                 closing.callback(self._run_file.close)
@@ -141,6 +147,8 @@ class RunContext:
                     "another mjbench began to measure on this machine during this run"
                     f" ({_names(others)}): these timings are unreliable"
                 )
+            if self._begin is not None:
+                _report_stolen(self._begin)
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""
@@ -238,6 +246,18 @@ def _announced(command: str, wait: bool) -> Iterator["Presence"]:
                 " are unreliable; use --wait to start after it"
             )
         yield presence
+
+
+def _report_stolen(begin: "ProcessorTime") -> None:
+    """Say that the host gave the cores of this virtual machine to others, where it did."""
+    from mjbench.instrument import machine
+
+    share = machine.ProcessorTime.now().stolen_since(begin)
+    if share >= _MIN_STOLEN:
+        report_line(
+            f"the host took {100 * share:.0f} % of this machine's processor time for others:"
+            " timings are noisier for it, and verdicts take longer"
+        )
 
 
 def _report_wait(others: Sequence["Neighbour"]) -> None:

@@ -63,7 +63,6 @@ def measure(
     }
     storage = Storage(results, arguments, resume, step_ratios.finished)
     files = paired_options.input_files([target for _, target in pairs])
-    files = list(dict.fromkeys(files))
     with RunContext("history", json_file, files, storage, wait) as run:
         records = _measure(run, pairs)
         if any(record.status == Status.INTERRUPTED for record in records):

@@ -159,6 +159,38 @@ def peak_memory_bytes() -> int:
 
 
 @dataclass(frozen=True)
+class ProcessorTime:
+    """How long the cores of this machine have run, since it was started.
+
+    Attributes:
+      busy_s: in any process, all cores together.
+      stolen_s: while a process was ready, the host gave the core to others; 0 where the system does
+        not say.
+    """
+
+    busy_s: float
+    stolen_s: float
+
+    @classmethod
+    def now(cls) -> "ProcessorTime":
+        """Return the time until now."""
+        import psutil
+
+        times = psutil.cpu_times()
+        idle_s = times.idle + getattr(times, "iowait", 0.0)
+        # Linux counts the time of guests as time of users, too
+        guest_s = getattr(times, "guest", 0.0) + getattr(times, "guest_nice", 0.0)
+        stolen_s = getattr(times, "steal", 0.0)
+        return cls(sum(times) - idle_s - guest_s - stolen_s, stolen_s)
+
+    def stolen_since(self, earlier: "ProcessorTime") -> float:
+        """Return the share of the time asked for since then that the host gave to others."""
+        stolen_s = self.stolen_s - earlier.stolen_s
+        asked_s = stolen_s + self.busy_s - earlier.busy_s
+        return stolen_s / asked_s if asked_s > 0 else 0.0
+
+
+@dataclass(frozen=True)
 class Machine:
     """The machine and its software, as stored with every result.
 

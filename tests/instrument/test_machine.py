@@ -1,7 +1,9 @@
 import subprocess
 import sys
+from collections import namedtuple
 from pathlib import Path
 
+import psutil
 import pytest
 
 from mjbench.instrument import machine
@@ -87,3 +89,23 @@ def test_without_psutil_and_a_limit_memory_counts_as_unlimited(
     if limit:
         (tmp_path / "memory.max").write_text(limit)
     assert machine.available_memory_bytes(tmp_path) == sys.maxsize
+
+
+def test_time_that_the_host_took_is_a_share_of_the_time_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    times = namedtuple("times", "user system idle iowait steal guest")
+    readings = iter([times(10, 5, 100, 3, 2, 4), times(25, 8, 180, 9, 4, 16)])
+    monkeypatch.setattr(psutil, "cpu_times", lambda: next(readings))
+    before, after = machine.ProcessorTime.now(), machine.ProcessorTime.now()
+    assert (before.busy_s, before.stolen_s) == (15, 2)
+    assert after.stolen_since(before) == pytest.approx(2 / (2 + 18))
+    assert before.stolen_since(before) == 0.0
+
+
+def test_a_system_that_does_not_know_of_a_host_has_nothing_stolen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    times = namedtuple("times", "user nice system idle")
+    monkeypatch.setattr(psutil, "cpu_times", lambda: times(10, 1, 5, 100))
+    assert machine.ProcessorTime.now() == machine.ProcessorTime(16, 0.0)
