@@ -74,7 +74,7 @@ _SHORT = {
     "budget": "0", "time_limit": "1s", "nbatch": "2", "nstep": "4", "trials": "1", "samples": "2",
     "slowdowns": "0",
 }  # fmt: skip
-# Subcommands that reach the network or write into the project.
+# Commands and subcommands that reach the network, write into the project or take long.
 _LEFT_OUT = {"update", "verify", "install", "remove", "history"}
 
 
@@ -103,9 +103,11 @@ def _leaves(
     import click
 
     for name, command in sorted(group.commands.items()):
+        if name in _LEFT_OUT:
+            continue
         if isinstance(command, click.Group):
             yield from _leaves(command, (*path, name))
-        elif name not in _LEFT_OUT:
+        else:
             yield (*path, name), command
 
 

@@ -147,8 +147,20 @@ class RunContext:
                     "another mjbench began to measure on this machine during this run"
                     f" ({_names(others)}): these timings are unreliable"
                 )
-            if self._begin is not None:
-                _report_stolen(self._begin)
+            if self._begin is not None and error is None:
+                self._print_stolen(self._begin)
+
+    def _print_stolen(self, begin: "ProcessorTime") -> None:
+        """Say that the host gave the cores of this virtual machine to others, where it did."""
+        from mjbench.instrument import machine
+
+        share = machine.ProcessorTime.now().stolen_since(begin)
+        if share >= _MIN_STOLEN:
+            self.out.print(
+                f"The host took {100 * share:.0f} % of this machine's processor time for others:"
+                " timings are noisier for it, and verdicts take longer.",
+                soft_wrap=True,
+            )
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""
@@ -246,18 +258,6 @@ def _announced(command: str, wait: bool) -> Iterator["Presence"]:
                 " are unreliable; use --wait to start after it"
             )
         yield presence
-
-
-def _report_stolen(begin: "ProcessorTime") -> None:
-    """Say that the host gave the cores of this virtual machine to others, where it did."""
-    from mjbench.instrument import machine
-
-    share = machine.ProcessorTime.now().stolen_since(begin)
-    if share >= _MIN_STOLEN:
-        report_line(
-            f"the host took {100 * share:.0f} % of this machine's processor time for others:"
-            " timings are noisier for it, and verdicts take longer"
-        )
 
 
 def _report_wait(others: Sequence["Neighbour"]) -> None:

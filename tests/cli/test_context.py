@@ -16,8 +16,8 @@ def test_time_that_the_host_took_is_reported_where_it_matters(
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: share)
     with RunContext("versions", wait=False):
         pass
-    expected = "the host took 13 % of this machine's processor time for others"
-    assert (expected in capsys.readouterr().err) == is_reported
+    expected = "The host took 13 % of this machine's processor time for others"
+    assert (expected in capsys.readouterr().out) == is_reported
 
 
 def test_a_command_that_measures_no_time_says_nothing_of_the_host(
@@ -26,4 +26,4 @@ def test_a_command_that_measures_no_time_says_nothing_of_the_host(
     monkeypatch.setattr(ProcessorTime, "stolen_since", lambda now, begin: 0.5)
     with RunContext("show"):
         pass
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().out == ""
