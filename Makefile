@@ -14,7 +14,7 @@ help:
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour or more)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
-	@echo "make verdicts  simulate how often verdicts are wrong (20 minutes)"
+	@echo "make verdicts  simulate how often verdicts are wrong (3 minutes)"
 	@echo "make foreign   compare the C paths on the models of 13 packages, downloaded (half an hour)"
 	@echo "make clean     remove the virtual environment and caches"
 	@echo "All but clean set up .venv first, if it is missing or out of date."

@@ -155,7 +155,7 @@ of those is not slower.
 _HOW = """
 ## Run it again
 
-`make verdicts` takes about 20 minutes. `python -m benchmarks.verdict_simulation --only NAME`
+`make verdicts` takes about three minutes. `python -m benchmarks.verdict_simulation --only NAME`
 prints the lines of some scenarios.""".splitlines()
 
 

@@ -3,7 +3,7 @@
     python -m benchmarks.verdict_simulation [--comparisons 4000] [--only NAME …]
 
 draws launches at random, judges them as `mjbench` does, prints how each scenario ends, and writes
-results/verdicts.json and docs/method/verdict-errors.md. It takes about 20 minutes. `--only`
+results/verdicts.json and docs/method/verdict-errors.md. It takes about three minutes. `--only`
 simulates the scenarios whose name contains NAME, and writes nothing.
 """
 
