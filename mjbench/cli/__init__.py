@@ -13,6 +13,7 @@ from mjbench.cli import (  # each adds its command to the group
     history,
     history_explain,
     history_measure,
+    history_steps,
     instructions,
     lint,
     models,

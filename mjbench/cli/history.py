@@ -65,7 +65,8 @@ def history(
     work, missing values. docs/history.md is written by this command.
 
     `mjbench history measure` measures the time of a step in releases against one fixed release, and
-    `mjbench history explain` counts its instructions by function.
+    `mjbench history explain` counts its instructions by function. `mjbench history steps` reports
+    what both of them show.
     """
     if ctx.invoked_subcommand is not None:
         return

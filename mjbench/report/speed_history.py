@@ -14,7 +14,9 @@ from mjbench.paired.outcomes import Cause
 from mjbench.releases import speed_history, step_ratios
 from mjbench.releases.change_points import MIN_CHANGE, Step
 from mjbench.releases.changelog import Changelog
+from mjbench.releases.release import version_key
 from mjbench.releases.speed_history import Measured, ModelHistory
+from mjbench.releases.step_ratios import StepRatioRecord
 from mjbench.report.markdown import table
 
 # As many functions are named of those that account for a change.
@@ -27,6 +29,75 @@ _MIN_PLACEMENT, _DEVIATIONS = math.log1p(0.015), 4.0
 
 # By model, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]
+
+
+@dataclass(frozen=True)
+class StepHistory:
+    """The time of a step over the releases, and what is known of its changes.
+
+    Attributes:
+      models: the history of each.
+      counts: of instructions by function, of neighbouring releases.
+      changelog: of MuJoCo; None where no installed package carries it.
+      since: the first release whose changes are listed; None for all.
+    """
+
+    models: Sequence[ModelHistory]
+    counts: Counts
+    changelog: Changelog | None
+    since: str | None = None
+
+    def lists(self, model: ModelHistory, index: int) -> bool:
+        """Return whether a change of a model at an index is listed."""
+        releases = [each.release for each in model.measured]
+        return self.since is None or self.since in releases[: index + 1]
+
+
+def step_history(
+    records: Sequence[object],
+    versions: Sequence[str],
+    changelog: Changelog | None = None,
+    since: str | None = None,
+) -> StepHistory:
+    """Return the history that records of run files hold.
+
+    Args:
+      records: of `history measure` and `history explain`; others are left out.
+      versions: of all releases, in the order of their upload.
+      changelog: of MuJoCo; None where no installed package carries it.
+      since: the first release whose changes are listed; None for all.
+    """
+    ratios = [record for record in records if isinstance(record, StepRatioRecord)]
+    counts = {(r.model, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
+    return StepHistory(speed_history.histories(ratios, versions), counts, changelog, since)
+
+
+def lines(history: StepHistory) -> Iterator[str]:
+    """Yield the sections of a page on the time of a step, in Markdown."""
+    listed = listed_steps(history)
+    yield from conclusion(history.models, listed)
+    yield "\n## Steps\n"
+    yield (
+        "Changes of the time of a step from one release to the next, from 1 % on, with their"
+        " standard error. The cause is `work` where a step has other work to do, and `code` where"
+        " the same work takes another time. Behind a function stands by how many percent of the"
+        " step its instructions changed.\n"
+    )
+    yield from steps_table(listed, history.changelog)
+    yield "\n## Single releases that are off\n"
+    yield "Changes that the next release takes back.\n"
+    yield from excursions_table(history)
+    yield "\n## Drifts\n"
+    yield "Slow changes, of which no single one is a step.\n"
+    yield from drifts_table(history)
+    yield "\n## Only as shipped\n"
+    yield (
+        "Changes that disappear when the code is moved: they are due to its placement in memory."
+        " Few launches are as shipped, so that only large changes are seen.\n"
+    )
+    yield from placement_table(history)
+    yield "\n## From the first release to the last\n"
+    yield from totals_table(history.models)
 
 
 @dataclass(frozen=True)
@@ -58,17 +129,17 @@ class Listed:
         return Cause.WORK if self.work_changes else Cause.CODE
 
 
-def listed_steps(models: Sequence[ModelHistory], counts: Counts) -> list[Listed]:
+def listed_steps(history: StepHistory) -> list[Listed]:
     """Return the steps of all models: by release, and of one release the largest first."""
+    counts = history.counts
     steps = [
         Listed(model, step, before, after, counts.get((model.model, before.release, after.release)))
-        for model in models
+        for model in history.models
         for step in model.changes.steps
+        if history.lists(model, step.index)
         for before, after in [model.pair(step.index)]
     ]
-    order = [each.release for each in max(models, key=lambda m: len(m.measured)).measured]
-    position = {release: i for i, release in enumerate(order)}
-    return sorted(steps, key=lambda s: (position[s.after.release], -abs(s.step.change)))
+    return sorted(steps, key=lambda s: (version_key(s.after.release), -abs(s.step.change)))
 
 
 def conclusion(models: Sequence[ModelHistory], steps: Sequence[Listed]) -> Iterator[str]:
@@ -92,14 +163,14 @@ def steps_table(steps: Sequence[Listed], changelog: Changelog | None) -> Iterato
     """Yield a Markdown table of steps, or that there are none."""
     if not steps:
         return iter([f"None from {100 * math.expm1(MIN_CHANGE):.0f} % on."])
-    headings = ["release", "model", "time", "instructions", "cause", "what accounts for it"]
+    headings = ["releases", "model", "time", "instructions", "cause", "what accounts for it"]
     rows = (_step_row(step, changelog) for step in steps)
     return table(headings, rows, right_aligned=("time", "instructions"))
 
 
 def _step_row(listed: Listed, changelog: Changelog | None) -> Sequence[str]:
     return (
-        listed.after.release,
+        f"{listed.before.release} → {listed.after.release}",
         f"`{listed.model.model}`",
         f"{change(listed.step.change)} ±{100 * listed.step.deviation:.1f}",
         _instructions(listed.counts),
@@ -146,12 +217,13 @@ def _instructions(counts: ExplainRecord | None) -> str:
     return f"{100 * (new / old - 1):+.1f} %" if old and new else ""
 
 
-def excursions_table(models: Sequence[ModelHistory]) -> Iterator[str]:
+def excursions_table(history: StepHistory) -> Iterator[str]:
     """Yield a Markdown table of single releases that are off, or that there are none."""
     rows = [
         (after.release, f"`{model.model}`", change(excursion.change), _work(before, after))
-        for model in models
+        for model in history.models
         for excursion in model.changes.excursions
+        if history.lists(model, excursion.index)
         for before, after in [model.pair(excursion.index)]
     ]
     if not rows:
@@ -159,7 +231,7 @@ def excursions_table(models: Sequence[ModelHistory]) -> Iterator[str]:
     return table(["release", "model", "time", "work"], rows, right_aligned=("time",))
 
 
-def drifts_table(models: Sequence[ModelHistory]) -> Iterator[str]:
+def drifts_table(history: StepHistory) -> Iterator[str]:
     """Yield a Markdown table of slow changes, or that there are none."""
     rows = [
         (
@@ -167,20 +239,22 @@ def drifts_table(models: Sequence[ModelHistory]) -> Iterator[str]:
             f"`{model.model}`",
             change(drift.change),
         )
-        for model in models
+        for model in history.models
         for drift in model.changes.drifts
+        if history.lists(model, drift.end - 1)
     ]
     if not rows:
         return iter(["None."])
     return table(["releases", "model", "time"], rows, right_aligned=("time",))
 
 
-def placement_table(models: Sequence[ModelHistory]) -> Iterator[str]:
+def placement_table(history: StepHistory) -> Iterator[str]:
     """Yield a Markdown table of changes that only the builds as shipped show."""
     rows = [
         (after.release, f"`{model.model}`", change(shipped), change(averaged))
-        for model in models
+        for model in history.models
         for index in range(1, len(model.measured))
+        if history.lists(model, index)
         for before, after in [model.pair(index)]
         for averaged in [after.ratio.log_ratio - before.ratio.log_ratio]
         if (shipped := _shipped_change(before, after, averaged)) is not None
