@@ -14,6 +14,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, step_ratios
 from mjbench.releases.step_ratios import REFERENCE
 from mjbench.simulation import models
+from mjbench.status import Status
 
 
 class Reference(Tracked):
@@ -36,7 +37,7 @@ class Reference(Tracked):
         with WorkerPool() as pool:
             record = step_ratio.measure(pool, reference, under_test)
         ratio = step_ratios.averaged(record.launches)
-        if ratio is None:
+        if record.status != Status.OK or ratio is None:
             raise RuntimeError(record.detail)
         return ratio.ratio
 

@@ -122,9 +122,9 @@ def _noise(rng: np.random.Generator, plan: Plan) -> tuple[np.ndarray, float]:
     if plan.deviation is not None:
         return rng.normal(0.0, plan.deviation, RELEASES), plan.deviation
     pairs = no_change_log_ratios()
-    # a pair has the error of two releases
-    known = float(np.sqrt(np.mean(pairs**2) / 2))
-    return rng.choice(pairs, RELEASES) / np.sqrt(2), known
+    # each release has the noise of its own launches, and a pair that of one comparison
+    known = float(np.sqrt(np.mean(pairs**2)))
+    return rng.choice(pairs, RELEASES), known
 
 
 def score(plan: Plan, histories: int, seed: int = 0) -> Score:

@@ -78,12 +78,16 @@ def _records(files: list[Path]) -> Iterator[Any]:
       InputError: a file cannot be read, or is of another machine.
     """
     from mjbench.instrument import runs
+    from mjbench.releases.step_ratios import StepRatioRecord
     from mjbench.report.documents import RECORD_TYPES
 
     machines: dict[tuple[str, int | None], Path] = {}
     for file in files:
         run = runs.load(file, RECORD_TYPES)
         machine = run.header.machine
+        if not run.of_type(StepRatioRecord):  # counts hold for any machine
+            yield from run.records
+            continue
         machines.setdefault((machine.cpu, machine.cores), file)
         if len(machines) > 1:
             first, other = machines.values()

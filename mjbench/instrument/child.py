@@ -70,8 +70,9 @@ class ChildProcess(ABC):
         if not self._has_ended:
             if self.wait(0.0) is None:  # otherwise its id may be another process's by now
                 offspring = _descendants(self.pid)
-                with contextlib.suppress(ProcessLookupError, PermissionError):
-                    os.killpg(self.pid, signal.SIGKILL)
+                for kill in (os.killpg, os.kill):  # it may not lead its group yet
+                    with contextlib.suppress(ProcessLookupError, PermissionError):
+                        kill(self.pid, signal.SIGKILL)
                 _kill(offspring)
                 self.wait()
                 _await_end(offspring)
@@ -156,7 +157,9 @@ class AdoptedChild(ChildProcess):
                 self._exit_code = -signal.SIGKILL
                 return self._exit_code
             try:
-                if not select.select([descriptor], [], [], timeout_s)[0]:
+                poll = select.poll()
+                poll.register(descriptor, select.POLLIN)
+                if not poll.poll(None if timeout_s is None else 1000 * timeout_s):
                     return None
             finally:
                 os.close(descriptor)

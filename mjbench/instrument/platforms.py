@@ -69,8 +69,14 @@ def pinning_problem() -> str | None:
 
 
 def can_adopt() -> bool:
-    """Return whether this process can adopt what its children orphan, and fork safely."""
-    return sys.platform == "linux"
+    """Return whether this process can adopt what its children orphan, and wait for it."""
+    if sys.platform != "linux" or not hasattr(os, "pidfd_open"):  # not every build of Python has it
+        return False
+    try:
+        os.close(os.pidfd_open(os.getpid()))
+    except OSError:  # an old kernel, or a container that forbids it
+        return False
+    return True
 
 
 def can_count_instructions() -> bool:

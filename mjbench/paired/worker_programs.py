@@ -16,6 +16,9 @@ from mjbench.paired import cores, release_python
 from mjbench.paired.fork_server_process import MAX_FORKS, ForkServerProcess
 from mjbench.paired.worker_process import Process
 
+# Programs that wait for requests, at most: a comparison has four, of two releases and two series.
+_MAX_SERVERS = 4
+
 
 @dataclass(frozen=True)
 class ReleaseEnvironment:
@@ -44,6 +47,7 @@ class WorkerPrograms:
         self._core, self._folder, self._limit_s = core, folder, limit_s
         self._servers: dict[tuple[str, int], ForkServerProcess] = {}
         self._replaced: set[tuple[str, int]] = set()
+        self._retired: list[ForkServerProcess] = []
         self._server_count = 0
 
     def start(
@@ -71,12 +75,12 @@ class WorkerPrograms:
         process: Process
         with theirs, writing(output_file), output_file.open("wb") as output:
             if platforms.can_adopt():
+                key = environment.key, series
                 server = self._server(environment, series, allowed)
                 process = server.fork(theirs.fileno(), output.fileno())
                 if server.is_used_up:
-                    del self._servers[environment.key, series]
-                    self._replaced.add((environment.key, series))
-                    server.retire()
+                    self._retire(key)
+                    self._replaced.add(key)
                     self._server(environment, series, allowed)  # the next one is ready in time
             else:
                 process = self._start("mjbench.paired.worker", environment, theirs, output)
@@ -85,9 +89,10 @@ class WorkerPrograms:
 
     def end(self) -> None:
         """End all programs that fork."""
-        for server in self._servers.values():
+        for server in (*self._servers.values(), *self._retired):
             server.end()
         self._servers.clear()
+        self._retired.clear()
 
     def _server(
         self, environment: ReleaseEnvironment, series: int, allowed: Collection[int]
@@ -96,7 +101,11 @@ class WorkerPrograms:
         key = environment.key, series
         if key in self._servers and self._servers[key].has_ended:
             self._servers.pop(key).end()
-        if key not in self._servers:
+        if key in self._servers:
+            self._servers[key] = self._servers.pop(key)  # the last one is the one used last
+        else:
+            if len(self._servers) >= _MAX_SERVERS:
+                self._retire(next(iter(self._servers)))
             self._server_count += 1
             output_file = self._folder / f"server{self._server_count}.output"
             ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
@@ -110,6 +119,13 @@ class WorkerPrograms:
         server = self._servers[key]
         cores.confine([server.process.pid], allowed or cores.USABLE)
         return server
+
+    def _retire(self, key: tuple[str, int]) -> None:
+        """End a server as soon as its workers have ended; no other worker comes of it."""
+        server = self._servers.pop(key)
+        self._retired = [other for other in self._retired if not other.has_ended]
+        self._retired.append(server)
+        server.retire()
 
     def _start(
         self, module: str, environment: ReleaseEnvironment, theirs: socket.socket, output: BinaryIO

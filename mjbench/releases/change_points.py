@@ -54,11 +54,13 @@ class Step:
     """A change from one release to the next.
 
     Attributes:
+      before: index of the last release before it.
       index: of the first release after it.
       change: of the log ratio.
       deviation: standard error of `change`.
     """
 
+    before: int
     index: int
     change: float
     deviation: float
@@ -199,7 +201,7 @@ def _fit(values: np.ndarray, weights: np.ndarray, begin: int, end: int, is_slope
 
 def _step(before: Segment, after: Segment) -> Step:
     deviation = math.sqrt(before.last_variance + after.first_variance)
-    return Step(after.begin, after.first - before.last, deviation)
+    return Step(before.end - 1, after.begin, after.first - before.last, deviation)
 
 
 def _excursion(before: Segment, single: Segment, after: Segment) -> Excursion | None:

@@ -42,9 +42,9 @@ class ModelHistory:
     measured: Sequence[Measured]
     changes: Changes
 
-    def pair(self, index: int) -> tuple[Measured, Measured]:
-        """Return the release before an index, and the one at it."""
-        return self.measured[index - 1], self.measured[index]
+    def pair(self, index: int, before: int | None = None) -> tuple[Measured, Measured]:
+        """Return the release at an index, and one before it: the last one, or that at `before`."""
+        return self.measured[index - 1 if before is None else before], self.measured[index]
 
 
 def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> list[ModelHistory]:
@@ -84,7 +84,7 @@ def work_changes(before: Measured, after: Measured) -> list[str]:
     """
     old, new = before.record, after.record
     if old.workload != new.workload or old.work is None or new.work is None:
-        return ["another workload, because the size of the model changed"]
+        return ["another workload"]
     changes = agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
     if old.drift is not None and new.drift is not None:
         low, high = sorted((old.drift, new.drift))

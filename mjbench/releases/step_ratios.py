@@ -5,6 +5,7 @@ both. `mjbench history measure` measures it and stores it, one record for a mode
 """
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -23,9 +24,11 @@ REFERENCE = "4.0.0"
 # two blocks, and more until the standard error is small enough, but no more than four.
 BLOCK, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
 SMALL_DEVIATION = 0.0025
-# No ratio is better known than this: twice the root mean square of the no-change pairs' estimates
-# is 0.4 %, of which half is due to each release (see docs/method/history.md).
+# No ratio is better known than this: estimates between builds of equal code have a root mean square
+# of 0.18 % (docs/method/history.md), launches that agree by chance or not.
 MIN_DEVIATION = 0.001
+# What placement adds to the deviation where it is not averaged out (the same pairs, as shipped).
+PLACEMENT_DEVIATION = 0.012
 
 
 @dataclass(frozen=True)
@@ -60,20 +63,37 @@ class StepRatio:
 
 
 def averaged(launches: Sequence[LaunchRatio]) -> StepRatio | None:
-    """Return the ratio with placement averaged out, or as shipped where nothing was moved.
+    """Return the ratio with placement averaged out; None with too few launches.
 
-    None with too few launches.
+    Where nothing was moved, it is the ratio as shipped, with what placement adds to its deviation.
     """
     moved = [launch for launch in launches if launch.placement is not None]
     if not moved:
-        return as_shipped(launches)
+        shipped = _estimate([launch.log_ratio for launch in launches], None)
+        if shipped is None:
+            return None
+        return StepRatio(shipped.log_ratio, math.hypot(shipped.deviation, PLACEMENT_DEVIATION))
     residues = [launch.placement.residue for launch in moved if launch.placement]
     return _estimate([launch.log_ratio for launch in moved], residues)
 
 
 def as_shipped(launches: Sequence[LaunchRatio]) -> StepRatio | None:
-    """Return the ratio of the launches that moved nothing; None with fewer than two."""
-    return _estimate([r.log_ratio for r in launches if r.placement is None], None)
+    """Return the ratio of the launches that moved nothing; None with fewer than two.
+
+    They are few, so that their deviation is taken from all launches where others moved something.
+    """
+    shipped = [launch.log_ratio for launch in launches if launch.placement is None]
+    ratio = _estimate(shipped, None)
+    if ratio is None or len(shipped) == len(launches):
+        return ratio
+    groups: dict[int, list[float]] = {}
+    for launch in launches:
+        residue = -1 if launch.placement is None else launch.placement.residue
+        groups.setdefault(residue, []).append(launch.log_ratio)
+    squares = sum(len(group) * statistics.pvariance(group) for group in groups.values())
+    freedom = len(launches) - len(groups)
+    deviation = math.sqrt(squares / freedom / len(shipped))
+    return StepRatio(ratio.log_ratio, max(deviation, MIN_DEVIATION))
 
 
 def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> StepRatio | None:

@@ -49,8 +49,8 @@ class StepHistory:
 
     def lists(self, model: ModelHistory, index: int) -> bool:
         """Return whether a change of a model at an index is listed."""
-        releases = [each.release for each in model.measured]
-        return self.since is None or self.since in releases[: index + 1]
+        release = model.measured[index].release
+        return self.since is None or version_key(release) >= version_key(self.since)
 
 
 def step_history(
@@ -137,7 +137,7 @@ def listed_steps(history: StepHistory) -> list[Listed]:
         for model in history.models
         for step in model.changes.steps
         if history.lists(model, step.index)
-        for before, after in [model.pair(step.index)]
+        for before, after in [model.pair(step.index, step.before)]
     ]
     return sorted(steps, key=lambda s: (version_key(s.after.release), -abs(s.step.change)))
 
@@ -192,11 +192,13 @@ def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
             for difference in largest_differences(listed.counts.functions, _MAIN_FUNCTIONS)
             for name in difference.names
         ]
-        features = [phrase.partition(" ")[0] for phrase in listed.work_changes]
+        features = [phrase.split()[0] for phrase in listed.work_changes if "→" in phrase]
         item = changelog.fitting(listed.after.release, names, features)
         if item is not None:
-            quoted = item.text if len(item.text) <= _QUOTED else f"{item.text[:_QUOTED]}…"
-            yield f"changelog, perhaps: “{quoted}” ({', '.join(f'`{c}`' for c in item.commits)})"
+            text = item.text.replace("|", "\\|")
+            quoted = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}…"
+            commits = f" ({', '.join(f'`{c}`' for c in item.commits)})" if item.commits else ""
+            yield f"changelog, perhaps: “{quoted}”{commits}"
 
 
 def _functions(counts: ExplainRecord | None) -> str:

@@ -26,10 +26,12 @@ def print_table(out: Console, records: Sequence[StepRatioRecord]) -> None:
             record.detail or _work(record),
         )
     out.print(table)
+    for problem in sorted({record.problem for record in records if record.problem}):
+        out.print(f"placement not averaged out: {problem}", soft_wrap=True)
     references = sorted({record.reference for record in records})
     out.print(
-        f"time: of a step, against MuJoCo {', '.join(references)}, with placement averaged out"
-        " (± standard error); work: against the same release",
+        f"time: of a step, against MuJoCo {', '.join(references)} (± standard error), with"
+        " placement averaged out where the code can be moved; work: against the same release",
         soft_wrap=True,
     )
 

@@ -24,7 +24,7 @@ def test_a_level_series_has_no_changes() -> None:
 
 def test_a_step_is_where_it_is_as_large_as_it_is() -> None:
     (step,) = changes([0.0] * 9 + [0.03] * 11).steps
-    assert step.index == 9
+    assert (step.before, step.index) == (8, 9)
     assert step.change == pytest.approx(0.03, abs=3 * step.deviation)
     assert step.deviation == pytest.approx(SIGMA * math.sqrt(1 / 9 + 1 / 11))
 
@@ -41,6 +41,13 @@ def test_a_single_release_that_is_off_is_an_excursion_and_not_two_steps() -> Non
     (excursion,) = result.excursions
     assert excursion.index == 9
     assert excursion.change == pytest.approx(0.04, abs=4 * SIGMA)
+
+
+def test_a_step_right_after_an_excursion_is_from_the_release_before_it() -> None:
+    result = changes([0.0] * 9 + [0.08] + [0.02] * 10)
+    (step,) = result.steps
+    assert (step.before, step.index) == (8, 10)
+    assert [excursion.index for excursion in result.excursions] == [9]
 
 
 def test_a_regression_that_lasts_two_releases_is_a_step_and_the_way_back() -> None:

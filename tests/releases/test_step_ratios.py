@@ -9,6 +9,7 @@ from mjbench.releases.step_ratios import (
     MAX_LAUNCHES,
     MIN_DEVIATION,
     MIN_LAUNCHES,
+    PLACEMENT_DEVIATION,
     LaunchRatio,
     StepRatioRecord,
     are_enough,
@@ -41,9 +42,22 @@ def test_no_ratio_is_known_better_than_the_no_change_pairs_show() -> None:
     assert ratio.deviation == MIN_DEVIATION
 
 
-def test_where_nothing_was_moved_the_ratio_is_that_as_shipped() -> None:
+def test_where_nothing_was_moved_placement_adds_to_the_deviation() -> None:
     launches = [LaunchRatio(0.01), LaunchRatio(0.03)]
-    assert averaged(launches) == as_shipped(launches) is not None
+    shipped, ratio = as_shipped(launches), averaged(launches)
+    assert shipped is not None
+    assert ratio is not None
+    assert ratio.log_ratio == shipped.log_ratio == pytest.approx(0.02)
+    assert shipped.deviation == pytest.approx(0.01)
+    assert ratio.deviation == pytest.approx(math.hypot(0.01, PLACEMENT_DEVIATION))
+
+
+def test_two_launches_as_shipped_that_agree_by_chance_are_not_known_better_than_others() -> None:
+    moved_ones = [moved(residue, x) for residue in (0, 16, 32, 48) for x in (-0.02, 0.02)]
+    ratio = as_shipped([*moved_ones, LaunchRatio(0.1), LaunchRatio(0.1)])
+    assert ratio is not None
+    # eight squares of 0.02, five degrees of freedom, two launches
+    assert ratio.deviation == pytest.approx(0.02 * math.sqrt(8 / 5 / 2))
 
 
 def test_too_few_launches_say_nothing() -> None:
