@@ -22,8 +22,8 @@ class Plan:
 
     Attributes:
       name: for the table.
-      steps: number of steps.
-      smallest: size of the smallest step, as a share.
+      changes: number of change points.
+      smallest: size of the smallest, as a share.
       largest: size of the largest.
       deviation: of a release's log ratio, which is also what is known of it; None draws noise from
         the no-change pairs instead.
@@ -33,7 +33,7 @@ class Plan:
     """
 
     name: str
-    steps: int = 3
+    changes: int = 3
     smallest: float = 0.01
     largest: float = 0.05
     deviation: float | None = None
@@ -49,31 +49,31 @@ class SimulatedHistory:
     Attributes:
       log_ratios: (RELEASES,) measured.
       deviations: (RELEASES,) known standard errors.
-      steps: the change of the log ratio, by the index of the first release after it.
+      changes: of the log ratio, by the index of the first release after each.
       drift: the indices of the first release of a drift and after its last one; None without one.
     """
 
     log_ratios: np.ndarray
     deviations: np.ndarray
-    steps: dict[int, float]
+    changes: dict[int, float]
     drift: tuple[int, int] | None
 
 
 @dataclass(frozen=True)
 class Score:
-    """What was found in many histories.
+    """What was detected in many histories.
 
     Attributes:
-      planted: number of steps.
-      found: of these, listed at the very release, in the right direction.
-      wrong: steps that were listed, and are not true.
+      planted: number of change points.
+      detected: of these, listed at the very release, in the right direction.
+      wrong: change points that were listed, and are not true.
       drifts: number of drifts.
       named: of these, listed as a drift that covers most of it.
       histories: how many.
     """
 
     planted: int
-    found: int
+    detected: int
     wrong: int
     drifts: int
     named: int
@@ -81,31 +81,37 @@ class Score:
 
     @property
     def power(self) -> float:
-        """Share of the steps that are found; 0 where there is none."""
-        return self.found / max(1, self.planted)
+        """Share of the change points that are detected; 0 where there is none."""
+        return self.detected / max(1, self.planted)
 
     @property
     def false_discoveries(self) -> float:
-        """Share of the listed steps that are wrong; 0 where none is listed."""
-        return self.wrong / max(1, self.wrong + self.found)
+        """Share of the listed change points that are wrong; 0 where none is listed."""
+        return self.wrong / max(1, self.wrong + self.detected)
 
 
-def no_change_log_ratios(file: Path = NO_CHANGE) -> np.ndarray:
-    """Return (n,) log ratios between builds of equal code, measured with placement averaged out."""
-    records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
-    return np.log([r["estimate"] for r in records if r["type"] == "trial"])
+def no_change_log_ratios(as_shipped: bool = False) -> np.ndarray:
+    """Return (n,) measured log ratios between builds whose steps execute equally many instructions.
+
+    Args:
+      as_shipped: of the builds as they are, rather than with placement averaged out.
+    """
+    records = [json.loads(line) for line in NO_CHANGE.read_text(encoding="utf-8").splitlines()]
+    trials = [record for record in records if record["type"] == "trial"]
+    ratios = [t["placement"]["as_shipped"] if as_shipped else t for t in trials]
+    return np.log([ratio["estimate"] for ratio in ratios])
 
 
 def draw(rng: np.random.Generator, plan: Plan) -> SimulatedHistory:
     """Draw a history."""
     truth = np.zeros(RELEASES)
-    steps: dict[int, float] = {}
-    while len(steps) < plan.steps:
+    changes: dict[int, float] = {}
+    while len(changes) < plan.changes:
         index = int(rng.integers(1, RELEASES))
-        if all(abs(index - other) >= 2 for other in steps):
+        if all(abs(index - other) >= 2 for other in changes):
             size = rng.uniform(plan.smallest, plan.largest) * rng.choice([-1.0, 1.0])
-            steps[index] = float(np.log1p(size))
-            truth[index:] += steps[index]
+            changes[index] = float(np.log1p(size))
+            truth[index:] += changes[index]
     drift = None
     if plan.drift:
         begin = int(rng.integers(0, RELEASES - _DRIFTING))
@@ -114,7 +120,7 @@ def draw(rng: np.random.Generator, plan: Plan) -> SimulatedHistory:
     noise, known = _noise(rng, plan)
     is_outlier = rng.random(RELEASES) < plan.outliers
     noise = plan.understated * noise + is_outlier * rng.normal(0.0, 0.01, RELEASES)
-    return SimulatedHistory(truth + noise, np.full(RELEASES, known), steps, drift)
+    return SimulatedHistory(truth + noise, np.full(RELEASES, known), changes, drift)
 
 
 def _noise(rng: np.random.Generator, plan: Plan) -> tuple[np.ndarray, float]:
@@ -128,20 +134,20 @@ def _noise(rng: np.random.Generator, plan: Plan) -> tuple[np.ndarray, float]:
 
 
 def score(plan: Plan, histories: int, seed: int = 0) -> Score:
-    """Return what is found in a number of histories."""
+    """Return what is detected in a number of histories."""
     rng = np.random.default_rng([seed, *plan.name.encode()])
-    planted = found = wrong = drifts = named = 0
+    planted = detected = wrong = drifts = named = 0
     for _ in range(histories):
         history = draw(rng, plan)
-        changes = change_points.changes(history.log_ratios, history.deviations)
-        listed = {step.index: step.change for step in changes.steps}
-        right = {i for i, change in history.steps.items() if listed.get(i, 0.0) * change > 0}
-        planted += len(history.steps)
-        found += len(right)
+        seen = change_points.changes(history.log_ratios, history.deviations)
+        listed = {point.index: point.change for point in seen.change_points}
+        right = {i for i, change in history.changes.items() if listed.get(i, 0.0) * change > 0}
+        planted += len(history.changes)
+        detected += len(right)
         wrong += len(listed.keys() - right)
         drifts += history.drift is not None
-        named += _is_named(history, changes)
-    return Score(planted, found, wrong, drifts, named, histories)
+        named += _is_named(history, seen)
+    return Score(planted, detected, wrong, drifts, named, histories)
 
 
 def _is_named(history: SimulatedHistory, changes: Changes) -> bool:
@@ -156,15 +162,17 @@ def _is_named(history: SimulatedHistory, changes: Changes) -> bool:
 # So large a deviation is beyond what a history is measured with.
 NOISIEST = 0.005
 PLANS: Sequence[Plan] = (
-    Plan("nothing happens", steps=0),
-    Plan("steps of 1 to 5 %"),
-    Plan("steps of 1 %", smallest=0.01, largest=0.01),
-    Plan("steps of 1.5 %", smallest=0.015, largest=0.015),
-    Plan("steps of 2 %", smallest=0.02, largest=0.02),
-    Plan("steps of 2 %, deviation 0.35 %", smallest=0.02, largest=0.02, deviation=0.0035),
-    Plan("steps of 2 %, deviation 0.5 %", smallest=0.02, largest=0.02, deviation=NOISIEST),
-    Plan("a drift of 0.2 % a release", steps=0, drift=0.002),
-    Plan("a drift of 0.2 %, steps of 2 %", steps=2, smallest=0.02, largest=0.02, drift=0.002),
-    Plan("steps of 2 %, 2 % outliers", smallest=0.02, largest=0.02, outliers=0.02),
-    Plan("steps of 2 %, noise understated", smallest=0.02, largest=0.02, understated=2.0),
+    Plan("nothing happens", changes=0),
+    Plan("nothing happens, 2 % outliers", changes=0, outliers=0.02),
+    Plan("nothing happens, noise understated", changes=0, understated=2.0),
+    Plan("changes of 1 to 5 %"),
+    Plan("changes of 1 %", smallest=0.01, largest=0.01),
+    Plan("changes of 1.5 %", smallest=0.015, largest=0.015),
+    Plan("changes of 2 %", smallest=0.02, largest=0.02),
+    Plan("changes of 2 %, deviation 0.35 %", smallest=0.02, largest=0.02, deviation=0.0035),
+    Plan("changes of 2 %, deviation 0.5 %", smallest=0.02, largest=0.02, deviation=NOISIEST),
+    Plan("a drift of 0.2 % a release", changes=0, drift=0.002),
+    Plan("a drift of 0.2 %, changes of 2 %", changes=2, smallest=0.02, largest=0.02, drift=0.002),
+    Plan("changes of 2 %, 2 % outliers", smallest=0.02, largest=0.02, outliers=0.02),
+    Plan("changes of 2 %, noise understated", smallest=0.02, largest=0.02, understated=2.0),
 )

@@ -10,6 +10,7 @@ from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
 from mjbench.cli.shared import Share
 
+DEFAULT = click.core.ParameterSource.DEFAULT
 # The largest change that can be left out of the page: a time 100 times as long.
 MAX_THRESHOLD = 100.0
 
@@ -65,10 +66,14 @@ def history(
     work, missing values. docs/history.md is written by this command.
 
     `mjbench history measure` measures the time of a step in releases against one fixed release, and
-    `mjbench history explain` counts its instructions by function. `mjbench history steps` reports
+    `mjbench history explain` counts its instructions by function. `mjbench history changes` reports
     what both of them show.
     """
     if ctx.invoked_subcommand is not None:
+        given = [name for name in ctx.params if ctx.get_parameter_source(name) != DEFAULT]
+        if given:
+            option = given[0].replace("_", "-")
+            raise click.UsageError(f"give --{option} after {ctx.invoked_subcommand}")
         return
     from mjbench.releases import asv_results, bundle
     from mjbench.releases.causes import load as load_causes

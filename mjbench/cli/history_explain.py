@@ -1,5 +1,6 @@
 """`mjbench history explain`: instructions by function, from each release to the next."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,10 +18,9 @@ if TYPE_CHECKING:
     from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter, ModelCount
     from mjbench.counts.records import ExplainRecord
-    from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
 
-# Of each model and pair of releases, as many functions are stored.
+# Of each model and pair of releases, as many functions are stored, and those that exchanged cost
+# with them.
 TOP = 12
 
 
@@ -46,28 +46,18 @@ def explain(
     """
     from mjbench.counts import records
     from mjbench.counts.instructions import InstructionCounter
-    from mjbench.releases import installs, step_ratios
     from mjbench.report.counts import print_changes
-    from mjbench.simulation import models as model_sources
 
-    releases = history_options.releases(names, since, history)
-    if len(releases) < 2:
+    selection = history_options.select(names, since, models, history)
+    if len(selection.releases) < 2:
         raise InputError("give two releases or more")
-    sources = [model_sources.resolve(name) for name in models or model_sources.shipped()]
-    reference = installs.parse_release(step_ratios.REFERENCE)
-    arguments = {
-        "reference": reference.key,
-        "releases": [release.key for release in releases],
-        "models": [source.name for source in sources],
-    }
-    storage = Storage(results, arguments, resume, records.finished)
-    files = [source.path for source in sources]
+    storage = Storage(results, selection.arguments(), resume, records.finished)
+    files = [source.path for source in selection.sources]
     with (
         RunContext("history-explain", None, files, storage) as run,
         InstructionCounter() as counter,
     ):
-        counter.count(reference, sources)  # draws the workloads
-        stored = _count_all(run, counter, releases, sources)
+        stored = _count_all(run, counter, selection)
         print_changes(run.out, stored)
     run.exit(record.status for record in stored)
 
@@ -75,8 +65,7 @@ def explain(
 def _count_all(
     run: RunContext,
     counter: "InstructionCounter",
-    releases: Sequence["ReleaseSpec"],
-    sources: Sequence["ModelSource"],
+    selection: history_options.Selection,
 ) -> list["ExplainRecord"]:
     """Count each release, and store what changed since the one before; return all records."""
     from mjbench.counts import records
@@ -84,12 +73,23 @@ def _count_all(
 
     stored = list(records.finished(run.resumed_records))
     done = {(record.old, record.new, record.model) for record in stored}
+    missing = {
+        version
+        for old, new in itertools.pairwise(release.version for release in selection.releases)
+        for version in (old, new)
+        if any((old, new, source.name) not in done for source in selection.sources)
+    }
+    if missing:
+        counter.count(selection.reference, selection.sources)  # draws the workloads
     explainer = Explainer()
     before: Sequence[ModelCount] = ()
-    with run.progress(len(releases)) as advance:
-        for number, release in enumerate(releases):
+    with run.progress(len(selection.releases)) as advance:
+        for number, release in enumerate(selection.releases):
             advance(number, f"MuJoCo {release.version}", 0.0)
-            counts = counter.count(release, sources)
+            if release.version not in missing:
+                before = ()
+                continue
+            counts = counter.count(release, selection.sources)
             for old, new in zip(before, counts, strict=bool(before)):
                 if (old.release, new.release, new.model) not in done:
                     record = _record(explainer, old, new)
@@ -100,8 +100,10 @@ def _count_all(
 
 
 def _record(explainer: "Explainer", old: "ModelCount", new: "ModelCount") -> "ExplainRecord":
-    """Return what changed in a model, with the functions that changed most."""
+    """Return what changed in a model: functions that changed most, and whose cost moved there."""
     from mjbench.counts.records import ExplainRecord
 
     row = explainer.row(old, new, time=None)
-    return ExplainRecord(**{**vars(row), "functions": row.functions[:TOP]})
+    names = {name for f in row.functions[:TOP] for name in (f.name, *f.moved_with)}
+    functions = [function for function in row.functions if function.name in names]
+    return ExplainRecord(**{**vars(row), "functions": functions})

@@ -33,8 +33,8 @@ def measure(
 ) -> None:
     """Measure the time of a step in RELEASEs against one fixed release.
 
-    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes about
-    two minutes on two cores. The run file has every launch.
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes two
+    to three minutes for the ten shipped models, on two cores. The run file has every launch.
 
     \b
     Examples:
@@ -42,26 +42,18 @@ def measure(
       mjbench history measure dist/mujoco-4.1.0-cp311-….whl --model humanoid
     """
     from mjbench.paired.targets import Target
-    from mjbench.releases import installs, step_ratios
+    from mjbench.releases import step_ratios
     from mjbench.report import step_ratios as report
     from mjbench.report.documents import HistoryDocument
-    from mjbench.simulation import models as model_sources
 
-    releases = history_options.releases(names, since, history)
-    sources = [model_sources.resolve(name) for name in models or model_sources.shipped()]
-    reference = installs.parse_release(step_ratios.REFERENCE)
+    selection = history_options.select(names, since, models, history)
     pairs = [
-        (Target(reference, source), Target(release, source))
-        for release in releases
-        for source in sources
+        (Target(selection.reference, source), Target(release, source))
+        for release in selection.releases
+        for source in selection.sources
     ]
     paired_options.warn_if_unpinned()
-    arguments = {
-        "reference": reference.key,
-        "releases": [release.key for release in releases],
-        "models": [source.name for source in sources],
-    }
-    storage = Storage(results, arguments, resume, step_ratios.finished)
+    storage = Storage(results, selection.arguments(), resume, step_ratios.finished)
     files = paired_options.input_files([target for _, target in pairs])
     with RunContext("history", json_file, files, storage, wait) as run:
         records = _measure(run, pairs)

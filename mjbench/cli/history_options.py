@@ -1,6 +1,7 @@
 """What the subcommands of `mjbench history` share: which releases, which models, which folder."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from mjbench.errors import InputError
 
 if TYPE_CHECKING:
     from mjbench.releases.installs import ReleaseSpec
+    from mjbench.simulation.models import ModelSource
 
 SELECTING = (
     click.option(
@@ -35,7 +37,48 @@ SELECTING = (
 )
 
 
-def releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
+@dataclass(frozen=True)
+class Selection:
+    """What a subcommand works on.
+
+    Attributes:
+      reference: release that others are compared with, or whose workload they do.
+      releases: in the order of the command line or of the history.
+      sources: models.
+    """
+
+    reference: "ReleaseSpec"
+    releases: Sequence["ReleaseSpec"]
+    sources: Sequence["ModelSource"]
+
+    def arguments(self) -> dict[str, object]:
+        """Return what a run file's header says of it."""
+        return {
+            "reference": self.reference.key,
+            "releases": [release.key for release in self.releases],
+            "models": [source.name for source in self.sources],
+        }
+
+
+def select(
+    names: Sequence[str], since: str | None, models: Sequence[str], history: Path | None
+) -> Selection:
+    """Return what the options and arguments of a subcommand select; see `_releases`.
+
+    Raises:
+      InputError: there is no such release or model.
+    """
+    from mjbench.releases import installs, step_ratios
+    from mjbench.simulation import models as model_sources
+
+    return Selection(
+        installs.parse_release(step_ratios.REFERENCE),
+        _releases(names, since, history),
+        [model_sources.resolve(name) for name in models or model_sources.shipped()],
+    )
+
+
+def _releases(names: Sequence[str], since: str | None, history: Path | None) -> list["ReleaseSpec"]:
     """Return the releases that arguments name, or those of the git history.
 
     Args:

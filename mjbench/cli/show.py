@@ -25,7 +25,7 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.releases.step_ratios import StepRatioRecord
     from mjbench.report.counts import print_changes
-    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.report.documents import RECORD_TYPES, ExplainDocument
 
     file = file or runs.latest(results)
     stored = runs.load(file, RECORD_TYPES)
@@ -39,7 +39,9 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
         elif stored.of_type(StepRatioRecord):
             _show_step_ratios(run, stored)
         elif stored.of_type(ExplainRecord):
-            print_changes(run.out, stored.of_type(ExplainRecord))
+            rows = stored.of_type(ExplainRecord)
+            print_changes(run.out, rows)
+            run.write(ExplainDocument(results=rows))
         else:
             _show_comparison(run, stored)
 

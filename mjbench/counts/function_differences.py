@@ -12,6 +12,8 @@ from mjbench.counts.records import OTHER_CODE, CodeChange, CodeShare, FunctionDi
 
 # The smallest cost whose move is reported, as a share of a step.
 MIN_MOVED = 0.001
+# As many functions are named of those that account for a change.
+MAIN_FUNCTIONS = 3
 # Functions without a name in the symbol table: Callgrind writes their address instead.
 _UNNAMED = "0x"
 

@@ -1,10 +1,11 @@
-"""Steps and drifts in a series of log ratios, one of each release.
+"""Change points, excursions and drifts in a series of log ratios, one of each release.
 
 The series is cut into segments, each level or with a constant slope. Of all ways to cut it, the one
 with the least cost is taken, which optimal partitioning finds exactly (Jackson et al., An algorithm
 for optimal partitioning of data on an interval, IEEE Signal Processing Letters 12, 2005). The cost
 is the sum of squared residuals, in units of the deviation of each value, and a penalty for each
-segment. `benchmarks/history_simulation.py` measures which steps are found, and how many wrongly.
+segment. `benchmarks/history_simulation.py` measures which change points are
+detected, and how many are wrong.
 """
 
 import itertools
@@ -14,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# What a segment costs, what a slope costs besides, and what a segment of one release does: that one
-# could as well be an outlier. In units of squared deviations.
-_SEGMENT, _SLOPE, _SINGLE = 14.0, 14.0, 8.0
+# What a segment costs, what a slope costs besides, and what a single release does, since it may be
+# an outlier. In units of squared deviations.
+_SEGMENT, _SLOPE, _SINGLE = 14.0, 9.0, 8.0
 # A slope has at least so many releases.
 _MIN_SLOPED = 4
 # The smallest change that is listed.
@@ -25,7 +26,7 @@ MIN_CHANGE = math.log1p(0.01)
 
 @dataclass(frozen=True)
 class Segment:
-    """Neighbouring releases whose log ratios are level, or change by as much from each to the next.
+    """Neighbouring releases whose log ratios fit a level or a line.
 
     Attributes:
       begin: index of the first release.
@@ -50,7 +51,7 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Step:
+class ChangePoint:
     """A change from one release to the next.
 
     Attributes:
@@ -70,6 +71,8 @@ class Step:
 class Excursion:
     """A single release that is off, where the next one is not: a regression, or an outlier.
 
+    The newest release has no next one, so it cannot be an excursion yet.
+
     Attributes:
       index: of the release.
       change: of the log ratio, from the mean of the segments around it.
@@ -86,7 +89,7 @@ class Drift:
     Attributes:
       begin: index of the first release.
       end: index after the last release.
-      change: of the log ratio in all.
+      change: of the log ratio in all, without change points in between.
     """
 
     begin: int
@@ -98,7 +101,7 @@ class Drift:
 class Changes:
     """What happened in a series; each list is in the order of the releases."""
 
-    steps: Sequence[Step]
+    change_points: Sequence[ChangePoint]
     excursions: Sequence[Excursion]
     drifts: Sequence[Drift]
 
@@ -106,7 +109,7 @@ class Changes:
 def changes(
     log_ratios: Sequence[float], deviations: Sequence[float], min_change: float = MIN_CHANGE
 ) -> Changes:
-    """Return the steps, the excursions and the drifts of a series.
+    """Return the change points, the excursions and the drifts of a series.
 
     Args:
       log_ratios: (n,) one of each release, in order.
@@ -116,25 +119,21 @@ def changes(
     Raises:
       ValueError: there are not as many of the one as of the other, or a deviation is not positive.
     """
-    found = segments(log_ratios, deviations)
+    parts = segments(log_ratios, deviations)
     excursions = [
         excursion
-        for before, single, after in zip(found, found[1:], found[2:], strict=False)
+        for before, single, after in zip(parts, parts[1:], parts[2:], strict=False)
         if (excursion := _excursion(before, single, after)) and abs(excursion.change) >= min_change
     ]
     is_off = {excursion.index for excursion in excursions}
-    lasting = [segment for segment in found if segment.begin not in is_off]
-    steps = [
-        step
+    lasting = [segment for segment in parts if segment.begin not in is_off]
+    change_points = [
+        point
         for before, after in itertools.pairwise(lasting)
-        if abs((step := _step(before, after)).change) >= min_change
+        if abs((point := _change_point(before, after)).change) >= min_change
     ]
-    drifts = [
-        Drift(s.begin, s.end, s.last - s.first)
-        for s in found
-        if s.is_sloped and abs(s.last - s.first) >= min_change
-    ]
-    return Changes(steps, excursions, drifts)
+    drifts = [drift for drift in _drifts(parts) if abs(drift.change) >= min_change]
+    return Changes(change_points, excursions, drifts)
 
 
 def segments(log_ratios: Sequence[float], deviations: Sequence[float]) -> list[Segment]:
@@ -199,9 +198,24 @@ def _fit(values: np.ndarray, weights: np.ndarray, begin: int, end: int, is_slope
     return Segment(begin, end, first, last, first_variance, last_variance)
 
 
-def _step(before: Segment, after: Segment) -> Step:
+def _drifts(parts: Sequence[Segment]) -> list[Drift]:
+    """Return the drifts; neighbouring slopes in one direction are one, their changes added."""
+    drifts: list[Drift] = []
+    for part in parts:
+        if not part.is_sloped:
+            continue
+        change = part.last - part.first
+        if drifts and drifts[-1].end == part.begin and drifts[-1].change * change > 0:
+            earlier = drifts.pop()
+            drifts.append(Drift(earlier.begin, part.end, earlier.change + change))
+        else:
+            drifts.append(Drift(part.begin, part.end, change))
+    return drifts
+
+
+def _change_point(before: Segment, after: Segment) -> ChangePoint:
     deviation = math.sqrt(before.last_variance + after.first_variance)
-    return Step(before.end - 1, after.begin, after.first - before.last, deviation)
+    return ChangePoint(before.end - 1, after.begin, after.first - before.last, deviation)
 
 
 def _excursion(before: Segment, single: Segment, after: Segment) -> Excursion | None:

@@ -20,8 +20,6 @@ THRESHOLD = 0.05
 NEIGHBOURS = 3
 # The smallest change of a count of instructions that is marked.
 COUNT_THRESHOLD = 0.01
-# The smallest relative difference of two drifts that says that a step's result changed.
-_DRIFT_CHANGE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -265,11 +263,7 @@ def work_changes(history: History, model: str, previous: str, release: str) -> l
     descriptions = agreement.counter_changes(before, after)
     drift_before = history.value(BenchmarkName.DRIFT, model, previous)
     drift_after = history.value(BenchmarkName.DRIFT, model, release)
-    if drift_before is not None and drift_after is not None:
-        low, high = sorted((drift_before, drift_after))
-        if high > agreement.ROUNDING and high - low > _DRIFT_CHANGE * high:
-            descriptions.append("different result of one step")
-    return descriptions
+    return descriptions + agreement.result_changes(drift_before, drift_after)
 
 
 def _work(history: History, model: str, version: str) -> dict[str, float]:

@@ -9,9 +9,6 @@ from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
 from mjbench.simulation import agreement
 from mjbench.status import Status
 
-# The smallest relative difference of two drifts that says that a step's result changed.
-_DRIFT_CHANGE = 1e-3
-
 
 @dataclass(frozen=True)
 class Measured:
@@ -86,8 +83,4 @@ def work_changes(before: Measured, after: Measured) -> list[str]:
     if old.workload != new.workload or old.work is None or new.work is None:
         return ["another workload"]
     changes = agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
-    if old.drift is not None and new.drift is not None:
-        low, high = sorted((old.drift, new.drift))
-        if high > agreement.ROUNDING and high - low > _DRIFT_CHANGE * high:
-            changes.append("different result of one step")
-    return changes
+    return changes + agreement.result_changes(old.drift, new.drift)

@@ -20,12 +20,12 @@ from mjbench.status import FINISHED, Status
 
 # The release that all are compared with.
 REFERENCE = "4.0.0"
-# Launches of a ratio: whole blocks of the schedule of placements, so that each residue has as many;
-# two blocks, and more until the standard error is small enough, but no more than four.
-BLOCK, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
-SMALL_DEVIATION = 0.0025
-# No ratio is better known than this: estimates between builds of equal code have a root mean square
-# of 0.18 % (docs/method/history.md), launches that agree by chance or not.
+# Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many;
+# two turns, and more until the standard error is small enough, but no more than four.
+SCHEDULE, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
+TARGET_DEVIATION = 0.0025
+# The least standard error, since few launches can agree by chance. Estimates between builds of
+# equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
 MIN_DEVIATION = 0.001
 # What placement adds to the deviation where it is not averaged out (the same pairs, as shipped).
 PLACEMENT_DEVIATION = 0.012
@@ -108,10 +108,10 @@ def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> St
 def are_enough(launches: Sequence[LaunchRatio]) -> bool:
     """Return whether no more launches are needed."""
     count = len(launches)
-    if count < MIN_LAUNCHES or count % BLOCK:
+    if count < MIN_LAUNCHES or count % SCHEDULE:
         return False
     ratio = averaged(launches)
-    return count >= MAX_LAUNCHES or (ratio is not None and ratio.deviation <= SMALL_DEVIATION)
+    return count >= MAX_LAUNCHES or (ratio is not None and ratio.deviation <= TARGET_DEVIATION)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,14 +5,11 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from mjbench.counts import explain
-from mjbench.counts.function_differences import largest_differences
+from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRow, FunctionDifference
 from mjbench.report import tables
 from mjbench.status import Status
-
-# As many functions are named of those that account for a change.
-_MAIN_FUNCTIONS = 3
 
 
 def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
@@ -91,7 +88,7 @@ def print_changes(out: Console, rows: Sequence[ExplainRow]) -> None:
         if not old or not new:
             table.add_row(row.model, row.old, row.new, "", f"not counted: {row.status}")
         elif abs(new / old - 1) > explain.REPEATABILITY:
-            differences = largest_differences(row.functions, _MAIN_FUNCTIONS)
+            differences = largest_differences(row.functions, MAIN_FUNCTIONS)
             texts = [f"{' and '.join(d.names)} {d.difference:+,.0f}" for d in differences]
             change = f"{100 * (new / old - 1):+.1f} %"
             table.add_row(row.model, row.old, row.new, change, ", ".join(texts))

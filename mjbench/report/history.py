@@ -23,7 +23,7 @@ from mjbench.releases.history import (
     work_changes,
 )
 from mjbench.report import tables
-from mjbench.report.markdown import table
+from mjbench.report.markdown import change, table
 
 # Longer lists of parameters are only counted.
 _MOST_LABELS = 4
@@ -189,9 +189,9 @@ def _step_row(
     return (
         change_point.release,
         f"`{model}`",
-        _change(change_point.ratio),
-        ", ".join(_change(ratio) for ratio in change_point.rounds),
-        "" if instructions is None else _change(instructions),
+        change(change_point.ratio),
+        ", ".join(change(ratio) for ratio in change_point.rounds),
+        "" if instructions is None else change(instructions),
         "; ".join(work_changes(history, model, *releases)) or "the same",
         _cause_text(change_point, causes),
     )
@@ -214,14 +214,14 @@ def _other_table(
 
 def _other_row(group: Sequence[ChangePoint], causes: Sequence[Cause]) -> Sequence[str]:
     ratios = sorted(point.ratio for point in group)
-    change = _change(ratios[0])
+    text = change(ratios[0])
     if len(ratios) > 1:
-        change += f" to {_change(ratios[-1])}"
+        text += f" to {change(ratios[-1])}"
     return (
         group[0].release,
         group[0].series.title,
         _labels([point.series.label for point in group]),
-        change,
+        text,
         "; ".join(sorted({_cause_text(point, causes) for point in group})),
     )
 
@@ -283,8 +283,3 @@ def _ranges(history: History, versions: Sequence[str]) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:g} %"
-
-
-def _change(ratio: float) -> str:
-    """Return a ratio as a change in percent, or as a factor where it is at least twofold."""
-    return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"

@@ -1,4 +1,4 @@
-"""Markdown of generated pages."""
+"""What generated pages in Markdown share: tables, and changes in percent."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
@@ -19,3 +19,8 @@ def table(
     yield "|" + "|".join("---:" if h in right_aligned else "---" for h in headings) + "|"
     for row in rows:
         yield f"| {' | '.join(row)} |"
+
+
+def change(ratio: float) -> str:
+    """Return a ratio as a change in percent, or as a factor where it is at least twofold."""
+    return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"

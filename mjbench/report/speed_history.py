@@ -1,4 +1,4 @@
-"""What docs/history.md says of the time of a step: steps, excursions, drifts, first to last.
+"""What a page says of the history of the time of a step, in Markdown.
 
 All of it comes from ratios to one fixed release (`mjbench history measure`) and from counts by
 function (`mjbench history explain`).
@@ -8,22 +8,22 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.counts.function_differences import largest_differences
+from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
 from mjbench.counts.records import ExplainRecord
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import speed_history, step_ratios
-from mjbench.releases.change_points import MIN_CHANGE, Step
+from mjbench.releases.change_points import MIN_CHANGE, ChangePoint
 from mjbench.releases.changelog import Changelog
 from mjbench.releases.release import version_key
 from mjbench.releases.speed_history import Measured, ModelHistory
 from mjbench.releases.step_ratios import StepRatioRecord
-from mjbench.report.markdown import table
+from mjbench.report.markdown import change, table
 
-# As many functions are named of those that account for a change.
-_MAIN_FUNCTIONS = 3
+# As many of the largest changes are named in the conclusion.
+_LARGEST_CHANGES = 3
 # As many characters are quoted of an item of the changelog.
-_QUOTED = 160
-# As shipped a change differs from the averaged one where it does by this, and by as many standard
+_MAX_QUOTED = 160
+# Placement adds to a change where shipped and averaged ones differ by this, and by as many standard
 # errors.
 _MIN_PLACEMENT, _DEVIATIONS = math.log1p(0.015), 4.0
 
@@ -32,7 +32,7 @@ Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
 
 @dataclass(frozen=True)
-class StepHistory:
+class SpeedHistory:
     """The time of a step over the releases, and what is known of its changes.
 
     Attributes:
@@ -53,12 +53,12 @@ class StepHistory:
         return self.since is None or version_key(release) >= version_key(self.since)
 
 
-def step_history(
+def from_records(
     records: Sequence[object],
     versions: Sequence[str],
     changelog: Changelog | None = None,
     since: str | None = None,
-) -> StepHistory:
+) -> SpeedHistory:
     """Return the history that records of run files hold.
 
     Args:
@@ -69,31 +69,33 @@ def step_history(
     """
     ratios = [record for record in records if isinstance(record, StepRatioRecord)]
     counts = {(r.model, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
-    return StepHistory(speed_history.histories(ratios, versions), counts, changelog, since)
+    return SpeedHistory(speed_history.histories(ratios, versions), counts, changelog, since)
 
 
-def lines(history: StepHistory) -> Iterator[str]:
+def lines(history: SpeedHistory) -> Iterator[str]:
     """Yield the sections of a page on the time of a step, in Markdown."""
-    listed = listed_steps(history)
+    listed = listed_changes(history)
     yield from conclusion(history.models, listed)
-    yield "\n## Steps\n"
+    yield "\n## Change points\n"
     yield (
         "Changes of the time of a step from one release to the next, from 1 % on, with their"
-        " standard error. The cause is `work` where a step has other work to do, and `code` where"
-        " the same work takes another time. Behind a function stands by how many percent of the"
+        " standard error. The cause is `work` where a step has other work to do, `code` where the"
+        " same work takes another time with placement averaged out, and `undecided` where that is"
+        " not known. Behind a function stands by how many percent of the"
         " step its instructions changed.\n"
     )
-    yield from steps_table(listed, history.changelog)
+    yield from changes_table(listed, history.changelog)
     yield "\n## Single releases that are off\n"
     yield "Changes that the next release takes back.\n"
     yield from excursions_table(history)
     yield "\n## Drifts\n"
-    yield "Slow changes, of which no single one is a step.\n"
+    yield "Slow changes, of which no single one is a change point.\n"
     yield from drifts_table(history)
-    yield "\n## Only as shipped\n"
+    yield "\n## Changed by placement\n"
     yield (
-        "Changes that disappear when the code is moved: they are due to its placement in memory."
-        " Few launches are as shipped, so that only large changes are seen.\n"
+        "Changes that differ by at least 1.5 % where placement is averaged out: the difference"
+        " comes from where the code lies in memory. Few launches are as shipped, so that only large"
+        " differences are seen.\n"
     )
     yield from placement_table(history)
     yield "\n## From the first release to the last\n"
@@ -102,18 +104,18 @@ def lines(history: StepHistory) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Listed:
-    """A step, and what is known of it.
+    """A change point, and what is known of it.
 
     Attributes:
       model: history of the model.
-      step: of its time.
+      point: the change of its time.
       before: the last release before it.
       after: the first release with it.
       counts: of instructions by function, in these two; None where they were not counted.
     """
 
     model: ModelHistory
-    step: Step
+    point: ChangePoint
     before: Measured
     after: Measured
     counts: ExplainRecord | None
@@ -125,25 +127,34 @@ class Listed:
 
     @property
     def cause(self) -> Cause:
-        """Whether the time changed with the work, or with the code that does it."""
+        """Whether the time changed with the work or with the code that does it, if it is known."""
+        records = self.before.record, self.after.record
+        if any(record.problem or record.work is None for record in records):
+            return Cause.UNDECIDED
         return Cause.WORK if self.work_changes else Cause.CODE
 
 
-def listed_steps(history: StepHistory) -> list[Listed]:
-    """Return the steps of all models: by release, and of one release the largest first."""
+def listed_changes(history: SpeedHistory) -> list[Listed]:
+    """Return the change points of all models: by release, and of one release the largest first."""
     counts = history.counts
-    steps = [
-        Listed(model, step, before, after, counts.get((model.model, before.release, after.release)))
+    listed = [
+        Listed(
+            model, point, before, after, counts.get((model.model, before.release, after.release))
+        )
         for model in history.models
-        for step in model.changes.steps
-        if history.lists(model, step.index)
-        for before, after in [model.pair(step.index, step.before)]
+        for point in model.changes.change_points
+        if history.lists(model, point.index)
+        for before, after in [model.pair(point.index, point.before)]
     ]
-    return sorted(steps, key=lambda s: (version_key(s.after.release), -abs(s.step.change)))
+    return sorted(listed, key=lambda c: (version_key(c.after.release), -abs(c.point.change)))
 
 
-def conclusion(models: Sequence[ModelHistory], steps: Sequence[Listed]) -> Iterator[str]:
-    """Yield sentences: what happened from the first release to the last, and the largest steps."""
+def _pair_key(model: ModelHistory, before: Measured, after: Measured) -> tuple[str, str, str]:
+    return model.model, before.release, after.release
+
+
+def conclusion(models: Sequence[ModelHistory], listed: Sequence[Listed]) -> Iterator[str]:
+    """Yield sentences: from the first release to the last, and the largest changes."""
     totals = [_total(model) for model in models if len(model.measured) > 1]
     slower = [total for total in totals if total >= MIN_CHANGE]
     faster = [total for total in totals if total <= -MIN_CHANGE]
@@ -151,28 +162,28 @@ def conclusion(models: Sequence[ModelHistory], steps: Sequence[Listed]) -> Itera
         f"From the first release measured to the last, a step became slower for {len(slower)} of"
         f" {len(totals)} models{_range(slower)}, and faster for {len(faster)}{_range(faster)}."
     )
-    largest = sorted(steps, key=lambda s: -abs(s.step.change))[:_MAIN_FUNCTIONS]
+    largest = sorted(listed, key=lambda c: -abs(c.point.change))[:_LARGEST_CHANGES]
     if largest:
         texts = [
-            f"{change(s.step.change)} for `{s.model.model}` in {s.after.release}" for s in largest
+            f"{_change(c.point.change)} for `{c.model.model}` in {c.after.release}" for c in largest
         ]
-        yield f"The largest steps are {', '.join(texts)}."
+        yield f"The largest changes from one release to the next are {', '.join(texts)}."
 
 
-def steps_table(steps: Sequence[Listed], changelog: Changelog | None) -> Iterator[str]:
-    """Yield a Markdown table of steps, or that there are none."""
-    if not steps:
+def changes_table(listed: Sequence[Listed], changelog: Changelog | None) -> Iterator[str]:
+    """Yield a Markdown table of change points, or that there are none."""
+    if not listed:
         return iter([f"None from {100 * math.expm1(MIN_CHANGE):.0f} % on."])
     headings = ["releases", "model", "time", "instructions", "cause", "what accounts for it"]
-    rows = (_step_row(step, changelog) for step in steps)
+    rows = (_change_row(each, changelog) for each in listed)
     return table(headings, rows, right_aligned=("time", "instructions"))
 
 
-def _step_row(listed: Listed, changelog: Changelog | None) -> Sequence[str]:
+def _change_row(listed: Listed, changelog: Changelog | None) -> Sequence[str]:
     return (
         f"{listed.before.release} → {listed.after.release}",
         f"`{listed.model.model}`",
-        f"{change(listed.step.change)} ±{100 * listed.step.deviation:.1f}",
+        f"{_change(listed.point.change)} ±{100 * listed.point.deviation:.1f}",
         _instructions(listed.counts),
         str(listed.cause),
         "<br>".join(_accounts(listed, changelog)),
@@ -180,7 +191,7 @@ def _step_row(listed: Listed, changelog: Changelog | None) -> Sequence[str]:
 
 
 def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
-    """Yield what accounts for a step: work, functions, and an item of the changelog."""
+    """Yield what accounts for a change: work, functions, and an item of the changelog."""
     if listed.work_changes:
         yield "; ".join(listed.work_changes)
     functions = _functions(listed.counts)
@@ -189,14 +200,15 @@ def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
     if changelog is not None and listed.counts is not None:
         names = [
             name
-            for difference in largest_differences(listed.counts.functions, _MAIN_FUNCTIONS)
+            for difference in largest_differences(listed.counts.functions, MAIN_FUNCTIONS)
             for name in difference.names
         ]
         features = [phrase.split()[0] for phrase in listed.work_changes if "→" in phrase]
         item = changelog.fitting(listed.after.release, names, features)
         if item is not None:
-            text = item.text.replace("|", "\\|")
-            quoted = text if len(text) <= _QUOTED else f"{text[:_QUOTED]}…"
+            text = item.text
+            quoted = text if len(text) <= _MAX_QUOTED else f"{text[:_MAX_QUOTED]}…"
+            quoted = quoted.replace("|", "\\|")
             commits = f" ({', '.join(f'`{c}`' for c in item.commits)})" if item.commits else ""
             yield f"changelog, perhaps: “{quoted}”{commits}"
 
@@ -208,7 +220,7 @@ def _functions(counts: ExplainRecord | None) -> str:
     total = counts.instructions_per_step.old
     return ", ".join(
         f"`{' + '.join(d.names)}` {100 * d.difference / total:+.1f} %"
-        for d in largest_differences(counts.functions, _MAIN_FUNCTIONS)
+        for d in largest_differences(counts.functions, MAIN_FUNCTIONS)
     )
 
 
@@ -219,10 +231,10 @@ def _instructions(counts: ExplainRecord | None) -> str:
     return f"{100 * (new / old - 1):+.1f} %" if old and new else ""
 
 
-def excursions_table(history: StepHistory) -> Iterator[str]:
+def excursions_table(history: SpeedHistory) -> Iterator[str]:
     """Yield a Markdown table of single releases that are off, or that there are none."""
     rows = [
-        (after.release, f"`{model.model}`", change(excursion.change), _work(before, after))
+        (after.release, f"`{model.model}`", _change(excursion.change), _work(before, after))
         for model in history.models
         for excursion in model.changes.excursions
         if history.lists(model, excursion.index)
@@ -233,13 +245,13 @@ def excursions_table(history: StepHistory) -> Iterator[str]:
     return table(["release", "model", "time", "work"], rows, right_aligned=("time",))
 
 
-def drifts_table(history: StepHistory) -> Iterator[str]:
+def drifts_table(history: SpeedHistory) -> Iterator[str]:
     """Yield a Markdown table of slow changes, or that there are none."""
     rows = [
         (
             f"{model.measured[drift.begin].release} to {model.measured[drift.end - 1].release}",
             f"`{model.model}`",
-            change(drift.change),
+            _change(drift.change),
         )
         for model in history.models
         for drift in model.changes.drifts
@@ -250,10 +262,10 @@ def drifts_table(history: StepHistory) -> Iterator[str]:
     return table(["releases", "model", "time"], rows, right_aligned=("time",))
 
 
-def placement_table(history: StepHistory) -> Iterator[str]:
-    """Yield a Markdown table of changes that only the builds as shipped show."""
+def placement_table(history: SpeedHistory) -> Iterator[str]:
+    """Yield a Markdown table of changes to which placement adds, or that there are none."""
     rows = [
-        (after.release, f"`{model.model}`", change(shipped), change(averaged))
+        (after.release, f"`{model.model}`", _change(shipped), _change(averaged))
         for model in history.models
         for index in range(1, len(model.measured))
         if history.lists(model, index)
@@ -286,22 +298,21 @@ def totals_table(models: Sequence[ModelHistory]) -> Iterator[str]:
             f"`{model.model}`",
             first.release,
             last.release,
-            change(_total(model)),
-            str(len(model.changes.steps)),
+            _change(_total(model)),
+            str(len(model.changes.change_points)),
             _work(first, last),
         )
         for model in models
         if len(model.measured) > 1
         for first, last in [(model.measured[0], model.measured[-1])]
     ]
-    headings = ["model", "first", "last", "time", "steps", "work"]
-    return table(headings, rows, right_aligned=("time", "steps"))
+    headings = ["model", "first", "last", "time", "change points", "work"]
+    return table(headings, rows, right_aligned=("time", "change points"))
 
 
-def change(log_ratio: float) -> str:
-    """Return a change in percent, or as a factor where it is at least twofold."""
-    ratio = math.exp(log_ratio)
-    return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"
+def _change(log_ratio: float) -> str:
+    """Return a log ratio as a change in percent, or as a factor (see `markdown.change`)."""
+    return change(math.exp(log_ratio))
 
 
 def _total(model: ModelHistory) -> float:
@@ -314,8 +325,8 @@ def _range(log_ratios: Sequence[float]) -> str:
         return ""
     ordered = sorted(log_ratios, key=abs)
     if len(ordered) == 1:
-        return f" ({change(ordered[0])})"
-    return f" ({change(ordered[0])} to {change(ordered[-1])})"
+        return f" ({_change(ordered[0])})"
+    return f" ({_change(ordered[0])} to {_change(ordered[-1])})"
 
 
 def _work(before: Measured, after: Measured) -> str:

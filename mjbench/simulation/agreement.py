@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 SAME_WORK = 0.005
 # A smaller difference after one step is rounding: the order of additions changed.
 ROUNDING = 1e-9
+# The smallest relative difference of two drifts that says that a step's result changed.
+_DRIFT_CHANGE = 1e-3
 # Differences are relative to the largest magnitude of their field, but never to less than this, in
 # SI units: where a model rests, velocities are rounding themselves.
 LEAST_SCALE = 1e-3
@@ -147,6 +149,20 @@ def relative_drift(
         (drift({field: got[field]}, {field: reference[field]}) / scales[field] for field in got),
         default=0.0,
     )
+
+
+def result_changes(old_drift: float | None, new_drift: float | None) -> list[str]:
+    """Return, in a phrase, that two releases step to different results; empty if they do not.
+
+    Args:
+      old_drift: how far one step of the old release is from that of a fixed one; None if unknown.
+      new_drift: the same of the new release.
+    """
+    if old_drift is None or new_drift is None:
+        return []
+    low, high = sorted((old_drift, new_drift))
+    is_other = high > ROUNDING and high - low > _DRIFT_CHANGE * high
+    return ["different result of one step"] if is_other else []
 
 
 def work_changes(

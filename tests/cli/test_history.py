@@ -168,37 +168,37 @@ def test_instructions_are_counted_from_release_to_release(
     assert len(only_run_file().read_text().splitlines()) == 3
 
 
-def test_steps_are_reported_from_what_was_measured_and_counted(
+def test_change_points_are_reported_from_what_was_measured_and_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured(monkeypatch)
     words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile")
     assert invoke("measure", *words).exit_code == 0
-    done = invoke("steps", "-o", "page.md")
+    done = invoke("changes", "-o", "page.md")
     assert done.exit_code == 0, done.output
     page = Path("page.md").read_text()
     assert "slower for 0 of 1 models, and faster for 0" in page
     assert "| `pile` | 3.3.0 | 3.3.2 | +0.0 % | 0 | the same |" in page
-    assert invoke("steps", "--since", "3.3.1").output == page
+    assert invoke("changes", "--since", "3.3.1").output == page
 
 
-def test_steps_of_nothing_of_two_machines_and_since_no_release_are_refused(
+def test_changes_of_nothing_of_two_machines_and_since_no_release_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    done = invoke("steps")
+    done = invoke("changes")
     assert done.exit_code == 2
     assert "results/history holds no ratios; `mjbench history measure` measures some" in done.output
     measured(monkeypatch)
     invoke("measure", "3.3.0", "--model", "pile")
-    done = invoke("steps", "--since", "9.9")
+    done = invoke("changes", "--since", "9.9")
     assert done.exit_code == 2
     assert "has no release 9.9" in done.output
-    done = invoke("steps", "-o", str(only_run_file()))
+    done = invoke("changes", "-o", str(only_run_file()))
     assert done.exit_code == 2
     (header, *rest) = only_run_file().read_text().splitlines()
     other = json.loads(header)
     other["machine"]["cpu"] = "another processor"
     Path("results/history/other.jsonl").write_text("\n".join([json.dumps(other), *rest]) + "\n")
-    done = invoke("steps")
+    done = invoke("changes")
     assert done.exit_code == 2
     assert "are of different machines" in done.output

@@ -7,10 +7,10 @@ from mjbench.releases.step_ratios import StepRatioRecord
 from mjbench.status import Status
 
 
-def test_a_step_is_named_by_the_releases_around_it() -> None:
+def test_a_change_point_is_named_by_the_releases_around_it() -> None:
     result = history([0.8] * 6 + [1.0] * 6)
-    (step,) = result.changes.steps
-    before, after = result.pair(step.index)
+    (point,) = result.changes.change_points
+    before, after = result.pair(point.index)
     assert (before.release, after.release) == ("1.5", "1.6")
 
 

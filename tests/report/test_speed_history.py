@@ -12,7 +12,7 @@ from mjbench.paired.outcomes import Cause
 from mjbench.releases.changelog import Changelog, ChangelogItem
 from mjbench.releases.speed_history import ModelHistory
 from mjbench.report import speed_history as report
-from mjbench.report.speed_history import StepHistory
+from mjbench.report.speed_history import SpeedHistory
 from mjbench.status import Status
 
 COUNTS = ExplainRecord(
@@ -35,49 +35,49 @@ CHANGELOG = Changelog([ISLANDS, *(ChangelogItem("1.2", (), f"Sensor {i}.") for i
 STEP = history([1.0] * 6 + [1.25] * 6)
 
 
-def steps_of(*models: ModelHistory) -> StepHistory:
-    return StepHistory(models, {}, None)
+def speed_of(*models: ModelHistory) -> SpeedHistory:
+    return SpeedHistory(models, {}, None)
 
 
-def test_a_step_has_its_cause_its_functions_and_an_item_of_the_changelog() -> None:
-    (listed,) = report.listed_steps(
-        StepHistory([STEP], {("pile", "1.5", "1.6"): COUNTS}, CHANGELOG)
+def test_a_change_point_has_its_cause_its_functions_and_an_item_of_the_changelog() -> None:
+    (listed,) = report.listed_changes(
+        SpeedHistory([STEP], {("pile", "1.5", "1.6"): COUNTS}, CHANGELOG)
     )
     assert listed.cause == Cause.CODE
-    _, _, row = report.steps_table([listed], CHANGELOG)
+    _, _, row = report.changes_table([listed], CHANGELOG)
     assert row.startswith("| 1.5 → 1.6 | `pile` | +25.0 % ±0.1 | +20.0 % | code | ")
     assert "`mj_island` +19.0 %, `mj_crb` +1.0 %" in row
     assert "perhaps: “Constraint islands became the default.” (`abc1234`)" in row
 
 
-def test_a_step_with_other_work_is_due_to_work() -> None:
+def test_a_change_point_with_other_work_is_due_to_work() -> None:
     records = [record(v, 1.0) for v in VERSIONS[:6]]
     records += [record(v, 0.8, contacts=1.0) for v in VERSIONS[6:]]
-    listed = report.listed_steps(report.step_history(records, VERSIONS))
+    listed = report.listed_changes(report.from_records(records, VERSIONS))
     assert [step.cause for step in listed] == [Cause.WORK]
-    (*_, row) = report.steps_table(listed, None)
+    (*_, row) = report.changes_table(listed, None)
     assert "| -20.0 % ±0.1 |  | work | contacts 5 → 1" in row
 
 
-def test_steps_are_listed_by_release() -> None:
+def test_change_points_are_listed_by_release() -> None:
     late, early = history([1.0] * 9 + [1.1] * 3), history([1.0] * 3 + [1.1] * 9)
-    listed = report.listed_steps(steps_of(late, early))
+    listed = report.listed_changes(speed_of(late, early))
     assert [step.after.release for step in listed] == ["1.3", "1.9"]
 
 
-def test_the_conclusion_counts_models_and_names_the_largest_steps() -> None:
+def test_the_conclusion_counts_models_and_names_the_largest_changes() -> None:
     models = [STEP, history([1.0] * 12), history([1.0] * 11 + [0.5])]
-    text = " ".join(report.conclusion(models, report.listed_steps(steps_of(*models))))
+    text = " ".join(report.conclusion(models, report.listed_changes(speed_of(*models))))
     assert "slower for 1 of 3 models (+25.0 %), and faster for 1 (×0.50)" in text
-    assert "The largest steps are ×0.50 for `pile` in 1.11, +25.0 % for `pile` in 1.6." in text
+    assert text.endswith("next are ×0.50 for `pile` in 1.11, +25.0 % for `pile` in 1.6.")
 
 
 def test_a_release_that_is_off_alone_and_a_drift_have_tables_of_their_own() -> None:
     off = history([1.0] * 5 + [1.1] + [1.0] * 6)
-    (*_, row) = report.excursions_table(steps_of(off))
+    (*_, row) = report.excursions_table(speed_of(off))
     assert row == "| 1.5 | `pile` | +10.0 % | the same |"
     drifting = history([1.01**i for i in range(12)])
-    (*_, row) = report.drifts_table(steps_of(drifting))
+    (*_, row) = report.drifts_table(speed_of(drifting))
     assert row == "| 1.0 to 1.11 | `pile` | +11.6 % |"
     (*_, row) = report.totals_table([drifting])
     assert row == "| `pile` | 1.0 | 1.11 | +11.6 % | 0 | the same |"
@@ -85,13 +85,13 @@ def test_a_release_that_is_off_alone_and_a_drift_have_tables_of_their_own() -> N
 
 def test_what_only_the_builds_as_shipped_show_is_placement() -> None:
     records = [record(v, 1.0, shipped=1.04 if i >= 6 else 1.0) for i, v in enumerate(VERSIONS)]
-    (*_, row) = report.placement_table(report.step_history(records, VERSIONS))
+    (*_, row) = report.placement_table(report.from_records(records, VERSIONS))
     assert row == "| 1.6 | `pile` | +4.0 % | +0.0 % |"
 
 
 def test_a_history_in_which_nothing_happens_says_so() -> None:
-    level = steps_of(history([1.0] * 12))
-    assert [*report.steps_table(report.listed_steps(level), None)] == ["None from 1 % on."]
+    level = speed_of(history([1.0] * 12))
+    assert [*report.changes_table(report.listed_changes(level), None)] == ["None from 1 % on."]
     for table in (report.excursions_table, report.drifts_table, report.placement_table):
         assert [*table(level)] == ["None."]
 
@@ -99,19 +99,19 @@ def test_a_history_in_which_nothing_happens_says_so() -> None:
 def test_only_changes_since_a_release_are_listed() -> None:
     records = [record(v, 1.0 if i < 3 else 1.1 if i < 9 else 1.3) for i, v in enumerate(VERSIONS)]
     for since, expected in ((None, ["1.3", "1.9"]), ("1.4", ["1.9"]), ("1.10", [])):
-        steps = report.listed_steps(report.step_history(records, VERSIONS, since=since))
+        steps = report.listed_changes(report.from_records(records, VERSIONS, since=since))
         assert [step.after.release for step in steps] == expected
 
 
 def test_a_page_has_every_section() -> None:
-    text = "\n".join(report.lines(steps_of(STEP)))
+    text = "\n".join(report.lines(speed_of(STEP)))
     assert text.startswith(
         "From the first release measured to the last, a step became slower for 1"
     )
     assert [line for line in text.splitlines() if line.startswith("## ")] == [
-        "## Steps",
+        "## Change points",
         "## Single releases that are off",
         "## Drifts",
-        "## Only as shipped",
+        "## Changed by placement",
         "## From the first release to the last",
     ]

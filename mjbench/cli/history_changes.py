@@ -1,4 +1,4 @@
-"""`mjbench history steps`: in which releases the time of a step changed, and why."""
+"""`mjbench history changes`: in which releases the time of a step changed, and why."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mjbench.releases.changelog import Changelog
 
 
-@history.command("steps")
+@history.command("changes")
 @click.option(
     "--since",
     metavar="VERSION",
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     help="Write the page to FILE  [default: stdout]",
 )
 @HISTORY
-def steps(since: str | None, results: Path, output: Path | None, history: Path | None) -> None:
+def changes(since: str | None, results: Path, output: Path | None, history: Path | None) -> None:
     """Report in which releases the time of a step changed, and what accounts for it.
 
     The report is a page in Markdown, from what `mjbench history measure` and `mjbench history
@@ -48,7 +48,7 @@ def steps(since: str | None, results: Path, output: Path | None, history: Path |
     Example: what did the last release do?
       mjbench history measure 3.16.0 3.17.0 4.0.0
       mjbench history explain 3.17.0 4.0.0
-      mjbench history steps --since 4.0.0
+      mjbench history changes --since 4.0.0
     """
     from mjbench.releases import bundle
     from mjbench.report import speed_history
@@ -61,7 +61,7 @@ def steps(since: str | None, results: Path, output: Path | None, history: Path |
     try:
         records = [*_records(files)]
         versions = [release.version for release in bundle.read(release_bundle)]
-        measured = speed_history.step_history(records, versions, _changelog(), since)
+        measured = speed_history.from_records(records, versions, _changelog(), since)
         if not measured.models:
             raise InputError(f"{results} holds no ratios; `mjbench history measure` measures some")
         if since is not None and since not in versions:
