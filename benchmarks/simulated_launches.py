@@ -7,7 +7,6 @@ import numpy as np
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
-from mjbench.paired.fork_server_process import MAX_FORKS
 from mjbench.paired.judgement import MIN_LAUNCHES, conclude
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
@@ -58,8 +57,8 @@ class Scenario:
       deviation: of a launch's log ratio.
       noise: draws launches of deviation 1.
       correlation: of each launch with the one before.
-      shared: correlation of launches whose processes are forked from one program; as many as
-        MAX_FORKS in a row are.
+      shared: correlation of launches whose processes are forked from one program.
+      launches_of_program: how many launches in a row those are.
       disturbed: share of the launches that are off by DISTURBANCE deviations, to either side.
       placed: whether launches move the libraries.
       page_deviation: of what the place within a page does to one side, drawn anew for each launch.
@@ -71,6 +70,7 @@ class Scenario:
     noise: Noise = normal
     correlation: float = 0.0
     shared: float = 0.0
+    launches_of_program: int = 8
     disturbed: float = 0.0
     placed: bool = False
     page_deviation: float = 0.0
@@ -201,8 +201,9 @@ def _noise(rng: np.random.Generator, scenario: Scenario, size: tuple[int, int]) 
         for i in range(1, size[1]):
             noise[:, i] = scenario.correlation * noise[:, i - 1] + fresh * noise[:, i]
     if scenario.shared:
-        programs = scenario.noise(rng, (size[0], -(-size[1] // MAX_FORKS)))
-        of_program = np.repeat(programs, MAX_FORKS, axis=1)[:, : size[1]]
+        launches = scenario.launches_of_program
+        programs = scenario.noise(rng, (size[0], -(-size[1] // launches)))
+        of_program = np.repeat(programs, launches, axis=1)[:, : size[1]]
         noise = np.sqrt(1 - scenario.shared) * noise + np.sqrt(scenario.shared) * of_program
     is_disturbed = rng.random(size) < scenario.disturbed
     noise = noise + np.where(is_disturbed, DISTURBANCE * rng.choice([-1.0, 1.0], size), 0.0)

@@ -1,16 +1,18 @@
 """Where the noise of launches comes from: blocks, layouts of memory, or launches themselves.
 
-    python -m benchmarks.variance_components [MODEL]... [--launches 60] [--moved]
+    python -m benchmarks.variance_components [MODEL]... [--programs 10] [--releases OLD NEW]
 
-compares the installed release with itself, and splits the variance of launches' log ratios into
-three components. More blocks in a launch reduce the first, more layouts the second; only more
-launches reduce the third. With `--moved` the code of both sides is moved from launch to launch.
+splits the variance of launches' log ratios into three components. More blocks in a launch reduce
+the first, more layouts the second; only more launches reduce the third. It then prints the
+correlation of launches whose workers were forked from the same programs, and the standard deviation
+of a launch for several ways to sum up its blocks.
 
-It also prints the standard deviation of a launch for several ways to sum up its blocks. Leave the
-machine alone meanwhile; 60 launches take about half a minute for each model.
+Both sides are the installed release, unless two others are given; their code is moved from launch
+to launch. Leave the machine alone meanwhile; 10 programs take about a minute for each model.
 """
 
 import argparse
+import itertools
 import random
 import sys
 from collections.abc import Callable, Sequence
@@ -18,10 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjbench.paired import addresses
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs, placement
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models
 
 # Ratio of the standard deviation of normal noise to its median absolute deviation, and of the
@@ -105,36 +109,56 @@ def _spread(values: Sequence[float]) -> float:
     return float(100 * (high - low) / 2.5631)  # of normal values
 
 
-def measure(pool: WorkerPool, model: str, count: int, moved: bool) -> list[Launch]:
-    """Return launches of the installed release with itself."""
-    target = Target(installs.parse_release(installs.INSTALLED), models.resolve(model))
-    pairs = placement.schedule(random.Random()) if moved else None
-    pair = TargetPair(pool, target, target, placements=pairs)
-    launches = [pair.launch() for _ in range(count)]
-    pair.close()
-    return launches
+def correlation(groups: Sequence[Sequence[Launch]]) -> tuple[float, float]:
+    """Return the correlation of launches of one group, and its standard error if it is small.
+
+    It is the intraclass correlation of a one-way analysis of variance. Its variance where there is
+    none: Fisher, Statistical Methods for Research Workers, section 40.
+    """
+    values = np.array([[launch.log_ratio for launch in group] for group in groups])
+    count, size = values.shape
+    within = values.var(axis=1, ddof=1).mean()
+    between = size * values.mean(axis=1).var(ddof=1)
+    estimate = (between - within) / (between + (size - 1) * within)
+    return float(estimate), float(np.sqrt(2 / (count * size * (size - 1))))
+
+
+def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> list[list[Launch]]:
+    """Return the launches of each pair of programs; every pair has its own pool."""
+    baseline, candidate = (Target(release, models.resolve(model)) for release in (old, new))
+    groups = []
+    for _ in range(programs):
+        with WorkerPool() as pool:
+            placements = placement.schedule(random.Random())
+            pair = TargetPair(pool, baseline, candidate, placements=placements)
+            groups.append([pair.launch() for _ in range(addresses.launches_of_a_program() - 1)])
+            pair.close()
+    return groups
 
 
 def main(arguments: Sequence[str]) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="variance_components", description=__doc__)
     parser.add_argument("models", nargs="*", metavar="MODEL")
-    parser.add_argument("--launches", type=int, default=60)
-    parser.add_argument("--moved", action="store_true")
+    parser.add_argument("--programs", type=int, default=10)
+    parser.add_argument("--releases", nargs=2, default=2 * [installs.INSTALLED])
     options = parser.parse_args(arguments)
-    with WorkerPool() as pool:
-        for model in options.models or models.shipped():
-            launches = measure(pool, model, options.launches, options.moved)
-            parts = components(launches)
-            layouts = np.mean([len(launch.layouts) for launch in launches])
-            print(
-                f"{model}: {parts.total:.2f} % = blocks {parts.blocks:.2f} %, layouts"
-                f" {parts.layouts:.2f} %, launches {parts.launches:.2f} %"
-                f" ({layouts:.1f} layouts a launch)"
-            )
-            for name, summary in SUMMARIES.items():
-                spread = _spread([summary(launch) for launch in launches])
-                print(f"  {name}: {spread:.2f} %", flush=True)
+    old, new = map(installs.parse_release, options.releases)
+    for model in options.models or models.shipped():
+        groups = measure(old, new, model, options.programs)
+        launches = list(itertools.chain(*groups))
+        parts = components(launches)
+        layouts = np.mean([len(launch.layouts) for launch in launches])
+        print(
+            f"{model}: {parts.total:.2f} % = blocks {parts.blocks:.2f} %, layouts"
+            f" {parts.layouts:.2f} %, launches {parts.launches:.2f} %"
+            f" ({len(launches)} launches of {layouts:.1f} layouts)"
+        )
+        estimate, error = correlation(groups)
+        print(f"  correlation of launches of one program: {estimate:.2f} +- {error:.2f}")
+        for name, summary in SUMMARIES.items():
+            spread = _spread([summary(launch) for launch in launches])
+            print(f"  {name}: {spread:.2f} %", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,11 @@ with its parent. On Windows only commands that start no process run.
 Every process imports this module, so it needs only the standard library.
 """
 
+import contextlib
+import functools
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from mjbench.errors import MachineError
@@ -18,6 +20,8 @@ RUN_ON_WINDOWS = ("lint", "show", "diff", "paths", "falls")
 # How often a process looks for its parent where the kernel does not end it, in seconds. This takes
 # some microseconds, beside a timed block or in it.
 _PARENT_CHECK_S = 1.0
+# Of <sys/personality.h>: no random addresses in programs that are started; and to change nothing.
+_NO_RANDOM_ADDRESSES, _UNCHANGED = 0x0040000, 0xFFFFFFFF
 
 
 def check_command(command: str) -> None:
@@ -77,6 +81,44 @@ def can_adopt() -> bool:
     except OSError:  # an old kernel, or a container that forbids it
         return False
     return True
+
+
+def can_fix_addresses() -> bool:
+    """Return whether `fixed_addresses` works here; containers can forbid it."""
+    with fixed_addresses():
+        personality = _personality()
+        return personality is not None and bool(personality(_UNCHANGED) & _NO_RANDOM_ADDRESSES)
+
+
+@contextlib.contextmanager
+def fixed_addresses() -> Iterator[None]:
+    """Have programs that this thread starts lie at the same addresses each time, where possible.
+
+    By default Linux draws the addresses of each program that is started.
+    """
+    personality = _personality()
+    before = -1 if personality is None else personality(_UNCHANGED)
+    if personality is None or before < 0:
+        yield
+        return
+    personality(before | _NO_RANDOM_ADDRESSES)
+    try:
+        yield
+    finally:
+        personality(before)
+
+
+@functools.cache
+def _personality() -> Callable[[int], int] | None:
+    """Return the C function that sets and returns how Linux runs programs; elsewhere None."""
+    if sys.platform != "linux":
+        return None
+    import ctypes
+
+    function = getattr(ctypes.CDLL(None), "personality", None)
+    if function is not None:
+        function.argtypes, function.restype = [ctypes.c_ulong], ctypes.c_int
+    return function
 
 
 def can_count_instructions() -> bool:

@@ -9,11 +9,8 @@ from mjbench.errors import MachineError, one_line
 from mjbench.instrument import child
 from mjbench.paired import fork_server
 
-# Workers of one server, at most. More would start quicker still, but what they share weighs more.
-MAX_FORKS = 2
 
-
-class ForkedChild:
+class ForkedWorker:
     """A worker that a fork server was asked for; nothing waits for it until it must be known."""
 
     def __init__(self, server: "ForkServerProcess", mark: str):
@@ -23,7 +20,7 @@ class ForkedChild:
     @property
     def pid(self) -> int:
         """Its process id, or the server's if that ended before it forked."""
-        self._server.receive(self)
+        self._server.await_fork(self)
         return self._process.pid if self._process else self._server.process.pid
 
     def adopt(self, pid: int) -> None:
@@ -32,16 +29,16 @@ class ForkedChild:
 
     def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait until it has ended (see `child.ChildProcess.wait`)."""
-        self._server.receive(self)
+        self._server.await_fork(self)
         process = self._process or self._server.process
         return process.wait(timeout_s)
 
     def end(self) -> None:
         """Kill it with everything that it started."""
-        self._server.receive(self)
+        self._server.await_fork(self)
         if self._process is not None:
             self._process.end()
-        self._server.release(self)
+        self._server.forget(self)
 
 
 class ForkServerProcess:
@@ -52,12 +49,7 @@ class ForkServerProcess:
     """
 
     def __init__(
-        self,
-        process: child.Child,
-        control: socket.socket,
-        limit_s: float,
-        output_file: Path,
-        max_forks: int = MAX_FORKS,
+        self, process: child.Child, control: socket.socket, limit_s: float, output_file: Path
     ):
         """Take over a server.
 
@@ -66,26 +58,20 @@ class ForkServerProcess:
           control: to the program; it keeps messages apart.
           limit_s: seconds without an answer after which the program is killed.
           output_file: of the program.
-          max_forks: after which another server should take its place.
         """
         self.process = process
         self._control, self._output_file = control, output_file
         self._control.settimeout(limit_s)
-        self._forks_left, self._is_retired = max_forks, False
-        self._pending: deque[ForkedChild] = deque()
-        self._children: set[ForkedChild] = set()
-
-    @property
-    def is_used_up(self) -> bool:
-        """Whether the next worker should come of another server."""
-        return self._forks_left <= 0
+        self._is_retired = False
+        self._pending: deque[ForkedWorker] = deque()
+        self._workers: set[ForkedWorker] = set()
 
     @property
     def has_ended(self) -> bool:
         """Whether the program has ended, by itself or because it was killed."""
         return self.process.wait(0.0) is not None
 
-    def fork(self, connection: int, output: int) -> ForkedChild:
+    def fork(self, connection: int, output: int) -> ForkedWorker:
         """Ask for a worker, without waiting for it.
 
         Args:
@@ -96,19 +82,18 @@ class ForkServerProcess:
           MachineError: the server has ended.
         """
         mark = child.new_mark()
-        forked = ForkedChild(self, mark)
+        worker = ForkedWorker(self, mark)
         try:
             socket.send_fds(self._control, [mark.encode()], [connection, output])
         except OSError as error:
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
-        self._forks_left -= 1
-        self._pending.append(forked)
-        self._children.add(forked)
-        return forked
+        self._pending.append(worker)
+        self._workers.add(worker)
+        return worker
 
-    def receive(self, forked: ForkedChild) -> None:
+    def await_fork(self, worker: ForkedWorker) -> None:
         """Wait until it is known whether a worker was forked."""
-        while forked in self._pending:
+        while worker in self._pending:
             answer = b""
             with contextlib.suppress(OSError):
                 answer = self._control.recv(fork_server.PID.size)
@@ -118,16 +103,16 @@ class ForkServerProcess:
                 self._pending.clear()
                 self.process.end()
 
-    def release(self, forked: ForkedChild) -> None:
+    def forget(self, worker: ForkedWorker) -> None:
         """Note that a worker has ended; the last one of a retired server ends the server."""
-        self._children.discard(forked)
-        if self._is_retired and not self._children:
+        self._workers.discard(worker)
+        if self._is_retired and not self._workers:
             self.end()
 
     def retire(self) -> None:
         """End the server as soon as all of its workers have ended."""
         self._is_retired = True
-        if not self._children:
+        if not self._workers:
             self.end()
 
     def end(self) -> None:

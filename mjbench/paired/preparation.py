@@ -111,7 +111,7 @@ def prepare(
     processes: list[WorkerProcess] = []
     try:
         for i, (target, name) in enumerate(zip(targets, describe(targets), strict=True)):
-            processes.append(pool.start(target.release, name, series=i))
+            processes.append(pool.start(target.release, name, side=i))
         for process, target in zip(processes, targets, strict=True):
             pool.wait_for(process, target.release)
         models = _load(pool, targets, processes)

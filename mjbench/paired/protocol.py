@@ -188,7 +188,7 @@ class TargetPair:
 
     def _start_ahead(self, allowed: Collection[int]) -> None:
         """Start the processes of a launch on the allowed cores, without waiting for them."""
-        names = preparation.describe(self._targets)
+        names, addresses = preparation.describe(self._targets), self._pool.draw_addresses()
         pair = self._next_placements = next(self._placements)
         placements = (pair.old, pair.new)
         started: dict[int, WorkerProcess] = {}
@@ -196,7 +196,7 @@ class TargetPair:
             for i in random.sample((0, 1), 2):  # neither target is always the first
                 target = self._targets[i]
                 started[i] = self._pool.start(
-                    target.release, names[i], placements[i], series=i, cores=allowed
+                    target.release, names[i], placements[i], i, allowed, addresses
                 )
         except BaseException:
             self._pool.end(list(started.values()))

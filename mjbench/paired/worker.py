@@ -58,6 +58,7 @@ class Worker:
       resources: of that run; None before the first.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
+      rng: draws the padding, and how deep in the stack blocks run.
     """
 
     model: "mujoco.MjModel"
@@ -70,6 +71,7 @@ class Worker:
         self.resources: Resources | None = None
         self.slowdown = 0.0
         self.padding: list[Any] = []
+        self.rng = random.Random()
         self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
             requests.StartRelease: self._start_release,
             requests.LoadModel: self._load_model,
@@ -103,7 +105,8 @@ class Worker:
                 os._exit(0)
 
     def _start_release(self, request: requests.StartRelease) -> None:
-        self.padding = [_mapped() for _ in range(random.randrange(1, _MAPS))]
+        self.rng.seed(request.seed)
+        self.padding = [_mapped(self.rng) for _ in range(self.rng.randrange(1, _MAPS))]
         package: Path | None = None
         if request.move is not None:
             movable = pickle.loads(request.move.movable_file.read_bytes())
@@ -203,7 +206,7 @@ class Worker:
 
         if request.cores:
             platforms.set_affinity(0, request.cores)
-        self.padding += _scattered()
+        self.padding += _scattered(self.rng)
         model = copy.copy(self.model)
         workload, previous, rows = self.workload, self.resources, list(request.simulations)
         selected = Workload(
@@ -243,7 +246,7 @@ class Worker:
             raise MachineError(f"{name} does not reach the final states of the plain loop")
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:
-        _call_deeper(random.randrange(_DEPTH), self._answer_blocks)
+        _call_deeper(self.rng.randrange(_DEPTH), self._answer_blocks)
 
     def _answer_blocks(self) -> None:
         receive, send, pack = (
@@ -279,19 +282,19 @@ class Worker:
         return ns
 
 
-def _mapped() -> mmap.mmap:
+def _mapped(rng: random.Random) -> mmap.mmap:
     """Map a random number of pages, which move whatever is mapped after them."""
-    size = mmap.PAGESIZE * random.randrange(1, _MAP_PAGES)
+    size = mmap.PAGESIZE * rng.randrange(1, _MAP_PAGES)
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
     return mmap.mmap(-1, size, flags=flags, prot=mmap.PROT_READ)  # takes up no memory
 
 
-def _scattered() -> list[bytearray]:
+def _scattered(rng: random.Random) -> list[bytearray]:
     """Return blocks of memory that move whatever is allocated after them to random places."""
-    small = [bytearray(random.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
-    large = [bytearray(random.randrange(1 << 12, _LARGE_BYTES)) for _ in range(_LARGE)]
+    small = [bytearray(rng.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
+    large = [bytearray(rng.randrange(1 << 12, _LARGE_BYTES)) for _ in range(_LARGE)]
     # half of them are freed at once: holes that the allocator fills with some of what comes next
-    return random.sample(small, _SMALL // 2) + random.sample(large, _LARGE // 2)
+    return rng.sample(small, _SMALL // 2) + rng.sample(large, _LARGE // 2)
 
 
 def _call_deeper(levels: int, function: Callable[[], None]) -> None:

@@ -2,15 +2,17 @@
 
 import contextlib
 import pickle
+import random
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mjbench.errors import writing
 from mjbench.instrument import child, platforms
-from mjbench.paired import release_python, requests
+from mjbench.paired import addresses, release_python, requests
+from mjbench.paired.addresses import Addresses
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.paired.worker_programs import ReleaseEnvironment, WorkerPrograms
+from mjbench.paired.worker_programs import WorkerProgram, WorkerPrograms
 from mjbench.releases import installs, movable
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.moved_install import MovableInstall
@@ -39,15 +41,17 @@ class WorkerPool:
         # Releases whose files were checked. They cannot change while the install is in use.
         self._checked: set[str] = set()
         self._file_count = 0
+        self._schedule = addresses.schedule(random.Random(), addresses.launches_of_a_program())
+        self._addresses = next(self._schedule)
 
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
-            self._core = closing.enter_context(child.scratch())
-            self._work = self._core / "work"
-            with writing(self._core):
-                release_python.link_mjbench(self._core)
+            self._root = closing.enter_context(child.scratch())
+            self._work = self._root / "work"
+            with writing(self._root):
+                release_python.link_mjbench(self._root)
                 self._work.mkdir()
-            self._programs = WorkerPrograms(self._core, self._work, self.limit_s)
+            self._programs = WorkerPrograms(self._root, self._work, self.limit_s)
             self._closing = closing.pop_all()
         return self
 
@@ -85,13 +89,19 @@ class WorkerPool:
         finally:
             file.unlink(missing_ok=True)
 
+    def draw_addresses(self) -> Addresses:
+        """Return what the workers of one more launch have in common."""
+        self._addresses = next(self._schedule)
+        return self._addresses
+
     def start(
         self,
         release: installs.ReleaseSpec,
         name: str = "",
         placement: Placement | None = None,
-        series: int = 0,
+        side: int = 0,
         cores: Collection[int] = (),
+        addresses: Addresses | None = None,
     ) -> WorkerProcess:
         """Start a process that imports a release, without waiting for it (see `wait_for`).
 
@@ -99,8 +109,9 @@ class WorkerPool:
           release: of MuJoCo; installed first if it is missing.
           name: of the process, for error messages.
           placement: of the release's libraries; None for as shipped.
-          series: processes of different series have not even the addresses of NumPy in common.
+          side: 0 or 1 for baseline and candidate, which are never forked from one program.
           cores: that it may run on, for now; none for all that this process may use.
+          addresses: where it lies in memory; None for where those of the last launch lay.
 
         Raises:
           InputError: there is no such release.
@@ -112,14 +123,15 @@ class WorkerPool:
         if placement is not None:
             movable_file, others = self._movable_files(release)
             move = requests.Move(movable_file, others, self.new_file(".moved"), placement)
-        environment = ReleaseEnvironment(release.key, install)
-        connection, process = self._programs.start(environment, output_file, series, cores)
+        addresses = addresses or self._addresses
+        program = WorkerProgram(release.key, install, side, addresses.hash_seed)
+        connection, process = self._programs.start(program, output_file, cores)
         name = name or f"MuJoCo {release.version}"
         moved_install = move.folder if move else None
         worker = WorkerProcess(connection, name, self.limit_s, process, output_file, moved_install)
         self._processes.append(worker)
         check_files = release.key not in self._checked
-        worker.ask(requests.StartRelease(release.version, check_files, move))
+        worker.ask(requests.StartRelease(release.version, check_files, addresses.seed, move))
         return worker
 
     def movable(self, release: installs.ReleaseSpec) -> MovableInstall:

@@ -13,56 +13,61 @@ from typing import BinaryIO
 from mjbench.errors import MachineError, one_line, writing
 from mjbench.instrument import child, platforms
 from mjbench.paired import cores, release_python
-from mjbench.paired.fork_server_process import MAX_FORKS, ForkServerProcess
+from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.worker_process import Process
 
-# Programs that wait for requests, at most: a comparison has four, of two releases and two series.
+# Programs that wait for requests, at most: a comparison has four, of two releases and two sides.
 _MAX_SERVERS = 4
 
 
 @dataclass(frozen=True)
-class ReleaseEnvironment:
-    """Where the code of a release comes from.
+class WorkerProgram:
+    """Which program a worker is, or is forked from.
 
     Attributes:
-      key: of the release.
-      install: its folder; None for the environment of this process.
+      release_key: of the release in whose environment it runs.
+      install: folder of the release; None for the environment of this process.
+      side: 0 or 1 for baseline and candidate.
+      hash_seed: see `addresses.Addresses`.
     """
 
-    key: str
+    release_key: str
     install: Path | None
+    side: int
+    hash_seed: int
+
+    def replaces(self, other: "WorkerProgram") -> bool:
+        """Return whether the other one is needed no more when this one is."""
+        return (self.release_key, self.side) == (other.release_key, other.side)
 
 
 class WorkerPrograms:
-    """Starts processes for workers: forks of a program where that is possible, else programs."""
+    """Starts processes for workers: forks of a program where that is possible, else programs.
 
-    def __init__(self, core: Path, folder: Path, limit_s: float):
+    The kernel does not draw addresses for them where it can be told so: workers draw their own.
+    """
+
+    def __init__(self, root: Path, folder: Path, limit_s: float):
         """Start nothing yet.
 
         Args:
-          core: a folder that `release_python.link_mjbench` filled.
+          root: a folder that `release_python.link_mjbench` filled.
           folder: in which programs run, and whose files last as long as they do.
           limit_s: seconds without an answer after which a program is killed.
         """
-        self._core, self._folder, self._limit_s = core, folder, limit_s
-        self._servers: dict[tuple[str, int], ForkServerProcess] = {}
-        self._replaced: set[tuple[str, int]] = set()
+        self._root, self._folder, self._limit_s = root, folder, limit_s
+        self._servers: dict[WorkerProgram, ForkServerProcess] = {}
         self._retired: list[ForkServerProcess] = []
         self._server_count = 0
 
     def start(
-        self,
-        environment: ReleaseEnvironment,
-        output_file: Path,
-        series: int,
-        allowed: Collection[int],
+        self, program: WorkerProgram, output_file: Path, allowed: Collection[int]
     ) -> tuple[Connection, Process]:
         """Start a worker, without waiting for it; return the connection to it, and its process.
 
         Args:
-          environment: of the release.
+          program: that it is, or is forked from.
           output_file: for what it prints.
-          series: see `WorkerPool.start`.
           allowed: cores that it may run on; none for all that this process may use.
 
         Raises:
@@ -75,15 +80,11 @@ class WorkerPrograms:
         process: Process
         with theirs, writing(output_file), output_file.open("wb") as output:
             if platforms.can_adopt():
-                key = environment.key, series
-                server = self._server(environment, series, allowed)
+                server = self._server(program)
+                cores.confine([server.process.pid], allowed or cores.USABLE)
                 process = server.fork(theirs.fileno(), output.fileno())
-                if server.is_used_up:
-                    self._retire(key)
-                    self._replaced.add(key)
-                    self._server(environment, series, allowed)  # the next one is ready in time
             else:
-                process = self._start("mjbench.paired.worker", environment, theirs, output)
+                process = self._start("mjbench.paired.worker", program, theirs, output)
                 cores.confine([process.pid], allowed or cores.USABLE)
         return connection, process
 
@@ -94,53 +95,49 @@ class WorkerPrograms:
         self._servers.clear()
         self._retired.clear()
 
-    def _server(
-        self, environment: ReleaseEnvironment, series: int, allowed: Collection[int]
-    ) -> ForkServerProcess:
-        """Return the program that forks the next worker of a series, kept on some cores."""
-        key = environment.key, series
-        if key in self._servers and self._servers[key].has_ended:
-            self._servers.pop(key).end()
-        if key in self._servers:
-            self._servers[key] = self._servers.pop(key)  # the last one is the one used last
-        else:
-            if len(self._servers) >= _MAX_SERVERS:
-                self._retire(next(iter(self._servers)))
-            self._server_count += 1
-            output_file = self._folder / f"server{self._server_count}.output"
-            ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
-            with theirs, writing(output_file), output_file.open("wb") as output:
-                program = self._start("mjbench.paired.fork_server", environment, theirs, output)
-            # the servers of two series are replaced in turns, rather than at the same time
-            max_forks = MAX_FORKS if key in self._replaced else MAX_FORKS - series % 2
-            self._servers[key] = ForkServerProcess(
-                program, ours, self._limit_s, output_file, max_forks
-            )
-        server = self._servers[key]
-        cores.confine([server.process.pid], allowed or cores.USABLE)
+    def _server(self, program: WorkerProgram) -> ForkServerProcess:
+        """Return a program that forks workers."""
+        if program in self._servers and self._servers[program].has_ended:
+            self._servers.pop(program).end()
+        if program in self._servers:
+            self._servers[program] = self._servers.pop(program)  # the last one is used last
+            return self._servers[program]
+        for other in [other for other in self._servers if program.replaces(other)]:
+            self._retire(other)
+        if len(self._servers) >= _MAX_SERVERS:
+            self._retire(next(iter(self._servers)))
+        self._server_count += 1
+        output_file = self._folder / f"server{self._server_count}.output"
+        ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
+        with theirs, writing(output_file), output_file.open("wb") as output:
+            process = self._start("mjbench.paired.fork_server", program, theirs, output)
+        server = ForkServerProcess(process, ours, self._limit_s, output_file)
+        self._servers[program] = server
         return server
 
-    def _retire(self, key: tuple[str, int]) -> None:
-        """End a server as soon as its workers have ended; no other worker comes of it."""
-        server = self._servers.pop(key)
+    def _retire(self, program: WorkerProgram) -> None:
+        """End a server as soon as its workers have ended; it forks no others."""
+        server = self._servers.pop(program)
         self._retired = [other for other in self._retired if not other.has_ended]
         self._retired.append(server)
         server.retire()
 
     def _start(
-        self, module: str, environment: ReleaseEnvironment, theirs: socket.socket, output: BinaryIO
+        self, module: str, program: WorkerProgram, theirs: socket.socket, output: BinaryIO
     ) -> child.Child:
         """Start `main` of a module in the environment of a release, with an inherited socket."""
         code = f"from {module} import main; main({theirs.fileno()}, {os.getpid()})"
-        return child.Child(
-            release_python.command(code, self._core, environment.install),
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            cwd=self._folder,
-            env=release_python.environment(environment.install),
-            pass_fds=[theirs.fileno()],
-        )
+        environment = release_python.environment(program.install)
+        with platforms.fixed_addresses():
+            return child.Child(
+                release_python.command(code, self._root, program.install),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                cwd=self._folder,
+                env=environment | {"PYTHONHASHSEED": str(program.hash_seed)},
+                pass_fds=[theirs.fileno()],
+            )
 
 
 def _socket_pair(kind: int) -> tuple[socket.socket, socket.socket]:

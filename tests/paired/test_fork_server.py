@@ -13,7 +13,7 @@ from paired_examples import INSTALLED
 
 from mjbench.instrument import platforms
 from mjbench.paired import requests
-from mjbench.paired.fork_server_process import MAX_FORKS
+from mjbench.paired.addresses import Addresses
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 
@@ -37,18 +37,41 @@ def test_a_server_imports_numpy_but_not_mujoco() -> None:
     assert done.stdout.strip() == "['numpy']"
 
 
-def test_few_workers_share_the_addresses_of_numpy_and_not_those_of_mujoco() -> None:
+def environment(process: WorkerProcess) -> bytes:
+    """Return the environment of the program that a process was forked from."""
+    return Path(f"/proc/{process.pid}/environ").read_bytes()
+
+
+@pytest.mark.skipif(not platforms.can_fix_addresses(), reason="the kernel draws addresses here")
+def test_both_sides_of_a_launch_have_the_same_addresses_and_hashes() -> None:
+    launches = [Addresses(1, 5), Addresses(2, 5), Addresses(3, 6)]
     with WorkerPool() as pool:
-        workers = [pool.start(INSTALLED) for _ in range(MAX_FORKS + 1)]
-        workers.append(pool.start(INSTALLED, series=1))
-        for worker in workers:
+        workers = [
+            [pool.start(INSTALLED, side=side, addresses=addresses) for side in (0, 1)]
+            for addresses in launches
+        ]
+        for worker in (worker for pair in workers for worker in pair):
             pool.wait_for(worker, INSTALLED)
-        numpy = [address(worker, "_multiarray_umath") for worker in workers]
-        mujoco = [address(worker, "libmujoco") for worker in workers]
-        assert all(os.getsid(worker.pid) == worker.pid for worker in workers)
-    assert len(set(numpy[:MAX_FORKS])) == 1
-    assert len(set(numpy[MAX_FORKS - 1 :])) == 3
-    assert len(set(mujoco[:MAX_FORKS])) > 1
+            assert os.getsid(worker.pid) == worker.pid
+        libraries = [[address(worker, "libmujoco") for worker in pair] for pair in workers]
+        environments = [[environment(worker) for worker in pair] for pair in workers]
+    assert all(baseline == candidate for baseline, candidate in libraries)
+    assert len({baseline for baseline, _ in libraries}) == len(launches)
+    for addresses, pair in zip(launches, environments, strict=True):
+        assert all(b"PYTHONHASHSEED=%d\0" % addresses.hash_seed in variables for variables in pair)
+
+
+def test_one_program_forks_the_workers_of_a_side_until_the_hash_seed_changes() -> None:
+    before = process_tree.descendants()
+    with WorkerPool() as pool:
+        for hash_seed in (5, 5, 6):
+            worker = pool.start(INSTALLED, addresses=Addresses(1, hash_seed))
+            pool.wait_for(worker, INSTALLED)
+            (server,) = process_tree.descendants() - before - {worker.pid}
+            assert (
+                b"PYTHONHASHSEED=%d\0" % hash_seed in Path(f"/proc/{server}/environ").read_bytes()
+            )
+            pool.end([worker])
 
 
 def test_workers_are_kept_on_the_cores_that_they_start_on() -> None:
