@@ -8,6 +8,7 @@ import numpy as np
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence, Interval
 from mjbench.paired.judgement import MIN_LAUNCHES, conclude
+from mjbench.paired.launch_seeds import FIXED_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
 
@@ -70,7 +71,7 @@ class Scenario:
     noise: Noise = normal
     correlation: float = 0.0
     shared: float = 0.0
-    launches_of_program: int = 8
+    launches_of_program: int = FIXED_LAUNCHES
     disturbed: float = 0.0
     placed: bool = False
     page_deviation: float = 0.0

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.paired import addresses
+from mjbench.paired import launch_seeds
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
@@ -131,7 +131,7 @@ def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> li
         with WorkerPool() as pool:
             placements = placement.schedule(random.Random())
             pair = TargetPair(pool, baseline, candidate, placements=placements)
-            groups.append([pair.launch() for _ in range(addresses.launches_of_a_program() - 1)])
+            groups.append([pair.launch() for _ in range(launch_seeds.launches_of_a_program() - 1)])
             pair.close()
     return groups
 

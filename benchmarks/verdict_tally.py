@@ -17,6 +17,7 @@ from benchmarks.simulated_launches import (
     two_modes,
 )
 from mjbench.instrument import anytime
+from mjbench.paired.launch_seeds import RANDOM_LAUNCHES
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.verdict import VerdictPlan
 
@@ -43,8 +44,8 @@ _AS_SHIPPED = (
     Scenario("at most 32 launches", most=32),
     Scenario("correlated by 0.2", correlation=0.2),
     Scenario("correlated by 0.5", correlation=0.5),
-    Scenario("of one program, by 0.05", shared=0.05),
-    Scenario("in pairs, by 0.3", shared=0.3, launches_of_program=2),
+    Scenario("of one program, by 0.1", shared=0.1),
+    Scenario("in pairs, by 0.3", shared=0.3, launches_of_program=RANDOM_LAUNCHES),
 )
 _PAGE = Scenario("within a page 0.7 %, placed", placed=True, page_deviation=PAGE)
 _COMBINED = Scenario(

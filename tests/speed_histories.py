@@ -42,6 +42,7 @@ def record(
         work=Work(contacts, 4 * contacts, 2.0),
         drift=drift,
         workload=workload,
+        reference_step_s=2e-6,
     )
 
 

@@ -51,7 +51,7 @@ def changes(since: str | None, results: Path, output: Path | None, history: Path
       mjbench history changes --since 4.0.0
     """
     from mjbench.releases import bundle
-    from mjbench.report import speed_history
+    from mjbench.report import speed_history, speed_page
 
     release_bundle = history or bundle.default_path()
     files = sorted(results.glob("*.jsonl"))
@@ -66,7 +66,7 @@ def changes(since: str | None, results: Path, output: Path | None, history: Path
             raise InputError(f"{results} holds no ratios; `mjbench history measure` measures some")
         if since is not None and since not in versions:
             raise InputError(f"{release_bundle} has no release {since}")
-        page.write("\n".join(speed_history.lines(measured)) + "\n")
+        page.write("\n".join(speed_page.lines(measured)) + "\n")
     finally:
         page.close()
 

@@ -26,7 +26,7 @@ from mjbench.comparison.messages import (
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.errors import failure_of
-from mjbench.instrument import child, isolate, machine
+from mjbench.instrument import isolate, machine, scratch
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -113,7 +113,7 @@ class _ModelMeasurement:
             self._receive(message)
             progress(self.source.name, self._share_done())
 
-        with child.scratch() as folder:
+        with scratch.folder() as folder:
             workload_file = folder / "workload.pickle" if accelerated else None
             ended = self._run_c_paths(accelerated, workload_file, receive)
             if ended.status != Status.OK:

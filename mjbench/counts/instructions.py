@@ -26,7 +26,7 @@ from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
 from mjbench.counts.records import FunctionCount, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
-from mjbench.instrument import child, platforms
+from mjbench.instrument import child, platforms, scratch
 from mjbench.paired import release_python
 from mjbench.paired.block_sizes import Sizes
 from mjbench.releases import installs
@@ -111,7 +111,7 @@ class InstructionCounter:
         problem = unavailable()
         if problem:
             raise MachineError(problem)
-        self._folder = self._closing.enter_context(child.scratch())
+        self._folder = self._closing.enter_context(scratch.folder())
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -143,7 +143,7 @@ class InstructionCounter:
         begin = time.monotonic()
         while len(counts) < len(requests):
             # a model that ends the process costs only its own row: a new process counts the rest
-            with child.scratch() as folder:
+            with scratch.folder() as folder:
                 counts += _count_until_death(release, requests[len(counts) :], folder, limit_s)
         seconds = (time.monotonic() - begin) / max(1, len(counts))
         return [replace(count, seconds=seconds) for count in counts]

@@ -1,4 +1,4 @@
-"""Child processes that die with their parent, end with all their children, and leave no files.
+"""Child processes that die with their parent, and end with all their children.
 
 A child is found with everything that it started: by its process group, by who started whom, and by
 a mark in the environment, which a process that left its group and its parent still has. A process
@@ -16,7 +16,7 @@ import sys
 import time
 import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,9 +36,6 @@ _OWN_MARK = uuid.uuid4().hex
 _SEARCHES, _DEATH_S = 10, 5.0
 # The end of a log in which its last line is looked for, in bytes.
 _TAIL_BYTES = 1 << 16
-# Names of temporary directories are this, `_pid_namespace()`, the owner's process id, and a
-# random ending.
-_SCRATCH = "mjbench-"
 
 
 class ChildProcess(ABC):
@@ -140,7 +137,7 @@ class AdoptedChild(ChildProcess):
 
         Args:
           pid: of a process that is a child of this one by now, and leads a session.
-          mark: that its environment has as MARK.
+          mark: that what it starts has as MARK in its environment.
         """
         super().__init__(mark)
         self.pid = pid
@@ -273,62 +270,6 @@ def die_with_parent(parent: int | None = None) -> None:
         platforms.end_with_parent()
     if parent is not None and os.getppid() != parent:
         os._exit(1)
-
-
-@contextlib.contextmanager
-def scratch() -> Iterator[Path]:
-    """Yield a temporary directory; it is removed when the block ends.
-
-    Directories of processes that were killed, and could not remove their own, are removed first.
-
-    Raises:
-      MachineError: it cannot be created.
-    """
-    import shutil
-    import tempfile
-
-    prefix = f"{_SCRATCH}{_pid_namespace()}-"
-    try:
-        for folder in Path(tempfile.gettempdir()).glob(f"{prefix}*-*"):
-            owner = folder.name.removeprefix(prefix).partition("-")[0]
-            if owner.isascii() and owner.isdecimal() and not _is_running(int(owner)):
-                shutil.rmtree(folder, ignore_errors=True)
-        directory = tempfile.TemporaryDirectory(
-            prefix=f"{prefix}{os.getpid()}-", ignore_cleanup_errors=True
-        )
-    except OSError as error:
-        raise MachineError(
-            f"cannot create a temporary directory: {one_line(error)}; set TMPDIR"
-        ) from error
-    with directory as name:
-        yield Path(name)
-
-
-def _is_running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)  # sends nothing
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:  # another user's
-        return True
-    return True
-
-
-def _pid_namespace() -> str:
-    """Return 8 hexadecimal digits that name this machine, or this container, by its process ids.
-
-    The temporary folder may be shared with containers, in which a process id is another process.
-    """
-    import hashlib
-    import socket
-
-    try:
-        namespace = str(Path("/proc/self/ns/pid").readlink())
-    except OSError:
-        namespace = ""
-    return hashlib.blake2b(
-        f"{socket.gethostname()} {namespace}".encode(), digest_size=4
-    ).hexdigest()
 
 
 def describe_exit(code: int) -> str:

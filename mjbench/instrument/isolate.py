@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError, MachineError, failure_of, one_line, writing
-from mjbench.instrument import child
+from mjbench.instrument import child, scratch
 from mjbench.status import Status
 
 _ACTIVITY = "activity.json"
@@ -150,7 +150,7 @@ def run(
     Raises:
       MachineError: no process can be started, or its files cannot be written.
     """
-    with child.scratch() as folder:
+    with scratch.folder() as folder:
         reader, process = _start(task, folder, _environment(import_from, environment or {}))
         try:
             end = _converse(process.process, reader, request, on_message, limit_s, memory_bytes)

@@ -87,7 +87,8 @@ def can_fix_addresses() -> bool:
     """Return whether `fixed_addresses` works here; containers can forbid it."""
     with fixed_addresses():
         personality = _personality()
-        return personality is not None and bool(personality(_UNCHANGED) & _NO_RANDOM_ADDRESSES)
+        flags = -1 if personality is None else personality(_UNCHANGED)
+        return flags >= 0 and bool(flags & _NO_RANDOM_ADDRESSES)
 
 
 @contextlib.contextmanager

@@ -1,8 +1,8 @@
 """A program that imports what all workers need, and forks them (Linux).
 
 To import NumPy and the standard library takes more than half of a worker's start. MuJoCo is not
-imported here: where its libraries and its data lie is another matter of chance in each worker. Few
-workers come of one server, because they share the addresses of NumPy and Python.
+imported here: its libraries and its data lie elsewhere in each worker. `launch_seeds` says how many
+launches use one server.
 
 This module runs inside the environment of any one release: it needs only the standard library.
 """
@@ -24,9 +24,9 @@ _MODULES = (
     *("subprocess", "typing", "warnings", "zipfile", "numpy", "numpy.typing"),
     *("mjbench.paired.worker", "mjbench.releases.install_check", "mjbench.releases.moved_install"),
 )
-# The answer to a request: the process id of the worker.
+# A request is a mark, with two files: the worker's connection and its output. The answer is the
+# worker's process id and the mark again.
 PID = struct.Struct("<q")
-# A request is a mark, with two files: the worker's connection and its output.
 MAX_MARK_BYTES, _FILES = 256, 2
 
 
@@ -53,7 +53,7 @@ def main(control: int, parent: int) -> None:
             pid = _fork(mark.decode(), descriptors, requests, parent)
             for descriptor in descriptors:
                 os.close(descriptor)
-            requests.send(PID.pack(pid))
+            requests.send(PID.pack(pid) + mark)
 
 
 def _fork(mark: str, descriptors: list[int], requests: socket.socket, parent: int) -> int:

@@ -1,20 +1,31 @@
 """A fork server (see `fork_server`), seen from its parent."""
 
 import contextlib
+import shutil
 import socket
-from collections import deque
+import time
+from collections.abc import Callable
 from pathlib import Path
 
-from mjbench.errors import MachineError, one_line
+from mjbench.errors import MachineError, one_line, writing
 from mjbench.instrument import child
 from mjbench.paired import fork_server
 
 
 class ForkedWorker:
-    """A worker that a fork server was asked for; nothing waits for it until it must be known."""
+    """A worker that a fork server was asked for; nothing waits for it until it must be known.
 
-    def __init__(self, server: "ForkServerProcess", mark: str):
-        self._server, self._mark = server, mark
+    Attributes:
+      mark: that what it starts has in its environment (`child.MARK`).
+      output_file: for what it prints.
+      deadline_s: until when its server has time to fork it.
+    """
+
+    def __init__(
+        self, server: "ForkServerProcess", mark: str, output_file: Path, deadline_s: float
+    ):
+        self.mark, self.output_file, self.deadline_s = mark, output_file, deadline_s
+        self._server = server
         self._process: child.AdoptedChild | None = None
 
     @property
@@ -25,7 +36,7 @@ class ForkedWorker:
 
     def adopt(self, pid: int) -> None:
         """Note that it was forked, and has become a child of this process."""
-        self._process = child.AdoptedChild(pid, self._mark)
+        self._process = child.AdoptedChild(pid, self.mark)
 
     def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait until it has ended (see `child.ChildProcess.wait`)."""
@@ -49,7 +60,12 @@ class ForkServerProcess:
     """
 
     def __init__(
-        self, process: child.Child, control: socket.socket, limit_s: float, output_file: Path
+        self,
+        process: child.Child,
+        control: socket.socket,
+        limit_s: float,
+        output_file: Path,
+        clock: Callable[[], float] = time.monotonic,
     ):
         """Take over a server.
 
@@ -58,12 +74,13 @@ class ForkServerProcess:
           control: to the program; it keeps messages apart.
           limit_s: seconds without an answer after which the program is killed.
           output_file: of the program.
+          clock: returns seconds.
         """
         self.process = process
         self._control, self._output_file = control, output_file
-        self._control.settimeout(limit_s)
+        self._limit_s, self._clock = limit_s, clock
         self._is_retired = False
-        self._pending: deque[ForkedWorker] = deque()
+        self._pending: dict[str, ForkedWorker] = {}  # by mark
         self._workers: set[ForkedWorker] = set()
 
     @property
@@ -71,37 +88,53 @@ class ForkServerProcess:
         """Whether the program has ended, by itself or because it was killed."""
         return self.process.wait(0.0) is not None
 
-    def fork(self, connection: int, output: int) -> ForkedWorker:
+    def fork(self, connection: int, output_file: Path) -> ForkedWorker:
         """Ask for a worker, without waiting for it.
 
         Args:
           connection: descriptor of the worker's end of its connection.
-          output: descriptor of the file for what it prints.
+          output_file: for what it prints.
 
         Raises:
-          MachineError: the server has ended.
+          MachineError: the server has ended, or the file cannot be written.
         """
         mark = child.new_mark()
-        worker = ForkedWorker(self, mark)
-        try:
-            socket.send_fds(self._control, [mark.encode()], [connection, output])
-        except OSError as error:
-            raise MachineError(f"cannot start a process: {one_line(error)}") from error
-        self._pending.append(worker)
+        worker = ForkedWorker(self, mark, output_file, self._clock() + self._limit_s)
+        with writing(output_file):
+            output = output_file.open("wb")
+        self._pending[mark] = worker
         self._workers.add(worker)
+        try:
+            with output:
+                self._control.settimeout(self._limit_s)
+                socket.send_fds(self._control, [mark.encode()], [connection, output.fileno()])
+        except OSError as error:
+            del self._pending[mark]
+            self._workers.discard(worker)
+            raise MachineError(f"cannot start a process: {one_line(error)}") from error
         return worker
 
     def await_fork(self, worker: ForkedWorker) -> None:
         """Wait until it is known whether a worker was forked."""
-        while worker in self._pending:
+        size = fork_server.PID.size
+        while worker.mark in self._pending:
             answer = b""
             with contextlib.suppress(OSError):
-                answer = self._control.recv(fork_server.PID.size)
-            if len(answer) == fork_server.PID.size:
-                self._pending.popleft().adopt(*fork_server.PID.unpack(answer))
+                self._control.settimeout(max(worker.deadline_s - self._clock(), 0.0))
+                answer = self._control.recv(size + fork_server.MAX_MARK_BYTES)
+            forked = self._pending.pop(answer[size:].decode(), None)
+            if forked is not None:
+                forked.adopt(*fork_server.PID.unpack(answer[:size]))
             else:
-                self._pending.clear()
                 self.process.end()
+                self._give_up()
+
+    def _give_up(self) -> None:
+        """Note that no other worker will be forked, and leave them the reason as their output."""
+        for worker in self._pending.values():
+            with contextlib.suppress(OSError):
+                shutil.copyfile(self._output_file, worker.output_file)
+        self._pending.clear()
 
     def forget(self, worker: ForkedWorker) -> None:
         """Note that a worker has ended; the last one of a retired server ends the server."""

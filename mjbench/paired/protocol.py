@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from mjbench.instrument import machine, timing
-from mjbench.paired import cores, preparation, requests
+from mjbench.paired import cores, launch_seeds, preparation, requests
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
@@ -68,6 +68,12 @@ class Launch:
         spoils its pair; a quad has twice as many blocks, and would be spoilt twice as often.
         """
         return float(np.median(self.pair_log_ratios(), axis=0).mean())
+
+    @property
+    def baseline_ns(self) -> float:
+        """The median time of the baseline's blocks, in nanoseconds."""
+        is_baseline = np.array([[letter == "A" for letter in order] for order in self.orders])
+        return float(np.median(self.ns[is_baseline]))
 
     def row(self) -> LaunchRow:
         """Return the launch as a run file stores it."""
@@ -121,6 +127,8 @@ class TargetPair:
         self._next: list[WorkerProcess] = []
         self._placements = placements or itertools.repeat(AS_SHIPPED)
         self._next_placements = AS_SHIPPED
+        # Every pair of targets begins with programs of its own, started at the same time.
+        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
         self._calibrator: WorkerProcess | None = None
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         self._start_ahead(cores.USABLE)  # they import MuJoCo in the meantime
@@ -188,7 +196,7 @@ class TargetPair:
 
     def _start_ahead(self, allowed: Collection[int]) -> None:
         """Start the processes of a launch on the allowed cores, without waiting for them."""
-        names, addresses = preparation.describe(self._targets), self._pool.draw_addresses()
+        names, seeds = preparation.describe(self._targets), next(self._seeds)
         pair = self._next_placements = next(self._placements)
         placements = (pair.old, pair.new)
         started: dict[int, WorkerProcess] = {}
@@ -196,7 +204,7 @@ class TargetPair:
             for i in random.sample((0, 1), 2):  # neither target is always the first
                 target = self._targets[i]
                 started[i] = self._pool.start(
-                    target.release, names[i], placements[i], i, allowed, addresses
+                    target.release, names[i], placements[i], i, allowed, seeds
                 )
         except BaseException:
             self._pool.end(list(started.values()))

@@ -5,10 +5,15 @@ The code sees mjbench, one release, NumPy and the standard library, and nothing 
 
 import os
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mjbench
 from mjbench.errors import writing
+
+# Variables with these names pad arguments and environment: their bytes and their number become
+# multiples of these.
+_PADDING, _STACK_UNIT_BYTES, _POINTER_UNIT = "MJBENCH_PADDING", 1 << 15, 32
 
 
 def link_mjbench(folder: Path) -> None:
@@ -52,3 +57,24 @@ def environment(install: Path | None) -> dict[str, str]:
     if install is None and "PYTHONPATH" in os.environ:
         variables["PYTHONPATH"] = os.environ["PYTHONPATH"]
     return variables
+
+
+def padded(
+    command: Sequence[str], variables: Mapping[str, str], stack_bytes: int
+) -> dict[str, str]:
+    """Return environment variables with some more, which decide where the stack begins.
+
+    Arguments and environment lie at the top of the stack, texts above pointers to them. Where the
+    kernel does not draw its address, a longer path of an install would make one target's stack
+    begin elsewhere.
+
+    Args:
+      command: with its arguments.
+      variables: to add to.
+      stack_bytes: further down by as much, less than _STACK_UNIT_BYTES.
+    """
+    missing = -(len(command) + len(variables)) % _POINTER_UNIT or _POINTER_UNIT
+    variables = {**variables, **{f"{_PADDING}{i}": "" for i in range(missing)}}
+    texts = [*command, *(f"{name}={value}" for name, value in variables.items())]
+    used = sum(len(os.fsencode(text)) + 1 for text in texts)
+    return {**variables, f"{_PADDING}0": "x" * ((stack_bytes - used) % _STACK_UNIT_BYTES)}

@@ -74,7 +74,7 @@ class StartRelease(Request[None]):
     Attributes:
       version: that it must be.
       check_files: whether to check the whole install, rather than the version that was imported.
-      seed: of the places in memory that the worker draws (see `addresses.Addresses`).
+      seed: of the places in memory that the worker draws (see `LaunchSeeds`).
       move: how to move its libraries first; None imports it as installed.
     """
 

@@ -5,12 +5,14 @@ it is: so none is biased by when it ended.
 """
 
 import pickle
+import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from mjbench.paired import averaging
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
@@ -41,6 +43,7 @@ def measure(
     """
     begin_s = clock()
     launches: list[LaunchRatio] = []
+    reference_ns: list[float] = []
     pair: TargetPair | None = None
     averaged = Averaging(False)
     workload, status, detail = "", Status.OK, ""
@@ -51,6 +54,7 @@ def measure(
         while not step_ratios.are_enough(launches):
             launch = pair.launch()
             launches.append(LaunchRatio(launch.log_ratio, launch.placements.new))
+            reference_ns.append(launch.baseline_ns)
             on_launch(len(launches))
     except ENDING_ERRORS as error:
         ending = ending_of(error)
@@ -78,8 +82,14 @@ def measure(
         nbatch=check.nbatch if check else None,
         nstep=check.nstep if check else None,
         starts=check.starts if check else None,
+        reference_step_s=_step_s(reference_ns, check) if check and reference_ns else None,
         seconds=clock() - begin_s,
     )
+
+
+def _step_s(block_ns: Sequence[float], check: WorkCheck) -> float:
+    """Return the seconds of a step, from nanoseconds of blocks of some launches."""
+    return 1e-9 * statistics.median(block_ns) / (check.nbatch * check.nstep)
 
 
 def _digest(pair: TargetPair) -> str:

@@ -3,9 +3,9 @@
 Where code and data lie in memory decides 1 % of a process's speed, sometimes 3 %, for all its life,
 and one layout is not a sample. So each launch is a new process, which maps MuJoCo's libraries
 behind a random amount of other memory. Several times per launch it allocates model, data and
-controls anew in the same way, and runs at a random depth of the stack. (Where processes were forked
-after MuJoCo was imported, all of one parent shared an offset of 0.5 %, once of 3 %. So
-`fork_server` forks them before.)
+controls anew in the same way, and runs at a random depth of the stack. Both targets of a launch
+draw the same (see `launch_seeds`). (Where processes were forked after MuJoCo was imported, all of
+one parent shared an offset of 0.5 %, once of 3 %. So `fork_server` forks them before.)
 
 This module runs inside the environment of any one release: it needs only the standard library,
 NumPy and MuJoCo, and imports MuJoCo after it has mapped that other memory.

@@ -2,15 +2,14 @@
 
 import contextlib
 import pickle
-import random
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mjbench.errors import writing
-from mjbench.instrument import child, platforms
-from mjbench.paired import addresses, release_python, requests
-from mjbench.paired.addresses import Addresses
+from mjbench.instrument import platforms, scratch
+from mjbench.paired import release_python, requests
+from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.paired.worker_programs import WorkerProgram, WorkerPrograms
 from mjbench.releases import installs, movable
@@ -41,12 +40,11 @@ class WorkerPool:
         # Releases whose files were checked. They cannot change while the install is in use.
         self._checked: set[str] = set()
         self._file_count = 0
-        self._schedule = addresses.schedule(random.Random(), addresses.launches_of_a_program())
-        self._addresses = next(self._schedule)
+        self._seeds = LaunchSeeds(0, 0)
 
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
-            self._root = closing.enter_context(child.scratch())
+            self._root = closing.enter_context(scratch.folder())
             self._work = self._root / "work"
             with writing(self._root):
                 release_python.link_mjbench(self._root)
@@ -89,11 +87,6 @@ class WorkerPool:
         finally:
             file.unlink(missing_ok=True)
 
-    def draw_addresses(self) -> Addresses:
-        """Return what the workers of one more launch have in common."""
-        self._addresses = next(self._schedule)
-        return self._addresses
-
     def start(
         self,
         release: installs.ReleaseSpec,
@@ -101,7 +94,7 @@ class WorkerPool:
         placement: Placement | None = None,
         side: int = 0,
         cores: Collection[int] = (),
-        addresses: Addresses | None = None,
+        seeds: LaunchSeeds | None = None,
     ) -> WorkerProcess:
         """Start a process that imports a release, without waiting for it (see `wait_for`).
 
@@ -111,7 +104,7 @@ class WorkerPool:
           placement: of the release's libraries; None for as shipped.
           side: 0 or 1 for baseline and candidate, which are never forked from one program.
           cores: that it may run on, for now; none for all that this process may use.
-          addresses: where it lies in memory; None for where those of the last launch lay.
+          seeds: of the launch that it is of; None for those used last.
 
         Raises:
           InputError: there is no such release.
@@ -123,15 +116,15 @@ class WorkerPool:
         if placement is not None:
             movable_file, others = self._movable_files(release)
             move = requests.Move(movable_file, others, self.new_file(".moved"), placement)
-        addresses = addresses or self._addresses
-        program = WorkerProgram(release.key, install, side, addresses.hash_seed)
+        self._seeds = seeds or self._seeds
+        program = WorkerProgram(release.key, install, side, self._seeds.program)
         connection, process = self._programs.start(program, output_file, cores)
         name = name or f"MuJoCo {release.version}"
         moved_install = move.folder if move else None
         worker = WorkerProcess(connection, name, self.limit_s, process, output_file, moved_install)
         self._processes.append(worker)
         check_files = release.key not in self._checked
-        worker.ask(requests.StartRelease(release.version, check_files, addresses.seed, move))
+        worker.ask(requests.StartRelease(release.version, check_files, self._seeds.memory, move))
         return worker
 
     def movable(self, release: installs.ReleaseSpec) -> MovableInstall:

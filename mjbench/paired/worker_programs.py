@@ -8,7 +8,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import BinaryIO
 
 from mjbench.errors import MachineError, one_line, writing
 from mjbench.instrument import child, platforms
@@ -28,13 +27,13 @@ class WorkerProgram:
       release_key: of the release in whose environment it runs.
       install: folder of the release; None for the environment of this process.
       side: 0 or 1 for baseline and candidate.
-      hash_seed: see `addresses.Addresses`.
+      seed: see `LaunchSeeds`.
     """
 
     release_key: str
     install: Path | None
     side: int
-    hash_seed: int
+    seed: int
 
     def replaces(self, other: "WorkerProgram") -> bool:
         """Return whether the other one is needed no more when this one is."""
@@ -44,7 +43,7 @@ class WorkerProgram:
 class WorkerPrograms:
     """Starts processes for workers: forks of a program where that is possible, else programs.
 
-    The kernel does not draw addresses for them where it can be told so: workers draw their own.
+    Where the system allows it, the kernel draws no addresses for them: workers draw their own.
     """
 
     def __init__(self, root: Path, folder: Path, limit_s: float):
@@ -77,16 +76,27 @@ class WorkerPrograms:
         # of an answer that has begun; `poll` waits for its beginning
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(self._limit_s))
         connection = Connection(ours.detach())
-        process: Process
-        with theirs, writing(output_file), output_file.open("wb") as output:
-            if platforms.can_adopt():
-                server = self._server(program)
-                cores.confine([server.process.pid], allowed or cores.USABLE)
-                process = server.fork(theirs.fileno(), output.fileno())
-            else:
-                process = self._start("mjbench.paired.worker", program, theirs, output)
-                cores.confine([process.pid], allowed or cores.USABLE)
-        return connection, process
+        try:
+            with theirs:
+                return connection, self._start_worker(program, theirs, output_file, allowed)
+        except BaseException:
+            connection.close()
+            raise
+
+    def _start_worker(
+        self,
+        program: WorkerProgram,
+        theirs: socket.socket,
+        output_file: Path,
+        allowed: Collection[int],
+    ) -> Process:
+        if platforms.can_adopt():
+            server = self._server(program)
+            cores.confine([server.process.pid], allowed or cores.USABLE)
+            return server.fork(theirs.fileno(), output_file)
+        process = self._start("mjbench.paired.worker", program, theirs, output_file)
+        cores.confine([process.pid], allowed or cores.USABLE)
+        return process
 
     def end(self) -> None:
         """End all programs that fork."""
@@ -98,7 +108,7 @@ class WorkerPrograms:
     def _server(self, program: WorkerProgram) -> ForkServerProcess:
         """Return a program that forks workers."""
         if program in self._servers and self._servers[program].has_ended:
-            self._servers.pop(program).end()
+            self._retire(program)  # its workers may go on
         if program in self._servers:
             self._servers[program] = self._servers.pop(program)  # the last one is used last
             return self._servers[program]
@@ -109,8 +119,8 @@ class WorkerPrograms:
         self._server_count += 1
         output_file = self._folder / f"server{self._server_count}.output"
         ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
-        with theirs, writing(output_file), output_file.open("wb") as output:
-            process = self._start("mjbench.paired.fork_server", program, theirs, output)
+        with theirs:
+            process = self._start("mjbench.paired.fork_server", program, theirs, output_file)
         server = ForkServerProcess(process, ours, self._limit_s, output_file)
         self._servers[program] = server
         return server
@@ -123,21 +133,30 @@ class WorkerPrograms:
         server.retire()
 
     def _start(
-        self, module: str, program: WorkerProgram, theirs: socket.socket, output: BinaryIO
+        self, module: str, program: WorkerProgram, theirs: socket.socket, output_file: Path
     ) -> child.Child:
         """Start `main` of a module in the environment of a release, with an inherited socket."""
         code = f"from {module} import main; main({theirs.fileno()}, {os.getpid()})"
+        command = release_python.command(code, self._root, program.install)
         environment = release_python.environment(program.install)
-        with platforms.fixed_addresses():
+        environment["PYTHONHASHSEED"] = str(program.seed)
+        with writing(output_file):
+            output = output_file.open("wb")
+        with output, platforms.fixed_addresses():
             return child.Child(
-                release_python.command(code, self._root, program.install),
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
                 cwd=self._folder,
-                env=environment | {"PYTHONHASHSEED": str(program.hash_seed)},
+                env=release_python.padded(command, environment, _stack_bytes(program.seed)),
                 pass_fds=[theirs.fileno()],
             )
+
+
+def _stack_bytes(seed: int) -> int:
+    """Return how much further down the stack begins: a multiple of 16 within a page."""
+    return 16 * (seed % 256)
 
 
 def _socket_pair(kind: int) -> tuple[socket.socket, socket.socket]:

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mjbench.errors import InputError, MachineError, one_line, writing
-from mjbench.instrument import child, files
+from mjbench.instrument import files, scratch
 from mjbench.releases.release import Release
 
 BRANCH = "releases"
@@ -58,7 +58,7 @@ def write(bundle: Path, releases: Sequence[Release]) -> None:
     Raises:
       MachineError: git is missing or fails, or the file cannot be written.
     """
-    with child.scratch() as folder:
+    with scratch.folder() as folder:
         repository = folder / "history.git"
         _build(repository, releases)
         complete = folder / "releases.bundle"
@@ -104,7 +104,7 @@ def verify(bundle: Path, indexed: Sequence[Release] | None = None) -> list[str]:
       indexed: the releases of the package index; None when it cannot be asked.
     """
     releases = read(bundle)
-    with child.scratch() as folder:
+    with scratch.folder() as folder:
         repository = folder / "history.git"
         _build(repository, releases)
         expected = _references(repository)
@@ -167,7 +167,7 @@ def _cloned(bundle: Path) -> Iterator[Path]:
     """Yield a bare clone of a bundle; it is removed when the block ends."""
     if not bundle.is_file():
         raise InputError(f"no history at {bundle}; `mjbench releases update` creates it")
-    with child.scratch() as folder:
+    with scratch.folder() as folder:
         repository = folder / "history.git"
         _git(None, "clone", "--quiet", "--bare", str(bundle), str(repository))
         yield repository

@@ -1,10 +1,12 @@
 """The speed of models over the releases, and what changed it: from ratios to one fixed release."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mjbench.releases import change_points, step_ratios
 from mjbench.releases.change_points import Changes
+from mjbench.releases.release import version_key
 from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
 from mjbench.simulation import agreement
 from mjbench.status import Status
@@ -47,11 +49,13 @@ class ModelHistory:
 def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> list[ModelHistory]:
     """Return the history of each model, by name.
 
-    Of several records of a model and a release the last one counts that did not fail.
+    Of several records of a model and a release the last one counts that did not fail, whichever
+    build of the release it is of.
 
     Args:
       records: of any releases, in the order they were measured.
-      versions: of all releases, in the order of their upload; others are left out.
+      versions: of the releases of the git history, in the order of their upload. Others, such as
+        wheels of one's own, follow by their version.
     """
     by_model: dict[str, dict[str, Measured]] = {}
     for record in records:
@@ -59,8 +63,10 @@ def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> li
         if record.status == Status.OK and ratio is not None:
             measured = Measured(record.release, ratio, record)
             by_model.setdefault(record.model, {})[record.release] = measured
+    measured_versions = {version for of_release in by_model.values() for version in of_release}
+    others = sorted(measured_versions - {*versions}, key=lambda v: (version_key(v), v))
     return [
-        _history(model, [of_release[v] for v in versions if v in of_release])
+        _history(model, [of_release[v] for v in (*versions, *others) if v in of_release])
         for model, of_release in sorted(by_model.items())
     ]
 
@@ -69,6 +75,21 @@ def _history(model: str, measured: Sequence[Measured]) -> ModelHistory:
     log_ratios = [each.ratio.log_ratio for each in measured]
     deviations = [each.ratio.deviation for each in measured]
     return ModelHistory(model, measured, change_points.changes(log_ratios, deviations))
+
+
+def change(before: Measured, after: Measured) -> StepRatio:
+    """Return the time of a step in one release over that in another, with its standard error."""
+    old, new = before.ratio, after.ratio
+    deviation = math.hypot(old.deviation, new.deviation)
+    return StepRatio(new.log_ratio - old.log_ratio, deviation)
+
+
+def changed_counters(before: Measured, after: Measured) -> list[str]:
+    """Return the names of the counters of work that changed; none where they are not known."""
+    old, new = before.record, after.record
+    if old.workload != new.workload or old.work is None or new.work is None:
+        return []
+    return agreement.changed_counters(old.work.as_dict(), new.work.as_dict())
 
 
 def work_changes(before: Measured, after: Measured) -> list[str]:

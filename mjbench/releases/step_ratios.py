@@ -11,7 +11,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from mjbench.instrument import anytime
-from mjbench.instrument.bounds import LogRatio, NonNegativeFloat, NonNegativeInt, PositiveInt
+from mjbench.instrument.bounds import (
+    LogRatio,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 from mjbench.releases.placement import Placement
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -137,6 +143,7 @@ class StepRatioRecord:
       nbatch: simulations of a block.
       nstep: steps of each.
       starts: where start states came from.
+      reference_step_s: seconds of a step of the reference, the median of all launches.
       seconds: from start to end.
     """
 
@@ -159,6 +166,7 @@ class StepRatioRecord:
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     starts: Starts | None = None
+    reference_step_s: PositiveFloat | None = None
     seconds: NonNegativeFloat = 0.0
 
 

@@ -190,12 +190,17 @@ def work_changes(
 
 
 def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
-    """Return the counters of work that differ, such as `contacts 1 → 5`.
-
-    Counters that only the baseline has are ignored.
-    """
+    """Return the counters of work that differ, such as `contacts 1 → 5`."""
     return [
-        f"{name.replace('_', ' ')} {_count(before)} → {_count(candidate[name])}"
+        f"{name.replace('_', ' ')} {_count(baseline[name])} → {_count(candidate[name])}"
+        for name in changed_counters(baseline, candidate)
+    ]
+
+
+def changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
+    """Return the names of the counters of work that differ, of those that both have."""
+    return [
+        name
         for name, before in baseline.items()
         if name in candidate
         and abs(candidate[name] - before) > SAME_WORK * max(abs(before), abs(candidate[name]))

@@ -299,7 +299,7 @@ def test_a_disk_without_room_for_scratch_files_is_one_line(
     result = CliRunner().invoke(cli, words)
     assert result.exit_code == 3
     assert result.stderr.count("\n") == 1
-    assert "cannot create a temporary directory: [Errno 28] No space left" in result.stderr
+    assert "cannot create a temporary folder: [Errno 28] No space left" in result.stderr
 
 
 def test_a_model_that_fails_after_it_was_timed_ends_the_command_with_its_code(

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -60,22 +59,6 @@ def test_a_child_whose_parent_has_ended_before_it_could_ask_to_die_with_it_ends(
         capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (1, "")
-
-
-def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with child.scratch() as folder:
-        prefix, own_pid, _ = folder.name.rpartition(f"{os.getpid()}-")
-    assert own_pid
-    dead, alive = (tmp_path / f"{prefix}{pid}-x" for pid in (2**22 + 1, os.getpid()))
-    dead.mkdir()
-    alive.mkdir()
-    with child.scratch():
-        pass
-    assert not dead.exists()
-    assert alive.exists()
 
 
 def test_what_others_have_started_below_this_process_lives_on() -> None:

@@ -74,3 +74,29 @@ def test_where_the_kernel_does_not_end_a_child_it_ends_soon_after_its_parent() -
     assert parent.stdin is not None
     parent.stdin.close()
     assert ready
+
+
+NO_RANDOM_ADDRESSES = 0x0040000
+
+
+def personality_of_a_new_program() -> int:
+    command = [sys.executable, "-c", "print(open('/proc/self/personality').read())"]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout, 16)
+
+
+@pytest.mark.skipif(not platforms.can_fix_addresses(), reason="the kernel draws addresses here")
+def test_only_programs_that_start_in_the_block_have_fixed_addresses() -> None:
+    before = personality_of_a_new_program()
+    with platforms.fixed_addresses():
+        assert personality_of_a_new_program() & NO_RANDOM_ADDRESSES
+    assert personality_of_a_new_program() == before
+
+
+@pytest.mark.parametrize("personality", [None, lambda flags: -1])
+def test_where_addresses_cannot_be_fixed_programs_start_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, personality: object
+) -> None:
+    monkeypatch.setattr(platforms, "_personality", lambda: personality)
+    assert not platforms.can_fix_addresses()
+    with platforms.fixed_addresses():
+        assert subprocess.run([sys.executable, "-c", ""], check=False).returncode == 0

@@ -7,13 +7,14 @@ import sys
 from pathlib import Path
 
 import process_tree
+import psutil
 import pytest
 from commands import ROOT
 from paired_examples import INSTALLED
 
 from mjbench.instrument import platforms
-from mjbench.paired import requests
-from mjbench.paired.addresses import Addresses
+from mjbench.paired import release_python, requests
+from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 
@@ -37,6 +38,12 @@ def test_a_server_imports_numpy_but_not_mujoco() -> None:
     assert done.stdout.strip() == "['numpy']"
 
 
+def stack_begin(process: WorkerProcess) -> int:
+    """Return where the stack of a process begins; see proc_pid_stat(5)."""
+    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[28 - 3])
+
+
 def environment(process: WorkerProcess) -> bytes:
     """Return the environment of the program that a process was forked from."""
     return Path(f"/proc/{process.pid}/environ").read_bytes()
@@ -44,33 +51,32 @@ def environment(process: WorkerProcess) -> bytes:
 
 @pytest.mark.skipif(not platforms.can_fix_addresses(), reason="the kernel draws addresses here")
 def test_both_sides_of_a_launch_have_the_same_addresses_and_hashes() -> None:
-    launches = [Addresses(1, 5), Addresses(2, 5), Addresses(3, 6)]
+    launches = [LaunchSeeds(1, 5), LaunchSeeds(2, 5), LaunchSeeds(3, 6)]
     with WorkerPool() as pool:
         workers = [
-            [pool.start(INSTALLED, side=side, addresses=addresses) for side in (0, 1)]
-            for addresses in launches
+            [pool.start(INSTALLED, side=side, seeds=seeds) for side in (0, 1)] for seeds in launches
         ]
         for worker in (worker for pair in workers for worker in pair):
             pool.wait_for(worker, INSTALLED)
             assert os.getsid(worker.pid) == worker.pid
+        stacks = [[stack_begin(worker) for worker in pair] for pair in workers]
         libraries = [[address(worker, "libmujoco") for worker in pair] for pair in workers]
         environments = [[environment(worker) for worker in pair] for pair in workers]
-    assert all(baseline == candidate for baseline, candidate in libraries)
+    assert all(baseline == candidate for baseline, candidate in [*libraries, *stacks])
     assert len({baseline for baseline, _ in libraries}) == len(launches)
-    for addresses, pair in zip(launches, environments, strict=True):
-        assert all(b"PYTHONHASHSEED=%d\0" % addresses.hash_seed in variables for variables in pair)
+    assert len({baseline for baseline, _ in stacks}) == 2  # one for each program
+    for seeds, pair in zip(launches, environments, strict=True):
+        assert all(b"PYTHONHASHSEED=%d\0" % seeds.program in variables for variables in pair)
 
 
-def test_one_program_forks_the_workers_of_a_side_until_the_hash_seed_changes() -> None:
+def test_one_program_forks_the_workers_of_a_side_until_their_seed_changes() -> None:
     before = process_tree.descendants()
     with WorkerPool() as pool:
-        for hash_seed in (5, 5, 6):
-            worker = pool.start(INSTALLED, addresses=Addresses(1, hash_seed))
+        for program in (5, 5, 6):
+            worker = pool.start(INSTALLED, seeds=LaunchSeeds(1, program))
             pool.wait_for(worker, INSTALLED)
             (server,) = process_tree.descendants() - before - {worker.pid}
-            assert (
-                b"PYTHONHASHSEED=%d\0" % hash_seed in Path(f"/proc/{server}/environ").read_bytes()
-            )
+            assert b"PYTHONHASHSEED=%d\0" % program in Path(f"/proc/{server}/environ").read_bytes()
             pool.end([worker])
 
 
@@ -100,6 +106,44 @@ def test_a_server_that_is_killed_is_named_and_another_one_takes_its_place() -> N
         third = pool.start(INSTALLED)
         pool.wait_for(third, INSTALLED)
     assert process_tree.descendants() <= before
+
+
+def test_what_a_server_printed_before_it_ended_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*arguments: object) -> list[str]:
+        return [sys.executable, "-c", "print('NumPy is broken'); raise SystemExit(3)"]
+
+    monkeypatch.setattr(release_python, "command", failing)
+    with WorkerPool() as pool:
+        workers = [pool.start(INSTALLED, name=name) for name in ("first", "second")]
+        for worker in workers:
+            with pytest.raises(TargetError, match=rf"{worker.name}: .*code 3 .*NumPy is broken"):
+                worker.wait()
+
+
+def test_workers_outlive_a_server_that_is_killed() -> None:
+    before = process_tree.descendants()
+    with WorkerPool() as pool:
+        worker = pool.start(INSTALLED)
+        pool.wait_for(worker, INSTALLED)
+        (server,) = process_tree.descendants() - before - {worker.pid}
+        os.kill(server, signal.SIGKILL)
+        while psutil.Process(server).status() != psutil.STATUS_ZOMBIE:
+            pass
+        other = pool.start(INSTALLED)
+        pool.wait_for(other, INSTALLED)
+        assert worker.call(requests.CountCores(1)) > 0
+
+
+def test_a_server_that_hangs_costs_no_more_than_the_limit() -> None:
+    before = process_tree.descendants()
+    with WorkerPool(limit_s=2.0) as pool:
+        worker = pool.start(INSTALLED)
+        pool.wait_for(worker, INSTALLED)
+        (server,) = process_tree.descendants() - before - {worker.pid}
+        os.kill(server, signal.SIGSTOP)
+        process = pool.start(INSTALLED, name="late")
+        with pytest.raises(TargetError, match="late: no answer within 2 s while importing MuJoCo"):
+            process.wait()
 
 
 def test_a_worker_that_dies_is_named_with_the_signal() -> None:

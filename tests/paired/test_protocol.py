@@ -117,6 +117,11 @@ def test_the_log_ratio_of_a_pair_is_candidate_over_baseline_whatever_the_order()
     assert np.exp(launch.pair_log_ratios()) == pytest.approx(np.full((2, 2), 2.0))
 
 
+def test_the_baseline_time_is_that_of_its_blocks_alone() -> None:
+    ns = np.array([[100.0, 900.0, 900.0, 110.0], [900.0, 120.0, 130.0, 900.0]])
+    assert Launch(None, None, ["ABBA", "BAAB"], ns).baseline_ns == 115.0
+
+
 def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
     second_is_slower = np.array([[100.0, 101.0, 100.0, 101.0]])
     launch = Launch(None, None, ["ABBA"], second_is_slower)

@@ -32,6 +32,8 @@ def test_a_release_against_itself_does_the_same_work_in_as_many_launches_as_are_
     assert record.work == record.reference_work
     assert record.drift == 0.0
     assert record.seconds == 1.0
+    assert record.reference_step_s is not None
+    assert record.reference_step_s > 0
     assert record.workload == again.workload != ""
     if not record.problem:
         assert record.launches[0].placement is not None

@@ -14,17 +14,24 @@ def test_a_change_point_is_named_by_the_releases_around_it() -> None:
     assert (before.release, after.release) == ("1.5", "1.6")
 
 
-def test_releases_are_in_the_order_of_their_upload_and_failures_are_left_out() -> None:
+def test_releases_are_in_the_order_of_their_upload_then_others_and_no_failures() -> None:
     records = [
         record("1.10", 1.0),
         record("1.2", 1.0),
         record("1.3", 1.0, status=Status.CRASHED),
         record("1.9", 1.0),
-        record("0.1", 1.0),
+        record("2.1.0.dev10", 1.0),
+        record("2.0.5", 1.0),
         record("1.2", 1.0, model="cloth"),
     ]
     cloth, pile = speed_history.histories(records, VERSIONS)
-    assert [each.release for each in pile.measured] == ["1.2", "1.9", "1.10"]
+    assert [each.release for each in pile.measured] == [
+        "1.2",
+        "1.9",
+        "1.10",
+        "2.0.5",
+        "2.1.0.dev10",
+    ]
     assert (cloth.model, len(cloth.measured)) == ("cloth", 1)
 
 

@@ -1,0 +1,25 @@
+"""Temporary folders, and those of processes that were killed."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from mjbench.instrument import scratch
+
+
+def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with scratch.folder() as folder:
+        prefix, own_pid, _ = folder.name.rpartition(f"{os.getpid()}-")
+    assert own_pid
+    dead, alive = (tmp_path / f"{prefix}{pid}-x" for pid in (2**22 + 1, os.getpid()))
+    dead.mkdir()
+    alive.mkdir()
+    with scratch.folder():
+        pass
+    assert not dead.exists()
+    assert alive.exists()

@@ -1,0 +1,26 @@
+"""What the workers of a launch have in common."""
+
+import itertools
+import random
+
+import pytest
+
+from mjbench.instrument import platforms
+from mjbench.paired import launch_seeds
+
+
+def test_programs_last_for_some_launches_and_the_seed_of_memory_for_one() -> None:
+    drawn = [*itertools.islice(launch_seeds.schedule(random.Random(0), 3), 7)]
+    programs = [each.program for each in drawn]
+    assert [len([*group]) for _, group in itertools.groupby(programs)] == [3, 3, 1]
+    assert len({each.memory for each in drawn}) == len(drawn)
+    assert all(0 <= seed < 2**32 for seed in programs)  # what PYTHONHASHSEED can be
+
+
+@pytest.mark.parametrize("can_fix", [True, False])
+def test_programs_last_longer_where_their_addresses_are_fixed(
+    monkeypatch: pytest.MonkeyPatch, can_fix: bool
+) -> None:
+    monkeypatch.setattr(platforms, "can_fix_addresses", lambda: can_fix)
+    expected = launch_seeds.FIXED_LAUNCHES if can_fix else launch_seeds.RANDOM_LAUNCHES
+    assert launch_seeds.launches_of_a_program() == expected
