@@ -107,6 +107,8 @@ class Worker:
     def _start_release(self, request: requests.StartRelease) -> None:
         self.rng.seed(request.seed)
         self.padding = [_mapped(self.rng) for _ in range(self.rng.randrange(1, _MAPS))]
+        # MuJoCo's types lie elsewhere, too: the bindings look them up by their address
+        self.padding += _scattered(self.rng)
         package: Path | None = None
         if request.move is not None:
             movable = pickle.loads(request.move.movable_file.read_bytes())
