@@ -1,7 +1,7 @@
 """How far the time of a step depends on where the machine code lies.
 
 The baseline is a release as shipped, the candidate the same release with its libraries moved. Their
-launches cycle over the residues within a cache line, each at a random place within the page. What a
+launches cycle over the residues within a cache line, each moved by a random number of lines. What a
 benchmark of one build says is uncertain by the spread of these placements.
 """
 

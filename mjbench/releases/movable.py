@@ -22,6 +22,8 @@ from mjbench.releases.moved_install import MovableInstall
 _FORMAT = "v2"
 # The fields of a `MovableImage` that are arrays.
 _ARRAYS = ("addresses", "permissions", "unaligned")
+# How the names of notes end that an install was checked, moved within 2 MiB.
+_CHECKED = "checked-2MiB"
 
 
 def site_folder(install: Path | None) -> Path:
@@ -70,13 +72,13 @@ def read(site: Path) -> MovableInstall:
 
 def was_checked(install: MovableInstall) -> bool:
     """Return whether moved images of an install were seen to work here."""
-    file = _cached(install.digest, "checked")
+    file = _cached(install.digest, _CHECKED)
     return file is not None and file.exists()
 
 
 def note_checked(install: MovableInstall) -> None:
     """Note that moved images of an install were seen to work here."""
-    file = _cached(install.digest, "checked")
+    file = _cached(install.digest, _CHECKED)
     with contextlib.suppress(OSError):
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)

