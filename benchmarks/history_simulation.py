@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks import simulated_histories
 from benchmarks.simulated_histories import NOISIEST, PLANS, RELEASES, Plan, Score
+from mjbench.report.markdown import table
 from mjbench.status import ExitCode
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "method" / "history-errors.md"
@@ -34,61 +35,65 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
 
 def _page(scores: dict[Plan, Score]) -> Iterator[str]:
     histories = next(iter(scores.values())).histories
-    averaged, shipped = (
-        100 * float(np.sqrt(np.mean(simulated_histories.no_change_log_ratios(as_shipped) ** 2)))
-        for as_shipped in (False, True)
+    yield "# Which change points of a history are detected, simulated\n"
+    yield "Written by `python -m benchmarks.history_simulation`; do not edit.\n"
+    yield _conclusion(scores) + "\n"
+    yield (
+        f"Each line is {histories:,} histories of {RELEASES} releases, with three change points at"
+        " random releases, up or down (two where there is a drift). A listed one is right if it is"
+        " at the very release and in the right direction; a release off, it counts as wrong."
+        " Changes are listed from 1 % on, so a true one of 1 % is listed about every second time.\n"
     )
+    yield _noise() + "\n"
+    yield from _table(scores)
+    yield (
+        "\n*Named*: listed as a drift that covers more than half of its releases. *Outliers*: 2 %"
+        " of the releases have a further error, normally distributed with a deviation of 1 %, which"
+        " the standard error does not include. *Understated*: the noise is twice as large as the"
+        " standard error says."
+    )
+
+
+def _conclusion(scores: dict[Plan, Score]) -> str:
     certain = [s for plan, s in scores.items() if plan.changes and plan.deviation != NOISIEST]
     worst = max(score.false_discoveries for score in certain)
-    idle = max(score.wrong / histories for plan, score in scores.items() if not plan.changes)
+    idle = max(s.wrong / s.histories for plan, s in scores.items() if not plan.changes)
     (noisiest,) = (score for plan, score in scores.items() if plan.deviation == NOISIEST)
-    yield "# Which change points of a history are detected, simulated"
-    yield ""
-    yield "Written by `python -m benchmarks.history_simulation`; do not edit."
-    yield ""
-    yield (
+    return (
         "In simulated histories with two or three true change points, at most"
         f" {100 * worst:.1f} % of the listed ones are wrong where a release's ratio has a standard"
         f" error of at most 0.35 %; where it is {100 * NOISIEST:g} %,"
         f" {100 * noisiest.false_discoveries:.1f} % are. Where nothing changes, there are at most"
         f" {idle:.3f} wrong ones in the history of a model."
     )
-    yield ""
-    yield (
-        f"Each line is {histories:,} histories of {RELEASES} releases, with three change points at"
-        " random releases, up or down (two where there is a drift). A listed one is right if it is"
-        " at the very release and in the right direction; a release off, it counts as wrong."
-        " Changes are listed from 1 % on, so a true one of 1 % is listed about every second time."
+
+
+def _noise() -> str:
+    averaged, shipped = (
+        100 * float(np.sqrt(np.mean(simulated_histories.no_change_log_ratios(as_shipped) ** 2)))
+        for as_shipped in (False, True)
     )
-    yield ""
-    yield (
+    return (
         "Where a line names no deviation, the error of each release's ratio is drawn from the"
         " [no-change pairs](selfcheck.md#no-change-pairs). Between these, the 40 measured log"
         f" ratios have a root mean square of {averaged:.2f} % with placement averaged out, and of"
         f" {shipped:.1f} % as shipped."
     )
-    yield ""
-    yield (
-        "| history of a model | detected, % | wrong, of those listed, % |"
-        " wrong in a history | drifts named, % |"
-    )
-    yield "|---|---:|---:|---:|---:|"
-    for plan, score in scores.items():
-        cells = (
+
+
+def _table(scores: dict[Plan, Score]) -> Iterator[str]:
+    numbers = ("detected, %", "wrong, of those listed, %", "wrong in a history", "drifts named, %")
+    rows = (
+        (
             plan.name,
             f"{100 * score.power:.1f}" if score.planted else "",
             f"{100 * score.false_discoveries:.1f}" if score.planted else "",
             f"{score.wrong / score.histories:.3f}",
             f"{100 * score.named / score.drifts:.1f}" if score.drifts else "",
         )
-        yield f"| {' | '.join(cells)} |"
-    yield ""
-    yield (
-        "*Named*: listed as a drift that covers more than half of its releases. *Outliers*: 2 % of"
-        " the releases have a further error, normally distributed with a deviation of 1 %, which"
-        " the standard error does not include. *Understated*: the noise is twice as large as the"
-        " standard error says."
+        for plan, score in scores.items()
     )
+    return table(["history of a model", *numbers], rows, right_aligned=numbers)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from mjbench.cli import interrupts
 from mjbench.cli.group import cli
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
-from mjbench.cli.shared import Share
+from mjbench.cli.shared import PAGE, Share
 
 DEFAULT = click.core.ParameterSource.DEFAULT
 # The largest change that can be left out of the page: a time 100 times as long.
@@ -42,13 +42,7 @@ MAX_THRESHOLD = 100.0
     type=click.Path(path_type=Path),
     help="Causes of change points  [default: benchmarks/causes.toml of the checkout]",
 )
-@click.option(
-    "-o",
-    "--output",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Write the page to FILE  [default: stdout]",
-)
+@PAGE
 @HISTORY
 @click.pass_context
 def history(

@@ -10,6 +10,7 @@ from mjbench.cli import interrupts
 from mjbench.cli.history import history
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.releases import HISTORY
+from mjbench.cli.shared import PAGE
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,13 +31,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Folder of the run files of `history measure` and `history explain`.",
 )
-@click.option(
-    "-o",
-    "--output",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Write the page to FILE  [default: stdout]",
-)
+@PAGE
 @HISTORY
 def changes(since: str | None, results: Path, output: Path | None, history: Path | None) -> None:
     """Report in which releases the time of a step changed, and what accounts for it.

@@ -211,6 +211,13 @@ SEED_NUMBER = click.IntRange(0, MAX_SEED)
 JSON = click.option(
     "--json", "json_file", metavar="FILE|-", help="Write results as JSON to FILE, or - for stdout."
 )
+PAGE = click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write the page to FILE  [default: stdout]",
+)
 LIMIT = click.option(
     "--time-limit",
     type=Seconds(),

@@ -8,6 +8,7 @@ import pickle
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from mjbench.paired import averaging
 from mjbench.paired.averaging import Averaging
@@ -62,8 +63,7 @@ def measure(
     finally:
         if pair is not None:
             pair.close()
-    check = pair.work_check if pair else None
-    return StepRatioRecord(
+    record = StepRatioRecord(
         model=target.model.name,
         release=target.release.version,
         build=target.release.key,
@@ -73,23 +73,39 @@ def measure(
         launches=launches,
         problem=averaged.problem,
         workload=workload,
-        work=check.candidate if check else None,
-        reference_work=check.baseline if check else None,
-        diverged=check.diverged[1] if check else 0,
-        reference_diverged=check.diverged[0] if check else 0,
-        drift=check.drift.one_step if check and check.drift else None,
-        run_drift=check.drift.runs if check and check.drift else (),
-        nbatch=check.nbatch if check else None,
-        nstep=check.nstep if check else None,
-        starts=check.starts if check else None,
-        reference_step_s=_step_s(reference_ns, check) if check and reference_ns else None,
         seconds=clock() - begin_s,
+    )
+    return record if pair is None else _with_work(record, pair.work_check, reference_ns)
+
+
+def _with_work(
+    record: StepRatioRecord, check: WorkCheck, reference_ns: Sequence[float]
+) -> StepRatioRecord:
+    """Return a record with the work of both releases, and the time of a step of the reference.
+
+    Args:
+      record: without them.
+      check: of the work.
+      reference_ns: median nanoseconds of the reference's blocks, launch by launch.
+    """
+    return replace(
+        record,
+        work=check.candidate,
+        reference_work=check.baseline,
+        diverged=check.diverged[1],
+        reference_diverged=check.diverged[0],
+        drift=check.drift.one_step if check.drift else None,
+        run_drift=check.drift.runs if check.drift else (),
+        nbatch=check.nbatch,
+        nstep=check.nstep,
+        starts=check.starts,
+        reference_step_s=_step_s(reference_ns, check.nbatch * check.nstep),
     )
 
 
-def _step_s(block_ns: Sequence[float], check: WorkCheck) -> float:
-    """Return the seconds of a step, from nanoseconds of blocks of some launches."""
-    return 1e-9 * statistics.median(block_ns) / (check.nbatch * check.nstep)
+def _step_s(block_ns: Sequence[float], steps: int) -> float | None:
+    """Return the seconds of a step, from nanoseconds of blocks; None without any."""
+    return 1e-9 * statistics.median(block_ns) / steps if block_ns else None
 
 
 def _digest(pair: TargetPair) -> str:

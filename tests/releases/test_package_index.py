@@ -7,6 +7,9 @@ from mjbench.errors import MachineError
 from mjbench.releases import package_index
 from mjbench.releases.package_index import Upload
 
+# Two package indexes that do not exist (RFC 2606).
+INDEX, OTHER_INDEX = (f"https://{name}.invalid" for name in ("one", "two"))
+
 
 def upload(time: str, yanked: bool = False) -> Upload:
     return {"upload_time_iso_8601": time, "yanked": yanked}
@@ -58,21 +61,15 @@ def test_an_answer_that_is_not_the_indexs_is_a_machine_error(
 
 
 @pytest.mark.parametrize(
-    ("settings", "url"),
-    [
-        ("global.index-url='https://one.invalid/simple'", "https://one.invalid/pypi/mujoco/json"),
-        (
-            "global.index-url='https://one.invalid/simple'\n"
-            ":env:.index-url='https://two.invalid/root/simple/'",
-            "https://two.invalid/root/pypi/mujoco/json",
-        ),
-    ],
+    "settings",
+    ["global.index-url='{last}'", "global.index-url='{first}'\n:env:.index-url='{last}/'"],
 )
 def test_the_index_is_the_last_that_pip_lists(
-    monkeypatch: pytest.MonkeyPatch, settings: str, url: str
+    monkeypatch: pytest.MonkeyPatch, settings: str
 ) -> None:
-    monkeypatch.setattr(package_index, "_run_python", lambda *arguments: settings)
-    assert package_index._index_url() == url
+    listed = settings.format(first=f"{OTHER_INDEX}/simple", last=f"{INDEX}/part/simple")
+    monkeypatch.setattr(package_index, "_run_python", lambda *arguments: listed)
+    assert package_index._index_url() == f"{INDEX}/part/pypi/mujoco/json"
 
 
 def test_credentials_of_the_address_become_a_header() -> None:
