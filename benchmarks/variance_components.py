@@ -3,9 +3,9 @@
     python -m benchmarks.variance_components [MODEL]... [--programs 10] [--releases OLD NEW]
 
 splits the variance of launches' log ratios into three components. More blocks in a launch reduce
-the first, more layouts the second; only more launches reduce the third. It then prints the
-correlation of launches whose workers were forked from the same programs, and the standard deviation
-of a launch for several ways to sum up its blocks.
+the first, more layouts the second; only more launches reduce the third. It then prints the mean of
+the log ratios, the correlation of launches whose workers were forked from the same programs, and
+the standard deviation of a launch for several ways to sum up its blocks.
 
 Both sides are the installed release, unless two others are given; their code is moved from launch
 to launch. Leave the machine alone meanwhile; 10 programs take about a minute for each model.
@@ -154,6 +154,9 @@ def main(arguments: Sequence[str]) -> None:
             f" {parts.layouts:.2f} %, launches {parts.launches:.2f} %"
             f" ({len(launches)} launches of {layouts:.1f} layouts)"
         )
+        values = 100 * np.array([launch.log_ratio for launch in launches])
+        mean_error = values.std(ddof=1) / np.sqrt(len(values))
+        print(f"  mean: {values.mean():+.2f} +- {mean_error:.2f} %")
         estimate, error = correlation(groups)
         print(f"  correlation of launches of one program: {estimate:.2f} +- {error:.2f}")
         for name, summary in SUMMARIES.items():
