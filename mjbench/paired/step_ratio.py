@@ -52,7 +52,8 @@ def measure(
         averaged = averaging.averaging(pool, reference, target)
         pair = TargetPair(pool, reference, target, placements=averaged.placements())
         workload = _digest(pair)
-        while not step_ratios.are_enough(launches):
+        first_s = clock()
+        while not step_ratios.are_enough(launches, clock() - first_s):
             launch = pair.launch()
             launches.append(LaunchRatio(launch.log_ratio, launch.placements.new))
             reference_ns.append(launch.baseline_ns)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.releases import change_points, step_ratios
 from mjbench.releases.change_points import Changes
@@ -49,8 +49,8 @@ class ModelHistory:
 def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> list[ModelHistory]:
     """Return the history of each model, by name.
 
-    Of several records of a model and a release the last one counts that did not fail, whichever
-    build of the release it is of.
+    The launches of several records of a model and a release add up where they are of one build and
+    one workload; otherwise the last record counts. Records that failed are left out.
 
     Args:
       records: of any releases, in the order they were measured.
@@ -59,16 +59,30 @@ def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> li
     """
     by_model: dict[str, dict[str, Measured]] = {}
     for record in records:
-        ratio = step_ratios.averaged(record.launches)
-        if record.status == Status.OK and ratio is not None:
-            measured = Measured(record.release, ratio, record)
-            by_model.setdefault(record.model, {})[record.release] = measured
+        if record.status != Status.OK:
+            continue
+        of_release = by_model.setdefault(record.model, {})
+        earlier = of_release.get(record.release)
+        pooled = _pooled(earlier.record, record) if earlier else record
+        ratio = step_ratios.averaged(pooled.launches)
+        if ratio is not None:
+            of_release[record.release] = Measured(record.release, ratio, pooled)
     measured_versions = {version for of_release in by_model.values() for version in of_release}
     others = sorted(measured_versions - {*versions}, key=lambda v: (version_key(v), v))
     return [
         _history(model, [of_release[v] for v in (*versions, *others) if v in of_release])
         for model, of_release in sorted(by_model.items())
+        if of_release
     ]
+
+
+def _pooled(earlier: StepRatioRecord, later: StepRatioRecord) -> StepRatioRecord:
+    """Return a record with the launches of both, or the later one where they cannot be pooled."""
+    same = all(
+        getattr(earlier, name) == getattr(later, name)
+        for name in ("build", "reference", "workload", "problem")
+    )
+    return replace(later, launches=[*earlier.launches, *later.launches]) if same else later
 
 
 def _history(model: str, measured: Sequence[Measured]) -> ModelHistory:

@@ -27,9 +27,11 @@ from mjbench.status import FINISHED, Status
 # The release that all are compared with.
 REFERENCE = "4.0.0"
 # Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many;
-# two turns, and more until the standard error is small enough, but no more than four.
+# two turns, and more until the standard error is small enough, but no more than four, and none that
+# would end later than this. Ten models at 12 s each are two minutes for a release.
 SCHEDULE, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
 TARGET_DEVIATION = 0.0025
+TARGET_S = 12.0
 # The least standard error, since few launches can agree by chance. Estimates between builds of
 # equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
 MIN_DEVIATION = 0.001
@@ -111,13 +113,20 @@ def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> St
     return StepRatio(mean, max(deviation, MIN_DEVIATION))
 
 
-def are_enough(launches: Sequence[LaunchRatio]) -> bool:
-    """Return whether no more launches are needed."""
+def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
+    """Return whether no more launches are needed, or too little time is left for them.
+
+    Args:
+      launches: so far.
+      seconds: since the first one began.
+    """
     count = len(launches)
     if count < MIN_LAUNCHES or count % SCHEDULE:
         return False
+    if count >= MAX_LAUNCHES or seconds * (count + SCHEDULE) / count > TARGET_S:
+        return True
     ratio = averaged(launches)
-    return count >= MAX_LAUNCHES or (ratio is not None and ratio.deviation <= TARGET_DEVIATION)
+    return ratio is not None and ratio.deviation <= TARGET_DEVIATION
 
 
 @dataclass(frozen=True, kw_only=True)

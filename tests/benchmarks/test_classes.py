@@ -177,7 +177,9 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     monkeypatch.setattr("benchmarks.mjx.ROUNDS", 3)
     as_shipped = Averaging(False)
     monkeypatch.setattr("mjbench.paired.averaging.averaging", lambda *arguments: as_shipped)
-    monkeypatch.setattr("mjbench.releases.step_ratios.are_enough", lambda done: len(done) >= 2)
+    monkeypatch.setattr(
+        "mjbench.releases.step_ratios.are_enough", lambda done, seconds: len(done) >= 2
+    )
     value = exact.bound()(*exact.params)
     if exact.method.startswith("peakmem_"):
         assert value is None  # asv reads the memory of the process

@@ -1,5 +1,9 @@
 """Histories of models, from records of their ratios to the reference."""
 
+import math
+from dataclasses import replace
+
+import pytest
 from speed_histories import VERSIONS, history, record
 
 from mjbench.releases import speed_history
@@ -35,12 +39,21 @@ def test_releases_are_in_the_order_of_their_upload_then_others_and_no_failures()
     assert (cloth.model, len(cloth.measured)) == ("cloth", 1)
 
 
-def test_a_release_that_was_measured_again_counts_once() -> None:
+def test_launches_of_a_release_that_was_measured_again_add_up() -> None:
     first, again = record("1.0", 1.0), record("1.0", 1.2)
     failed = record("1.0", 1.5, status=Status.FAILED)
     (result,) = speed_history.histories([first, again, failed], VERSIONS)
     (measured,) = result.measured
-    assert measured.record is again
+    assert measured.record.launches == [*first.launches, *again.launches]
+    assert measured.ratio.ratio == pytest.approx(math.sqrt(1.2))
+
+
+def test_launches_of_another_workload_or_build_do_not_add_up() -> None:
+    first = record("1.0", 1.0)
+    for again in (record("1.0", 1.2, workload="b"), replace(first, build="1.0-mine")):
+        (result,) = speed_history.histories([first, again], VERSIONS)
+        (measured,) = result.measured
+        assert measured.record is again
 
 
 def work_changes(old: StepRatioRecord, new: StepRatioRecord) -> list[str]:

@@ -10,6 +10,7 @@ from mjbench.releases.step_ratios import (
     MIN_DEVIATION,
     MIN_LAUNCHES,
     PLACEMENT_DEVIATION,
+    TARGET_S,
     LaunchRatio,
     StepRatioRecord,
     are_enough,
@@ -70,7 +71,19 @@ def test_too_few_launches_say_nothing() -> None:
 def test_noisy_launches_are_repeated_but_not_for_ever(spread: float, expected: int) -> None:
     block = [moved(residue, sign * spread) for residue in (0, 16, 32, 48) for sign in (-1, 1)]
     schedule = 4 * [*block, LaunchRatio(0.0)]
-    assert next(n for n in range(37) if are_enough(schedule[:n])) == expected
+    assert next(n for n in range(37) if are_enough(schedule[:n], seconds=0.2 * n)) == expected
+
+
+@pytest.mark.parametrize(
+    ("launch_s", "expected"),
+    [(TARGET_S / 36, 36), (TARGET_S / 35, 27), (TARGET_S / 26, 18), (TARGET_S, 18)],
+)
+def test_a_slow_machine_repeats_launches_only_while_time_is_left(
+    launch_s: float, expected: int
+) -> None:
+    noisy = [moved(residue, sign * 0.05) for residue in (0, 16, 32, 48) for sign in (-1, 1)]
+    schedule = 4 * [*noisy, LaunchRatio(0.0)]
+    assert next(n for n in range(37) if are_enough(schedule[:n], n * launch_s)) == expected
 
 
 def test_what_failed_is_measured_again() -> None:
