@@ -8,11 +8,11 @@ keeps every launch.
 
 from benchmarks import stored
 from benchmarks.settings import Tracked
-from mjbench.paired import step_ratio
-from mjbench.paired.targets import Target
+from mjbench.paired import release_ratio
+from mjbench.paired.release_tasks import StepTask
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import installs, step_ratios
-from mjbench.releases.step_ratios import REFERENCE
+from mjbench.releases import installs, release_ratios
+from mjbench.releases.release_ratios import REFERENCE
 from mjbench.simulation import models
 from mjbench.status import Status
 
@@ -23,7 +23,7 @@ class Reference(Tracked):
     params = models.shipped()
     param_names = ("model",)
     timeout = 300  # the first one installs the reference
-    version = "3"
+    version = "4"
 
     def setup(self, model: str) -> None:
         """Skip models that this release cannot load."""
@@ -31,12 +31,14 @@ class Reference(Tracked):
 
     def track_ratio_to_reference(self, model: str) -> float:
         """Return the time of a step over the reference release's, a ratio without unit."""
-        source = models.resolve(model)
-        reference = Target(installs.parse_release(REFERENCE), source)
-        under_test = Target(installs.parse_release(installs.INSTALLED), source)
+        releases = (
+            installs.parse_release(REFERENCE),
+            installs.parse_release(installs.INSTALLED),
+        )
+        task = StepTask(releases, models.resolve(model))
         with WorkerPool() as pool:
-            record = step_ratio.measure(pool, reference, under_test)
-        ratio = step_ratios.averaged(record.launches)
+            (record,) = release_ratio.measure(pool, [task])
+        ratio = release_ratios.averaged(record.launches)
         if record.status != Status.OK or ratio is None:
             raise RuntimeError(record.detail)
         return ratio.ratio

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from mjbench.releases import speed_history
 from mjbench.releases.placement import Placement
+from mjbench.releases.release_ratios import LaunchRatio, StepRatioRecord
 from mjbench.releases.speed_history import ModelHistory
-from mjbench.releases.step_ratios import LaunchRatio, StepRatioRecord
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -42,7 +42,7 @@ def record(
         work=Work(contacts, 4 * contacts, 2.0),
         drift=drift,
         workload=workload,
-        reference_step_s=2e-6,
+        reference_s=2e-6,
     )
 
 

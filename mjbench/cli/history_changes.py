@@ -73,7 +73,7 @@ def _records(files: list[Path]) -> Iterator[Any]:
       InputError: a file cannot be read, or is of another machine.
     """
     from mjbench.instrument import runs
-    from mjbench.releases.step_ratios import StepRatioRecord
+    from mjbench.releases.release_ratios import StepRatioRecord
     from mjbench.report.documents import RECORD_TYPES
 
     machines: dict[tuple[str, int | None], Path] = {}

@@ -1,6 +1,5 @@
 """`mjbench history measure`: the time of a step in releases against one fixed release."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +13,23 @@ from mjbench.cli.shared import JSON, RESUME, WAIT, with_options
 from mjbench.status import Status
 
 if TYPE_CHECKING:
-    from mjbench.paired.targets import Target
-    from mjbench.releases.step_ratios import StepRatioRecord
+    from mjbench.paired.release_tasks import ReleaseTask
+    from mjbench.releases.installs import ReleaseSpec
+    from mjbench.releases.release_ratios import RatioRecord
 
 
 @history.command("measure")
 @click.argument("names", nargs=-1, metavar="[RELEASE]…")
+@click.option(
+    "--operations/--no-operations",
+    default=True,
+    show_default=True,
+    help="Also measure loading, MjSpec, MjData, resets, rays, rollout and Batch.",
+)
 @with_options(*history_options.SELECTING, HISTORY, RESUME, WAIT, JSON)
 def measure(
     names: tuple[str, ...],
+    operations: bool,
     since: str | None,
     models: tuple[str, ...],
     results: Path,
@@ -33,61 +40,79 @@ def measure(
 ) -> None:
     """Measure the time of a step in RELEASEs against one fixed release.
 
-    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes two
-    to three minutes for the ten shipped models, on two cores. The run file has every launch.
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes one
+    to two minutes. The run file has every launch.
 
     \b
     Examples:
       mjbench history measure --since 3.17.0
       mjbench history measure dist/mujoco-4.1.0-cp311-….whl --model humanoid
     """
-    from mjbench.paired.targets import Target
-    from mjbench.releases import step_ratios
-    from mjbench.report import step_ratios as report
+    from mjbench.releases import release_ratios
+    from mjbench.report import release_ratios as report
     from mjbench.report.documents import HistoryDocument
 
     selection = history_options.select(names, since, models, history)
-    pairs = [
-        (Target(selection.reference, source), Target(release, source))
-        for release in selection.releases
-        for source in selection.sources
-    ]
     paired_options.warn_if_unpinned()
-    storage = Storage(results, selection.arguments(), resume, step_ratios.finished)
-    files = paired_options.input_files([target for _, target in pairs])
+    arguments = {**selection.arguments(), "operations": operations}
+    storage = Storage(results, arguments, resume, release_ratios.finished)
+    wheels = [wheel for release in selection.releases for wheel in release.wheels]
+    files = [*(source.path for source in selection.sources), *wheels]
     with RunContext("history", json_file, files, storage, wait) as run:
-        records = _measure(run, pairs)
+        records = _measure(run, selection, operations)
         if any(record.status == Status.INTERRUPTED for record in records):
             run.interrupt()
         report.print_table(run.out, records)
-        run.write(HistoryDocument(machine=run.machine, results=records))
+        run.write(HistoryDocument.of(run.machine, records))
     run.exit(record.status for record in records)
 
 
 def _measure(
-    run: RunContext, pairs: Sequence[tuple["Target", "Target"]]
-) -> list["StepRatioRecord"]:
+    run: RunContext, selection: history_options.Selection, operations: bool
+) -> list["RatioRecord"]:
     """Measure what is not yet in the run file, and store it; return all records."""
-    from mjbench.paired import step_ratio
+    from mjbench.paired import release_ratio
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.releases import step_ratios
+    from mjbench.releases import release_ratios
 
-    earlier = {(r.build, r.model): r for r in step_ratios.finished(run.resumed_records)}
-    records: list[StepRatioRecord] = []
-    with run.progress(len(pairs)) as advance, WorkerPool() as pool:
-        for number, (reference, target) in enumerate(pairs):
-            stored = earlier.get((target.release.key, target.model.name))
-            if stored is not None:
-                records.append(stored)
+    earlier = release_ratios.finished(run.resumed_records)
+    done = {(record.build, record.series) for record in earlier}
+    records = [*earlier]
+    with run.progress(len(selection.releases)) as advance, WorkerPool() as pool:
+        for number, release in enumerate(selection.releases):
+            tasks = [
+                task
+                for task in _tasks(selection, release, operations)
+                if (release.key, task.series) not in done
+            ]
+            if not tasks:
                 continue
-            name = f"{target.model.name} {target.release.version}"
+            name = f"MuJoCo {release.version}"
 
             def on_launch(count: int, number: int = number, name: str = name) -> None:
-                advance(number, name, min(1.0, count / step_ratios.MIN_LAUNCHES))
+                advance(number, name, min(1.0, count / release_ratios.MIN_LAUNCHES))
 
-            record = step_ratio.measure(pool, reference, target, on_launch=on_launch)
-            run.record(record)
-            records.append(record)
-            if record.status == Status.INTERRUPTED:
+            measured = release_ratio.measure(pool, tasks, on_launch=on_launch)
+            for record in measured:
+                run.record(record)
+            records += measured
+            if any(record.status == Status.INTERRUPTED for record in measured):
                 break
     return records
+
+
+def _tasks(
+    selection: history_options.Selection, release: "ReleaseSpec", operations: bool
+) -> list["ReleaseTask"]:
+    """Return what is timed in a release: the steps of models, and operations if they are asked."""
+    from mjbench.paired import operations as known
+    from mjbench.paired.release_tasks import OperationTask, StepTask
+    from mjbench.simulation import models
+
+    releases = selection.reference, release
+    tasks: list[ReleaseTask] = [StepTask(releases, source) for source in selection.sources]
+    if operations:
+        for operation in known.registry().values():
+            model = models.resolve(operation.model) if operation.model else None
+            tasks.append(OperationTask(releases, operation, model))
+    return tasks

@@ -68,11 +68,11 @@ def select(
     Raises:
       InputError: there is no such release or model.
     """
-    from mjbench.releases import installs, step_ratios
+    from mjbench.releases import installs, release_ratios
     from mjbench.simulation import models as model_sources
 
     return Selection(
-        installs.parse_release(step_ratios.REFERENCE),
+        installs.parse_release(release_ratios.REFERENCE),
         _releases(names, since, history),
         [model_sources.resolve(name) for name in models or model_sources.shipped()],
     )

@@ -23,7 +23,7 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
-    from mjbench.releases.step_ratios import StepRatioRecord
+    from mjbench.releases.release_ratios import RatioRecord
     from mjbench.report.counts import print_changes
     from mjbench.report.documents import RECORD_TYPES, ExplainDocument
 
@@ -36,8 +36,8 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
             _show_verdicts(run, stored)
         elif stored.of_type(SpreadRecord):
             _show_spreads(run, stored)
-        elif stored.of_type(StepRatioRecord):
-            _show_step_ratios(run, stored)
+        elif stored.of_type(RatioRecord):
+            _show_release_ratios(run, stored)
         elif stored.of_type(ExplainRecord):
             rows = stored.of_type(ExplainRecord)
             print_changes(run.out, rows)
@@ -82,14 +82,14 @@ def _show_spreads(run: RunContext, stored: "Run") -> None:
     run.write(PlacementDocument(machine=stored.header.machine, results=rows))
 
 
-def _show_step_ratios(run: RunContext, stored: "Run") -> None:
-    from mjbench.releases.step_ratios import StepRatioRecord
-    from mjbench.report import step_ratios as report
+def _show_release_ratios(run: RunContext, stored: "Run") -> None:
+    from mjbench.releases.release_ratios import RatioRecord
+    from mjbench.report import release_ratios as report
     from mjbench.report.documents import HistoryDocument
 
-    records = stored.of_type(StepRatioRecord)
+    records = stored.of_type(RatioRecord)
     report.print_table(run.out, records)
-    run.write(HistoryDocument(machine=stored.header.machine, results=records))
+    run.write(HistoryDocument.of(stored.header.machine, records))
 
 
 def _show_comparison(run: RunContext, stored: "Run") -> None:

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mjbench.paired import moved_check
-from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import placement
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
@@ -36,22 +36,22 @@ class Averaging:
         return placement.launches_with(judged) if self.is_on else judged
 
 
-def averaging(pool: WorkerPool, baseline: Target, candidate: Target) -> Averaging:
-    """Return that placements are averaged, if the libraries of both targets can be moved.
+def averaging(pool: WorkerPool, baseline: ReleaseSpec, candidate: ReleaseSpec) -> Averaging:
+    """Return that placements are averaged, if the libraries of both releases can be moved.
 
     Args:
       pool: starts the processes.
-      baseline: the one target.
+      baseline: the one release.
       candidate: the other.
 
     Raises:
       InputError: a release does not exist.
       MachineError: a release cannot be installed.
     """
-    for target in (baseline, candidate):
+    for release in (baseline, candidate):
         try:
-            moved_check.check(pool, target.release)
+            moved_check.check(pool, release)
         except ImmovableError as error:
-            version = target.release.version
-            return Averaging(False, f"the code of MuJoCo {version} cannot be moved: {error}")
+            problem = f"the code of MuJoCo {release.version} cannot be moved: {error}"
+            return Averaging(False, problem)
     return Averaging(True)

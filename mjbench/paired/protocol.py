@@ -8,17 +8,17 @@ candidate began. Launches are the samples that `verdict` judges, as many as the 
 one launch is measured, the programs of the next start on the other cores.
 """
 
-import itertools
 import random
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mjbench.instrument import machine, timing
-from mjbench.paired import cores, launch_seeds, preparation, requests
+from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import LAYOUTS, MAX_LAYOUTS, TimeLimit, launch_s, quad_count
@@ -123,23 +123,20 @@ class TargetPair:
         """
         self._pool, self._targets = pool, (baseline, candidate)
         self._nthread = max(baseline.nthread, candidate.nthread)
-        # Processes that were started ahead, for the next launch: baseline and candidate.
-        self._next: list[WorkerProcess] = []
-        self._placements = placements or itertools.repeat(AS_SHIPPED)
-        self._next_placements = AS_SHIPPED
-        # Every pair of targets begins with programs of its own, started at the same time.
-        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
         self._calibrator: WorkerProcess | None = None
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        self._start_ahead(cores.USABLE)  # they import MuJoCo in the meantime
+        releases = baseline.release, candidate.release
+        names = preparation.describe(self._targets)
+        # those of the first launch import MuJoCo while the work is prepared
+        self._pairs = ProcessPairs(pool, releases, names, placements)
         try:
             self._prepared = preparation.prepare(
                 pool, self._targets, sizes or Sizes(), self._time_limit
             )
         except BaseException:
-            pool.end(self._next)
+            self._pairs.close()
             raise
-        self._equip_next()
+        self._pairs.equip(self._equip)
         self.work_check = self._prepared.work_check
         self.baseline_workload: Path = self._prepared.workloads[0]
 
@@ -151,30 +148,15 @@ class TargetPair:
           TargetError: a target crashed, hung or failed.
           OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
-        if not self._next:
-            self._start_ahead(cores.USABLE)
-            self._equip_next()
-        processes, self._next = self._next, []
-        placements = self._next_placements
-        try:
-            for process, target in zip(processes, self._targets, strict=True):
-                self._pool.wait_for(process, target.release)
-            # targets with threads get all cores, so nothing may start on one of them meanwhile
-            threaded = self._nthread > 1
-            calibrated = self._calibrate() if threaded else None
-            core = None if threaded else cores.freest_core()
-            # asked before this process is pinned: then it may use one core only
-            starts_ahead = core is not None and machine.usable_cores() > 1
-            with cores.pinned(core):
-                if starts_ahead:
-                    self._start_ahead(cores.USABLE - {core})
-                    self._equip_next()
-                layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
-                while len(layouts) < MAX_LAYOUTS and not self._is_next_ready():
-                    layouts.append(self._time_layout(processes, core))
-            cores.confine([process.pid for process in self._next], cores.USABLE)
-        finally:
-            self._pool.end(processes)
+        self._pairs.wait()
+        # targets with threads get all cores, so nothing may start on one of them meanwhile
+        threaded = self._nthread > 1
+        calibrated = self._calibrate() if threaded else None
+        core = None if threaded else cores.freest_core()
+        with self._pairs.launch(core) as (processes, placements):
+            layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
+            while len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready():
+                layouts.append(self._time_layout(processes, core))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
@@ -182,39 +164,17 @@ class TargetPair:
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
-        self._pool.end(self._next)
-        self._next = []
+        self._pairs.close()
         if self._calibrator is not None:
             self._pool.end([self._calibrator])
             self._calibrator = None
         for file in (*self._prepared.models, self._prepared.workloads[1]):
             file.unlink(missing_ok=True)
 
-    def _is_next_ready(self) -> bool:
-        """Return whether nothing is started ahead that is still starting."""
-        return all(process.is_ready() for process in self._next)
-
-    def _start_ahead(self, allowed: Collection[int]) -> None:
-        """Start the processes of a launch on the allowed cores, without waiting for them."""
-        names, seeds = preparation.describe(self._targets), next(self._seeds)
-        pair = self._next_placements = next(self._placements)
-        placements = (pair.old, pair.new)
-        started: dict[int, WorkerProcess] = {}
-        try:
-            for i in random.sample((0, 1), 2):  # neither target is always the first
-                target = self._targets[i]
-                started[i] = self._pool.start(
-                    target.release, names[i], placements[i], i, allowed, seeds
-                )
-        except BaseException:
-            self._pool.end(list(started.values()))
-            raise
-        self._next = [started[0], started[1]]
-
-    def _equip_next(self) -> None:
-        """Have the processes of the next launch read model and workload, without waiting."""
+    def _equip(self, processes: Sequence[WorkerProcess]) -> None:
+        """Have the processes of a launch read model and workload, without waiting."""
         for process, target, model, workload in zip(
-            self._next, self._targets, self._prepared.models, self._prepared.workloads, strict=True
+            processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
         ):
             process.ask(requests.Equip(model, workload, target.path))
 
@@ -239,7 +199,7 @@ class TargetPair:
         if not self._has_timed:  # steps may have become heavier than those at the start
             self._time_limit.check_first_launch(launch_s(1e-9 * warm_ns))
         self._has_timed = True
-        return _time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
+        return time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
 
     def _calibrate(self) -> float:
         """Return how many cores as many threads as the targets have get now."""
@@ -252,7 +212,7 @@ class TargetPair:
         return self._calibrator.call(requests.CountCores(nthread))
 
 
-def _time_quads(
+def time_quads(
     baseline: WorkerProcess, candidate: WorkerProcess, count: int
 ) -> tuple[list[str], np.ndarray]:
     """Time `count` quads; return their orders and (count, 4) nanoseconds."""

@@ -191,6 +191,22 @@ class Prepare(Request[int]):
 
 
 @dataclass(frozen=True)
+class PrepareOperation(Request["ReadyOperation"]):
+    """Prepare an operation in fresh memory, and do it once.
+
+    Attributes:
+      name: of the operation (see `operations`).
+      file: of its model; not read where it has none.
+      cores: to run on.
+    """
+
+    activity = "preparing an operation"
+    name: str
+    file: Path
+    cores: Sequence[int]
+
+
+@dataclass(frozen=True)
 class TimeBlocks(Request[None]):
     """Run a block for every BLOCK byte that follows, until an END byte."""
 
@@ -218,6 +234,19 @@ class StepCost:
     digest: str
     step_s: float
     settling_nstep: int
+
+
+@dataclass(frozen=True, eq=False)
+class ReadyOperation:
+    """An operation that is ready to be timed.
+
+    Attributes:
+      ns: nanoseconds of a warm block.
+      result: what it computed, as a vector of floats.
+    """
+
+    ns: int
+    result: "np.ndarray"
 
 
 @dataclass(frozen=True, eq=False)

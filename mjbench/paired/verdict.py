@@ -230,7 +230,11 @@ def decide(
     averaged: Averaging | None = None
     status, detail = Status.OK, ""
     try:
-        averaged = Averaging(False) if plan.as_shipped else averaging(pool, baseline, candidate)
+        averaged = (
+            Averaging(False)
+            if plan.as_shipped
+            else averaging(pool, baseline.release, candidate.release)
+        )
         time_limit = TimeLimit(plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock)
         pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, averaged.placements())
         _launch_until_enough(pair, plan, time_limit, launches, on_launch)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-    from mjbench.paths import Prepared, Resources, States
+    from mjbench.paths import Resources, States
     from mjbench.simulation.workload import PortableWorkload, Workload
 
 # Random allocations before each layout: how many, and the largest of each kind, in bytes.
@@ -54,7 +54,7 @@ class Worker:
       model: loaded by LoadModel or Equip.
       workload: restored from a file.
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      prepared: the run that a block runs.
+      run: what a block runs.
       resources: of that run; None before the first.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
@@ -64,7 +64,7 @@ class Worker:
     model: "mujoco.MjModel"
     workload: "Workload"
     final_state: "np.ndarray | None"
-    prepared: "Prepared"
+    run: Callable[[], None]
 
     def __init__(self, connection: Connection):
         self.connection = connection
@@ -83,6 +83,7 @@ class Worker:
             requests.Observe: self._observe,
             requests.Equip: self._equip,
             requests.Prepare: self._prepare,
+            requests.PrepareOperation: self._prepare_operation,
             requests.TimeBlocks: self._time_blocks,
             requests.CountCores: self._count_cores,
         }
@@ -226,16 +227,15 @@ class Worker:
             engine_callback.install(model, request.callback)
         self.slowdown = request.slowdown
         self.resources = paths.Resources(selected)
-        self.prepared = path.prepare(selected, request.options, self.resources)
+        prepared = path.prepare(selected, request.options, self.resources)
+        self.run = prepared.run
         name = f"path {request.path}"
         if request.callback:
             name += f" with {request.callback} called inside each step"
-        self._check_final_states(name, self.prepared.verified_states(), rows)
+        self._check_final_states(name, prepared.verified_states(), rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
-        gc.collect()
-        gc.freeze()  # later collections look only at what the next layout allocates
-        gc.disable()
+        _collect_garbage()
         return self._block()
 
     def _check_final_states(self, name: str, states: "States", rows: list[int]) -> None:
@@ -246,6 +246,19 @@ class Worker:
         mask = slice(None) if states.mask is None else states.mask
         if not np.array_equal(states.values[mask], self.final_state[rows][mask]):
             raise MachineError(f"{name} does not reach the final states of the plain loop")
+
+    def _prepare_operation(self, request: requests.PrepareOperation) -> requests.ReadyOperation:
+        from mjbench.paired import operations
+
+        if request.cores:
+            platforms.set_affinity(0, request.cores)
+        self.padding += _scattered(self.rng)
+        prepared = operations.registry()[request.name].prepared(request.file)
+        self.run = prepared.run
+        self.run()
+        result = prepared.result()
+        _collect_garbage()
+        return requests.ReadyOperation(self._block(), result)
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:
         _call_deeper(self.rng.randrange(_DEPTH), self._answer_blocks)
@@ -272,7 +285,7 @@ class Worker:
 
     def _block(self) -> int:
         """Run one block; return its nanoseconds, slowdown included."""
-        run, clock = self.prepared.run, time.perf_counter_ns
+        run, clock = self.run, time.perf_counter_ns
         begin = clock()
         run()
         ns = clock() - begin
@@ -282,6 +295,13 @@ class Worker:
                 pass
             ns = now - begin
         return ns
+
+
+def _collect_garbage() -> None:
+    """Collect garbage now, and none while blocks run."""
+    gc.collect()
+    gc.freeze()  # later collections look only at what the next layout allocates
+    gc.disable()
 
 
 def _mapped(rng: random.Random) -> mmap.mmap:

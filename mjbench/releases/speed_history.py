@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from mjbench.releases import change_points, step_ratios
+from mjbench.releases import change_points, release_ratios
 from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
-from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
+from mjbench.releases.release_ratios import Ratio, StepRatioRecord
 from mjbench.simulation import agreement
 from mjbench.status import Status
 
@@ -23,7 +23,7 @@ class Measured:
     """
 
     release: str
-    ratio: StepRatio
+    ratio: Ratio
     record: StepRatioRecord
 
 
@@ -64,7 +64,7 @@ def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> li
         of_release = by_model.setdefault(record.model, {})
         earlier = of_release.get(record.release)
         pooled = _pooled(earlier.record, record) if earlier else record
-        ratio = step_ratios.averaged(pooled.launches)
+        ratio = release_ratios.averaged(pooled.launches)
         if ratio is not None:
             of_release[record.release] = Measured(record.release, ratio, pooled)
     measured_versions = {version for of_release in by_model.values() for version in of_release}
@@ -91,11 +91,11 @@ def _history(model: str, measured: Sequence[Measured]) -> ModelHistory:
     return ModelHistory(model, measured, change_points.changes(log_ratios, deviations))
 
 
-def change(before: Measured, after: Measured) -> StepRatio:
+def change(before: Measured, after: Measured) -> Ratio:
     """Return the time of a step in one release over that in another, with its standard error."""
     old, new = before.ratio, after.ratio
     deviation = math.hypot(old.deviation, new.deviation)
-    return StepRatio(new.log_ratio - old.log_ratio, deviation)
+    return Ratio(new.log_ratio - old.log_ratio, deviation)
 
 
 def changed_counters(before: Measured, after: Measured) -> list[str]:

@@ -26,7 +26,7 @@ from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.releases.catalogue import ReleaseRow
-from mjbench.releases.step_ratios import StepRatioRecord
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import Advice, advise
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.lint import LintDocument
@@ -44,6 +44,7 @@ RECORD_TYPES: Mapping[str, type] = {
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
     StepRatioRecord.record_type: StepRatioRecord,
+    OperationRatioRecord.record_type: OperationRatioRecord,
     ExplainRecord.record_type: ExplainRecord,
 }
 
@@ -144,6 +145,14 @@ class HistoryDocument:
     schema: int = SCHEMA
     machine: Machine
     results: Sequence[StepRatioRecord]
+    operations: Sequence[OperationRatioRecord]
+
+    @classmethod
+    def of(cls, machine: Machine, records: Sequence[RatioRecord]) -> "HistoryDocument":
+        """Return the document of records of both kinds."""
+        steps = [record for record in records if isinstance(record, StepRatioRecord)]
+        operations = [record for record in records if isinstance(record, OperationRatioRecord)]
+        return cls(machine=machine, results=steps, operations=operations)
 
 
 @dataclass(frozen=True, kw_only=True)

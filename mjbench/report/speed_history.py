@@ -13,8 +13,8 @@ from mjbench.releases import speed_history
 from mjbench.releases.change_points import ChangePoint
 from mjbench.releases.changelog import Changelog
 from mjbench.releases.release import version_key
+from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import Measured, ModelHistory
-from mjbench.releases.step_ratios import StepRatioRecord
 
 # By model, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
 from mjbench.counts.records import ExplainRecord
-from mjbench.releases import speed_history, step_ratios
+from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
 from mjbench.releases.changelog import Changelog
 from mjbench.releases.history import COUNT_THRESHOLD
 from mjbench.releases.release import version_key
+from mjbench.releases.release_ratios import Ratio
 from mjbench.releases.speed_history import Measured, ModelHistory
-from mjbench.releases.step_ratios import StepRatio
 from mjbench.report import tables
 from mjbench.report.markdown import change, table
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
@@ -203,7 +203,7 @@ def placement_table(history: SpeedHistory) -> Iterator[str]:
 
 def _shipped_change(before: Measured, after: Measured, averaged: float) -> float | None:
     """Return the change as shipped where placement certainly adds to it; None otherwise."""
-    old, new = (step_ratios.as_shipped(each.record.launches) for each in (before, after))
+    old, new = (release_ratios.as_shipped(each.record.launches) for each in (before, after))
     if old is None or new is None:
         return None
     shipped = new.log_ratio - old.log_ratio
@@ -240,7 +240,7 @@ def times_table(history: SpeedHistory) -> Iterator[str]:
 
 def _times(model: ModelHistory) -> Mapping[str, str]:
     """Return the time of a step by release, change points marked; empty where it is not known."""
-    times = [each.record.reference_step_s for each in model.measured]
+    times = [each.record.reference_s for each in model.measured]
     known = [step_s for step_s in times if step_s is not None]
     if not known:
         return {}
@@ -314,11 +314,11 @@ def _change(log_ratio: float) -> str:
     return change(math.exp(log_ratio))
 
 
-def _total(model: ModelHistory) -> StepRatio:
+def _total(model: ModelHistory) -> Ratio:
     return speed_history.change(model.measured[0], model.measured[-1])
 
 
-def _is_certain(total: StepRatio) -> bool:
+def _is_certain(total: Ratio) -> bool:
     return abs(total.log_ratio) >= max(MIN_CHANGE, _DEVIATIONS * total.deviation)
 
 

@@ -178,7 +178,7 @@ def test_what_is_tracked_is_a_number_that_was_measured(
     as_shipped = Averaging(False)
     monkeypatch.setattr("mjbench.paired.averaging.averaging", lambda *arguments: as_shipped)
     monkeypatch.setattr(
-        "mjbench.releases.step_ratios.are_enough", lambda done, seconds: len(done) >= 2
+        "mjbench.releases.release_ratios.are_enough", lambda done, seconds: len(done) >= 2
     )
     value = exact.bound()(*exact.params)
     if exact.method.startswith("peakmem_"):

@@ -15,7 +15,7 @@ from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import Placement
-from mjbench.releases.step_ratios import REFERENCE, LaunchRatio, StepRatioRecord
+from mjbench.releases.release_ratios import REFERENCE, LaunchRatio, StepRatioRecord
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.status import Status

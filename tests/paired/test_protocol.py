@@ -11,6 +11,7 @@ from paired_examples import CARTPOLE
 
 from mjbench.instrument import machine
 from mjbench.paired import protocol, time_limit
+from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
 
@@ -36,18 +37,18 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
     """Yield three launches of two identical targets."""
     has_affinity = hasattr(os, "sched_getaffinity")
     spied = Spied(os.sched_getaffinity(0) if has_affinity else set())
-    time_quads = protocol._time_quads
+    time_quads = protocol.time_quads
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
-        spied.started_ahead.append(len(pair._next))
+        spied.started_ahead.append(len(pair._pairs.next))
         if has_affinity:
             pids = (0, baseline.pid, candidate.pid)
             spied.affinities.append([os.sched_getaffinity(pid) for pid in pids])
         return time_quads(baseline, candidate, count)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(protocol, "_time_quads", spying)
+        patch.setattr(protocol, "time_quads", spying)
         patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
         pair = TargetPair(pool, CARTPOLE, CARTPOLE)
         spied.launches += [pair.launch() for _ in range(LAUNCHES)]
@@ -86,7 +87,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = iter([False, False, True])
-    monkeypatch.setattr(TargetPair, "_is_next_ready", lambda pair: next(answers))
+    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(protocol, "quad_count", lambda pair_s: time_limit.MIN_QUADS)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     launch = pair.launch()

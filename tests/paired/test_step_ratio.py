@@ -9,7 +9,7 @@ from mjbench.errors import MachineError
 from mjbench.paired import step_ratio
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.releases import step_ratios
+from mjbench.releases import release_ratios
 from mjbench.status import Status
 
 
@@ -19,7 +19,7 @@ def test_a_release_against_itself_does_the_same_work_in_as_many_launches_as_are_
     counts: list[int] = []
     clock = itertools.count(10.0).__next__
     enough = iter([False, False, True, True])
-    monkeypatch.setattr(step_ratios, "are_enough", lambda launches, seconds: next(enough))
+    monkeypatch.setattr(release_ratios, "are_enough", lambda launches, seconds: next(enough))
     record = step_ratio.measure(pool, CARTPOLE, CARTPOLE, counts.append, clock)
     again = step_ratio.measure(pool, CARTPOLE, CARTPOLE)
     assert (record.status, record.model, record.release) == (
@@ -32,7 +32,7 @@ def test_a_release_against_itself_does_the_same_work_in_as_many_launches_as_are_
     assert record.work == record.reference_work
     assert record.drift == 0.0
     assert record.seconds == 5.0  # the clock was read six times
-    assert record.reference_step_s is not None
+    assert record.reference_s is not None
     assert record.workload == again.workload != ""
     if not record.problem:
         assert record.launches[0].placement is not None

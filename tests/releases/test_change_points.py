@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import history_simulation, simulated_histories
 from benchmarks.simulated_histories import NOISIEST, PLANS, RELEASES, Plan
-from mjbench.releases import change_points, step_ratios
+from mjbench.releases import change_points, release_ratios
 
 SIGMA = 0.002
 
@@ -105,8 +105,8 @@ def test_the_deviation_that_placement_adds_is_that_of_the_no_change_pairs() -> N
         np.sqrt(np.mean(simulated_histories.no_change_log_ratios(as_shipped) ** 2))
         for as_shipped in (False, True)
     )
-    assert pytest.approx(shipped, abs=0.0005) == step_ratios.PLACEMENT_DEVIATION
-    assert averaged > step_ratios.MIN_DEVIATION
+    assert pytest.approx(shipped, abs=0.0005) == release_ratios.PLACEMENT_DEVIATION
+    assert averaged > release_ratios.MIN_DEVIATION
 
 
 def test_the_committed_page_has_a_row_of_a_thousand_histories_for_each_plan() -> None:

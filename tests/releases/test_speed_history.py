@@ -7,7 +7,7 @@ import pytest
 from speed_histories import VERSIONS, history, record
 
 from mjbench.releases import speed_history
-from mjbench.releases.step_ratios import StepRatioRecord
+from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.status import Status
 
 

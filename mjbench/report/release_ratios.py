@@ -1,26 +1,34 @@
-"""What `mjbench history measure` prints: a row for each release and model."""
+"""What `mjbench history measure` prints: a row for each release and model or operation."""
 
 import math
 from collections.abc import Sequence
 
 from rich.console import Console
 
-from mjbench.releases import step_ratios
-from mjbench.releases.step_ratios import StepRatio, StepRatioRecord
+from mjbench.releases import release_ratios
+from mjbench.releases.release_ratios import Ratio, RatioRecord, StepRatioRecord
 from mjbench.report import tables
 from mjbench.simulation import agreement
 
 
-def print_table(out: Console, records: Sequence[StepRatioRecord]) -> None:
+def print_table(out: Console, records: Sequence[RatioRecord]) -> None:
     """Print the ratio of each release and model, with its standard error."""
-    headings = ["model", "release", "time", "as shipped", "launches", "seconds", "work"]
+    headings = [
+        "model or operation",
+        "release",
+        "time",
+        "as shipped",
+        "launches",
+        "seconds",
+        "work",
+    ]
     table = tables.plain_table(headings, right=(2, 3, 4, 5))
     for record in records:
         table.add_row(
-            record.model,
+            record.series,
             record.release,
-            _change(step_ratios.averaged(record.launches)),
-            _change(step_ratios.as_shipped(record.launches)),
+            _change(release_ratios.averaged(record.launches)),
+            _change(release_ratios.as_shipped(record.launches)),
             str(len(record.launches)),
             f"{record.seconds:.1f}",
             record.detail or _work(record),
@@ -30,21 +38,25 @@ def print_table(out: Console, records: Sequence[StepRatioRecord]) -> None:
         out.print(f"placement not averaged out: {problem}", soft_wrap=True)
     references = sorted({record.reference for record in records})
     out.print(
-        f"time: of a step, against MuJoCo {', '.join(references)} (± standard error), with"
-        " placement averaged out where the code can be moved; work: against the same release",
+        f"time: of a step or an operation, against MuJoCo {', '.join(references)} (± standard"
+        " error), with placement averaged out where the code can be moved; work: against the same"
+        " release",
         soft_wrap=True,
     )
 
 
-def _change(ratio: StepRatio | None) -> str:
+def _change(ratio: Ratio | None) -> str:
     """Return a ratio as a change in percent, such as `+1.2 ±0.3 %`."""
     if ratio is None:
         return ""
     return f"{100 * math.expm1(ratio.log_ratio):+.1f} ±{100 * ratio.deviation:.1f} %"
 
 
-def _work(record: StepRatioRecord) -> str:
+def _work(record: RatioRecord) -> str:
     """Return how the work differs from that of the reference."""
+    if not isinstance(record, StepRatioRecord):
+        is_same = record.drift is not None and record.drift <= agreement.ROUNDING
+        return "the same result" if is_same else "another result"
     if record.work is None or record.reference_work is None:
         return ""
     diverged = record.reference_diverged, record.diverged

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mjbench.releases.placement import Placement
-from mjbench.releases.step_ratios import (
+from mjbench.releases.release_ratios import (
     MAX_LAUNCHES,
     MIN_DEVIATION,
     MIN_LAUNCHES,

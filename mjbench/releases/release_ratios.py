@@ -1,7 +1,8 @@
-"""The time of a step of a release over that of a fixed one, launch by launch.
+"""The time of a step or an operation in a release over that in a fixed one, launch by launch.
 
 Releases that were measured months apart can be compared by it, because the machine's drift hits
-both. `mjbench history measure` measures it and stores it, one record for a model and a release.
+both. `mjbench history measure` measures it and stores it, one record for a model or an operation
+and a release.
 """
 
 import math
@@ -28,13 +29,18 @@ from mjbench.status import FINISHED, Status
 REFERENCE = "4.0.0"
 # Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many;
 # two turns, and more until the standard error is small enough, but no more than four, and none that
-# would end later than this. Ten models at 12 s each are two minutes for a release.
+# would end more than two minutes after the release's first.
 SCHEDULE, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
 TARGET_DEVIATION = 0.0025
-TARGET_S = 12.0
+TARGET_S = 120.0
 # The least standard error, since few launches can agree by chance. Estimates between builds of
 # equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
 MIN_DEVIATION = 0.001
+# A launch further from the median than this many deviations counts as if it were that far away:
+# something else on the machine disturbed it. Few launches of a residue cannot show it by themselves.
+CLIP_DEVIATIONS = 4.0
+# The standard deviation of normal samples over the median of their absolute differences.
+_NORMAL_DEVIATIONS = 1.4826
 # What placement adds to the deviation where it is not averaged out (the same pairs, as shipped).
 PLACEMENT_DEVIATION = 0.012
 
@@ -53,8 +59,8 @@ class LaunchRatio:
 
 
 @dataclass(frozen=True)
-class StepRatio:
-    """The time of a step of a release over that of the reference.
+class Ratio:
+    """The time of a step or an operation in a release over that in the reference.
 
     Attributes:
       log_ratio: estimate of its natural logarithm.
@@ -70,7 +76,7 @@ class StepRatio:
         return math.exp(self.log_ratio)
 
 
-def averaged(launches: Sequence[LaunchRatio]) -> StepRatio | None:
+def averaged(launches: Sequence[LaunchRatio]) -> Ratio | None:
     """Return the ratio with placement averaged out; None with too few launches.
 
     Where nothing was moved, it is the ratio as shipped, with what placement adds to its deviation.
@@ -80,12 +86,12 @@ def averaged(launches: Sequence[LaunchRatio]) -> StepRatio | None:
         shipped = _estimate([launch.log_ratio for launch in launches], None)
         if shipped is None:
             return None
-        return StepRatio(shipped.log_ratio, math.hypot(shipped.deviation, PLACEMENT_DEVIATION))
+        return Ratio(shipped.log_ratio, math.hypot(shipped.deviation, PLACEMENT_DEVIATION))
     residues = [launch.placement.residue for launch in moved if launch.placement]
     return _estimate([launch.log_ratio for launch in moved], residues)
 
 
-def as_shipped(launches: Sequence[LaunchRatio]) -> StepRatio | None:
+def as_shipped(launches: Sequence[LaunchRatio]) -> Ratio | None:
     """Return the ratio of the launches that moved nothing; None with fewer than two.
 
     They are few, so that their deviation is taken from all launches where others moved something.
@@ -101,16 +107,27 @@ def as_shipped(launches: Sequence[LaunchRatio]) -> StepRatio | None:
     squares = sum(len(group) * statistics.pvariance(group) for group in groups.values())
     freedom = len(launches) - len(groups)
     deviation = math.sqrt(squares / freedom / len(shipped))
-    return StepRatio(ratio.log_ratio, max(deviation, MIN_DEVIATION))
+    return Ratio(ratio.log_ratio, max(deviation, MIN_DEVIATION))
 
 
-def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> StepRatio | None:
+def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> Ratio | None:
     """Return the mean of launches, with equal weight on each residue; None with too few."""
     count = len(set(residues)) if residues else 1
     if len(log_ratios) <= count:
         return None
-    mean, deviation = anytime.mean_and_deviation(log_ratios, residues)
-    return StepRatio(mean, max(deviation, MIN_DEVIATION))
+    mean, deviation = anytime.mean_and_deviation(clipped(log_ratios), residues)
+    return Ratio(mean, max(deviation, MIN_DEVIATION))
+
+
+def clipped(log_ratios: Sequence[float]) -> list[float]:
+    """Return log ratios of launches, none further from their median than CLIP_DEVIATIONS.
+
+    The deviation is estimated from the median of absolute differences, and at least MIN_DEVIATION.
+    """
+    median = statistics.median(log_ratios)
+    spread = statistics.median(abs(x - median) for x in log_ratios)
+    most = CLIP_DEVIATIONS * max(_NORMAL_DEVIATIONS * spread, MIN_DEVIATION)
+    return [min(max(x, median - most), median + most) for x in log_ratios]
 
 
 def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
@@ -118,7 +135,7 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
 
     Args:
       launches: so far.
-      seconds: since the first one began.
+      seconds: that they took, with whatever else was timed in them.
     """
     count = len(launches)
     if count < MIN_LAUNCHES or count % SCHEDULE:
@@ -130,11 +147,11 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StepRatioRecord:
-    """One model and one release, as a run file stores them; None is not known.
+class RatioRecord:
+    """What one model or operation and one release took, as run files store it; None is not known.
 
     Attributes:
-      model: its name.
+      model: its name; empty for an operation that builds its own.
       release: of MuJoCo.
       build: tells builds of one version apart.
       reference: release that it is compared with.
@@ -142,21 +159,12 @@ class StepRatioRecord:
       detail: one line; empty when ok.
       launches: in the order they ran.
       problem: why the libraries were not moved; empty where they were.
-      workload: digest of start states and controls; equal digests are equal work.
-      work: per step of the release.
-      reference_work: per step of the reference.
-      diverged: simulations that diverged in the release; none of them is timed.
-      reference_diverged: in the reference.
-      drift: largest difference of qpos, qvel and act one step after the same states.
-      run_drift: the same for runs from the same starts, at several points.
-      nbatch: simulations of a block.
-      nstep: steps of each.
-      starts: where start states came from.
-      reference_step_s: seconds of a step of the reference, the median of all launches.
-      seconds: from start to end.
+      drift: largest difference of what both computed.
+      reference_s: seconds of one step or operation of the reference, the median of all launches.
+      seconds: its share of the time that its release took.
     """
 
-    record_type: ClassVar[str] = "step_ratio"
+    record_type: ClassVar[str]
     model: str
     release: str
     build: str
@@ -165,20 +173,70 @@ class StepRatioRecord:
     detail: str = ""
     launches: Sequence[LaunchRatio] = ()
     problem: str = ""
+    drift: float | None = None
+    reference_s: PositiveFloat | None = None
+    seconds: NonNegativeFloat = 0.0
+
+    @property
+    def series(self) -> str:
+        """Which records are of the same thing, in other releases."""
+        return self.model
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRatioRecord(RatioRecord):
+    """The time of a step, of one model and one release.
+
+    `drift` is the largest difference of qpos, qvel and act one step after the same states.
+
+    Attributes:
+      workload: digest of start states and controls; equal digests are equal work.
+      work: per step of the release.
+      reference_work: per step of the reference.
+      diverged: simulations that diverged in the release; none of them is timed.
+      reference_diverged: in the reference.
+      run_drift: largest differences for runs from the same starts, at several points.
+      nbatch: simulations of a block.
+      nstep: steps of each.
+      starts: where start states came from.
+    """
+
+    record_type: ClassVar[str] = "step_ratio"
     workload: str = ""
     work: Work | None = None
     reference_work: Work | None = None
     diverged: NonNegativeInt = 0
     reference_diverged: NonNegativeInt = 0
-    drift: float | None = None
     run_drift: Sequence[RunDrift] = ()
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     starts: Starts | None = None
-    reference_step_s: PositiveFloat | None = None
-    seconds: NonNegativeFloat = 0.0
 
 
-def finished(records: Sequence[object]) -> list[StepRatioRecord]:
+@dataclass(frozen=True, kw_only=True)
+class OperationRatioRecord(RatioRecord):
+    """The time of an operation around `mj_step`, in one release.
+
+    `drift` is the largest difference of its results, which are to be the same; None where they
+    differ in size.
+
+    Attributes:
+      operation: its name (see `paired.operations`).
+      title: the operation in Python, as people write it.
+      repeats: how often a block does it.
+    """
+
+    record_type: ClassVar[str] = "operation_ratio"
+    operation: str
+    title: str
+    repeats: PositiveInt = 1
+
+    @property
+    def series(self) -> str:
+        """See `RatioRecord.series`."""
+        return self.operation
+
+
+def finished(records: Sequence[object]) -> list[RatioRecord]:
     """Return the records of a run file that need not be measured again when it is continued."""
-    return [r for r in records if isinstance(r, StepRatioRecord) and r.status in FINISHED]
+    return [r for r in records if isinstance(r, RatioRecord) and r.status in FINISHED]

@@ -1,0 +1,235 @@
+"""What programs do with MuJoCo around `mj_step`, each ready to be timed in any release.
+
+A block repeats an operation a fixed number of times, so that two releases do the same work. The
+numbers are such that a block takes one to a few milliseconds, or as long as the operation does.
+"""
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjbench import paths
+from mjbench.errors import InputError
+from mjbench.simulation import compat, models, workload
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import Workload
+
+_SEED = 0
+# Rays start this high above the origin, and lie within a cone of this slope.
+_RAY_HEIGHT_M, _RAY_SLOPE = 10.0, 0.1
+# Metres, and metres between neighbours.
+_GEOM_RADIUS_M, _GEOM_DISTANCE_M = 0.1, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedOperation:
+    """An operation that can be timed as often as one likes.
+
+    Attributes:
+      run: one block.
+      result: what a block computed, as a vector of floats, which is to be the same in all releases.
+    """
+
+    run: Callable[[], None]
+    result: Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """Something that programs do with a model.
+
+    Attributes:
+      name: in results.
+      title: in Python, as people write it.
+      model: that it is done with; empty where it builds its own.
+      repeats: how often a block does it.
+      prepare: takes the file of the model and the number of repeats.
+    """
+
+    name: str
+    title: str
+    model: str
+    repeats: int
+    prepare: Callable[[ModelSource, int], PreparedOperation]
+
+    def prepared(self, file: Path) -> PreparedOperation:
+        """Return a block of it.
+
+        Args:
+          file: of the model; not read where there is none.
+
+        Raises:
+          InputError: this release cannot do it.
+        """
+        return self.prepare(ModelSource(self.model, file), self.repeats)
+
+
+def _load(source: ModelSource, repeats: int) -> PreparedOperation:
+    file, load = str(source.path), mujoco.MjModel.from_xml_path
+    models.load(source)  # says in one line what is wrong with it
+
+    def run() -> None:
+        for _ in range(repeats):
+            load(file)
+
+    return PreparedOperation(run, lambda: _sizes(load(file)))
+
+
+def _edit_spec(source: ModelSource, repeats: int) -> PreparedOperation:
+    if not hasattr(mujoco, "MjSpec"):
+        raise InputError(f"MuJoCo {mujoco.__version__} has no MjSpec: 3.2.0 is the first that does")
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+
+    def build() -> mujoco.MjModel:
+        spec = mujoco.MjSpec()
+        add_geom = spec.worldbody.add_geom
+        for i in range(repeats):
+            geom = add_geom()
+            geom.type = sphere
+            geom.size = [_GEOM_RADIUS_M, 0.0, 0.0]
+            geom.pos = [_GEOM_DISTANCE_M * i, 0.0, 0.0]
+        return spec.compile()
+
+    def run() -> None:
+        build()
+
+    return PreparedOperation(run, lambda: _sizes(build()))
+
+
+def _create_data(source: ModelSource, repeats: int) -> PreparedOperation:
+    model, create = models.load(source), mujoco.MjData
+
+    def run() -> None:
+        for _ in range(repeats):
+            create(model)
+
+    return PreparedOperation(run, lambda: _state(create(model)))
+
+
+def _copy_data(source: ModelSource, repeats: int) -> PreparedOperation:
+    data = _stepped_data(models.load(source))
+    duplicate = copy.copy
+
+    def run() -> None:
+        for _ in range(repeats):
+            duplicate(data)
+
+    return PreparedOperation(run, lambda: _state(duplicate(data)) - _state(data))
+
+
+def _reset(source: ModelSource, repeats: int) -> PreparedOperation:
+    model = models.load(source)
+    data, reset = _stepped_data(model), mujoco.mj_resetData
+
+    def run() -> None:
+        for _ in range(repeats):
+            reset(model, data)
+
+    return PreparedOperation(run, lambda: _state(data))
+
+
+def _cast_rays(source: ModelSource, repeats: int) -> PreparedOperation:
+    model = models.load(source)
+    data = workload.start_data(model)
+    mujoco.mj_forward(model, data)
+    origin = np.array([0.0, 0.0, _RAY_HEIGHT_M])
+    slopes = np.random.default_rng(_SEED).uniform(-_RAY_SLOPE, _RAY_SLOPE, (repeats, 2))
+    directions = [*np.column_stack([slopes, -np.ones(repeats)])]
+    geomid, cast = np.zeros(1, dtype=np.int32), mujoco.mj_ray
+
+    def run() -> None:
+        for direction in directions:
+            cast(model, data, origin, direction, None, 1, -1, geomid)
+
+    def result() -> np.ndarray:
+        distances = [cast(model, data, origin, d, None, 1, -1, geomid) for d in directions]
+        return np.array(distances)
+
+    return PreparedOperation(run, result)
+
+
+# Steps of each simulation of a call; the fewer, the more of the time is the call itself.
+_CALL_NSTEP = 5
+
+
+def _call_rollout(source: ModelSource, repeats: int) -> PreparedOperation:
+    return _call_path("rollout", {"threads": 1, "pool": "kept"}, source, repeats)
+
+
+def _call_batch(source: ModelSource, repeats: int) -> PreparedOperation:
+    return _call_path("batch_rollout", {"threads": 1}, source, repeats)
+
+
+def _call_path(
+    name: str, options: Mapping[str, object], source: ModelSource, nbatch: int
+) -> PreparedOperation:
+    """Return one call of a path that steps `nbatch` simulations _CALL_NSTEP times."""
+    model = models.load(source)
+    work = _deterministic_work(model, nbatch)
+    path = paths.find(name)
+    complete = path.complete(options)
+    reason = path.unavailable() or path.unsuited(work, complete)
+    if reason:
+        raise InputError(reason)
+    prepared = path.prepare(work, complete, paths.Resources(work))
+
+    def result() -> np.ndarray:
+        fields = workload.fields(model, prepared.verified_states().values)
+        return np.concatenate([fields[name].ravel() for name in ("qpos", "qvel")])
+
+    return PreparedOperation(prepared.run, result)
+
+
+def _deterministic_work(model: mujoco.MjModel, nbatch: int) -> Workload:
+    """Return simulations whose start is computed without a step: the same in all releases."""
+    rng = np.random.default_rng(_SEED)
+    data, spec = workload.start_data(model), compat.state_spec("INTEGRATION")
+    starts = np.empty((nbatch, compat.state_size(model, spec)))
+    for row in starts:
+        data.qvel[:] = rng.normal(0.0, workload.START_VELOCITY_SD, model.nv)
+        compat.get_state(model, data, row, spec)
+    control = workload.random_controls(model, nbatch, _CALL_NSTEP, 1, rng, 1.0)
+    return Workload(model, starts, control, hold=1, seed=_SEED)
+
+
+def _stepped_data(model: mujoco.MjModel) -> mujoco.MjData:
+    data = workload.start_data(model)
+    mujoco.mj_step(model, data)
+    return data
+
+
+def _state(data: mujoco.MjData) -> np.ndarray:
+    return np.concatenate([data.qpos, data.qvel, data.act])
+
+
+def _sizes(model: mujoco.MjModel) -> np.ndarray:
+    """Return what tells compiled models apart: sizes, masses, and the positions of all geoms."""
+    sizes = [model.nq, model.nv, model.nu, model.nbody, model.njnt, model.ngeom, model.nmeshvert]
+    return np.concatenate([sizes, model.body_mass, model.geom_pos.ravel()])
+
+
+_ALL = (
+    Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, _load),
+    Operation("load pile", "MjModel.from_xml_path", "pile", 1, _load),
+    Operation("spec", "MjSpec: add 500 geoms and compile", "", 500, _edit_spec),
+    Operation("data cartpole", "MjData(model)", "cartpole", 2, _create_data),
+    Operation("data pile", "MjData(model)", "pile", 1, _create_data),
+    Operation("copy pile", "copy.copy(data)", "pile", 1, _copy_data),
+    Operation("reset cartpole", "mj_resetData", "cartpole", 100, _reset),
+    Operation("reset pile", "mj_resetData", "pile", 40, _reset),
+    Operation("rays humanoid", "mj_ray", "humanoid", 500, _cast_rays),
+    Operation("rays pile", "mj_ray", "pile", 300, _cast_rays),
+    Operation("rollout cartpole", "rollout, 64 × 5 steps", "cartpole", 64, _call_rollout),
+    Operation("rollout humanoid", "rollout, 8 × 5 steps", "humanoid", 8, _call_rollout),
+    Operation("batch cartpole", "Batch.rollout, 64 × 5 steps", "cartpole", 64, _call_batch),
+    Operation("batch humanoid", "Batch.rollout, 8 × 5 steps", "humanoid", 8, _call_batch),
+)
+
+
+def registry() -> Mapping[str, Operation]:
+    """Return all operations by name, in the order they are shown."""
+    return {operation.name: operation for operation in _ALL}

@@ -1,0 +1,128 @@
+"""Measure a release against the reference, as the history needs it: steps and operations.
+
+Unlike a verdict, which ends when it is certain, a ratio ends when it is known well enough, whatever
+it is: so none is biased by when it ended.
+"""
+
+import random
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.paired import averaging, cores
+from mjbench.paired.ending import ENDING_ERRORS, ending_of
+from mjbench.paired.process_pairs import ProcessPairs
+from mjbench.paired.protocol import Launch, time_quads
+from mjbench.paired.release_tasks import Processes, ReleaseTask
+from mjbench.paired.time_limit import LAYOUTS, MIN_QUADS, quad_count
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import release_ratios
+from mjbench.releases.placement import PlacementPair
+from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
+
+
+def measure(
+    pool: WorkerPool,
+    tasks: Sequence[ReleaseTask],
+    on_launch: Callable[[int], None] = lambda count: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> list[RatioRecord]:
+    """Compare a release with the reference in each of the tasks, which are of the same two.
+
+    Where a release crashes, hangs or fails in a task, or Ctrl-C is pressed, the records say so, and
+    hold what was measured until then.
+
+    Args:
+      pool: starts the processes.
+      tasks: what to time; one or more.
+      on_launch: called after each launch, with the number of launches so far.
+      clock: returns seconds.
+
+    Returns:
+      A record for each task, in their order.
+    """
+    begin_s, problem = clock(), ""
+    try:
+        problem = _launch_all(pool, tasks, on_launch, clock)
+    except ENDING_ERRORS as error:
+        for task in tasks:
+            task.failure = task.failure or ending_of(error)
+    finally:
+        for task in tasks:
+            task.close()
+    seconds = (clock() - begin_s) / len(tasks)
+    return [task.record(problem, seconds) for task in tasks]
+
+
+def _launch_all(
+    pool: WorkerPool,
+    tasks: Sequence[ReleaseTask],
+    on_launch: Callable[[int], None],
+    clock: Callable[[], float],
+) -> str:
+    """Launch until all tasks are known well enough; return why nothing was moved, if so."""
+    begin_s = clock()
+    reference, release = tasks[0].releases
+    averaged = averaging.averaging(pool, reference, release)
+    names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
+    pairs = ProcessPairs(pool, (reference, release), names, averaged.placements())
+    try:
+        for task in tasks:
+            try:
+                task.prepare(pool)
+            except (InputError, MachineError) as error:
+                task.failure = failure_of(error)
+        count, remaining = 0, [task for task in tasks if task.failure is None]
+        while remaining:
+            pairs.wait()
+            core = cores.freest_core()
+            with pairs.launch(core) as (processes, placements):
+                _time_all(random.sample(remaining, len(remaining)), processes, core, placements)
+            count += 1
+            on_launch(count)
+            seconds = clock() - begin_s
+            remaining = [
+                task
+                for task in remaining
+                if task.failure is None and not release_ratios.are_enough(task.launches, seconds)
+            ]
+    finally:
+        pairs.close()
+    return averaged.problem
+
+
+def _time_all(
+    tasks: Sequence[ReleaseTask],
+    processes: Processes,
+    core: int | None,
+    placements: PlacementPair,
+) -> None:
+    """Time each task once; one that fails says how, and ends the launch if its process may have."""
+    for task in tasks:
+        try:
+            launch = _time(task, processes, core, placements)
+        except InputError as error:
+            task.failure = failure_of(error)
+        except MachineError as error:
+            task.failure = failure_of(error)
+            return
+        else:
+            task.add(LaunchRatio(launch.log_ratio, placements.new), launch.baseline_ns)
+
+
+def _time(
+    task: ReleaseTask, processes: Processes, core: int | None, placements: PlacementPair
+) -> Launch:
+    """Time a task in a few layouts of memory, which together take as long as one of a verdict."""
+    orders: list[str] = []
+    ns: list[np.ndarray] = []
+    task.equip(processes)
+    for _ in range(LAYOUTS):
+        task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
+        count = max(MIN_QUADS, quad_count(task.pair_s) // LAYOUTS)
+        layout_orders, layout_ns = time_quads(*processes, count)
+        orders += layout_orders
+        ns.append(layout_ns)
+    return Launch(core, None, orders, np.concatenate(ns), placements)

@@ -1,0 +1,266 @@
+"""What the history times in two releases: the steps of a model, or an operation.
+
+All tasks of two releases share their launches, because most of a launch's time is the start of its
+processes.
+"""
+
+import math
+import pickle
+import statistics
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mjbench.errors import Failure
+from mjbench.paired import cores, preparation, requests
+from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.operations import Operation
+from mjbench.paired.preparation import Preparation
+from mjbench.paired.targets import Target
+from mjbench.paired.time_limit import TimeLimit
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.release_ratios import (
+    LaunchRatio,
+    OperationRatioRecord,
+    RatioRecord,
+    StepRatioRecord,
+)
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import PortableWorkload
+from mjbench.status import Status
+
+# The reference and the release, in this order.
+Processes = tuple[WorkerProcess, WorkerProcess]
+Releases = tuple[ReleaseSpec, ReleaseSpec]
+
+
+class ReleaseTask(ABC):
+    """Something that is timed in two releases, the reference and another.
+
+    Attributes:
+      releases: the reference, and the other.
+      launches: so far.
+      failure: why there are no more; None while there may be.
+      pair_s: seconds of a block in each release, together: the shortest so far. The number of
+        blocks of a layout follows from it, so that a disturbed block does not decide it.
+    """
+
+    def __init__(self, releases: Releases):
+        self.releases = releases
+        self.launches: list[LaunchRatio] = []
+        self.failure: Failure | None = None
+        self.pair_s = math.inf
+        self._reference_ns: list[float] = []
+
+    @property
+    @abstractmethod
+    def series(self) -> str:
+        """See `RatioRecord.series`."""
+
+    @abstractmethod
+    def prepare(self, pool: WorkerPool) -> None:
+        """Fix what is done, before the first launch.
+
+        Raises:
+          InputError: a release cannot do it.
+          TargetError: a release crashed, hung or failed.
+        """
+
+    def equip(self, processes: Processes) -> None:  # noqa: B027 (most tasks need nothing)
+        """Have both processes of a launch read what they need.
+
+        Raises:
+          InputError: a release cannot read it.
+          TargetError: a release crashed, hung or failed.
+        """
+
+    @abstractmethod
+    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+        """Have both processes ready to time blocks, with their memory laid out anew.
+
+        Returns:
+          The nanoseconds of a block of each.
+
+        Raises:
+          InputError: a release cannot do it.
+          TargetError: a release crashed, hung or failed.
+        """
+
+    @abstractmethod
+    def record(self, problem: str, seconds: float) -> RatioRecord:
+        """Return what was measured.
+
+        Args:
+          problem: why the libraries were not moved; empty where they were.
+          seconds: that it took.
+        """
+
+    def add(self, launch: LaunchRatio, reference_ns: float) -> None:
+        """Store a launch.
+
+        Args:
+          launch: its ratio.
+          reference_ns: nanoseconds of a block of the reference.
+        """
+        self.launches.append(launch)
+        self._reference_ns.append(reference_ns)
+
+    def close(self) -> None:  # noqa: B027
+        """Remove what `prepare` stored."""
+
+    @property
+    def status(self) -> Status:
+        """How the measurement ended."""
+        return self.failure.status if self.failure else Status.OK
+
+    @property
+    def detail(self) -> str:
+        """Why it ended early; empty where it did not."""
+        return self.failure.detail if self.failure else ""
+
+    def reference_s(self, count: int) -> float | None:
+        """Return the seconds of one of `count` things of a block, in the reference."""
+        if not self._reference_ns:
+            return None
+        return 1e-9 * statistics.median(self._reference_ns) / count
+
+
+class StepTask(ReleaseTask):
+    """The steps of a model, on the reference's workload."""
+
+    def __init__(self, releases: Releases, model: ModelSource):
+        super().__init__(releases)
+        self.model = model
+        self._targets = Target(releases[0], model), Target(releases[1], model)
+        self._prepared: Preparation | None = None
+        self._digest = ""
+
+    @property
+    def series(self) -> str:
+        """See `ReleaseTask.series`."""
+        return self.model.name
+
+    def prepare(self, pool: WorkerPool) -> None:
+        """See `ReleaseTask.prepare`."""
+        self._prepared = preparation.prepare(pool, self._targets, Sizes(), TimeLimit())
+        workload: PortableWorkload = pickle.loads(self._prepared.workloads[0].read_bytes())
+        self._digest = workload.digest()
+
+    def equip(self, processes: Processes) -> None:
+        """See `ReleaseTask.equip`."""
+        prepared = self._prepared
+        assert prepared is not None, "a task is prepared before it is timed"
+        for process, target, model, workload in zip(
+            processes, self._targets, prepared.models, prepared.workloads, strict=True
+        ):
+            process.call(requests.Equip(model, workload, target.path))
+
+    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+        """See `ReleaseTask.ready`."""
+        prepared = self._prepared
+        assert prepared is not None, "a task is prepared before it is timed"
+        rows = np.random.default_rng().permutation(prepared.nsim)[: prepared.work_check.nbatch]
+        return [
+            process.call(
+                requests.Prepare(
+                    path=target.path, options={}, cores=_cores(core), simulations=rows.tolist()
+                )
+            )
+            for process, target in zip(processes, self._targets, strict=True)
+        ]
+
+    def record(self, problem: str, seconds: float) -> StepRatioRecord:
+        """See `ReleaseTask.record`."""
+        reference, release = self.releases
+        record = StepRatioRecord(
+            model=self.model.name,
+            release=release.version,
+            build=release.key,
+            reference=reference.version,
+            status=self.status,
+            detail=self.detail,
+            launches=self.launches,
+            problem=problem,
+            workload=self._digest,
+            seconds=seconds,
+        )
+        if self._prepared is None:
+            return record
+        check = self._prepared.work_check
+        return replace(
+            record,
+            work=check.candidate,
+            reference_work=check.baseline,
+            diverged=check.diverged[1],
+            reference_diverged=check.diverged[0],
+            drift=check.drift.one_step if check.drift else None,
+            run_drift=check.drift.runs if check.drift else (),
+            nbatch=check.nbatch,
+            nstep=check.nstep,
+            starts=check.starts,
+            reference_s=self.reference_s(check.nbatch * check.nstep),
+        )
+
+    def close(self) -> None:
+        """See `ReleaseTask.close`."""
+        if self._prepared is not None:
+            for file in (*self._prepared.models, *self._prepared.workloads):
+                file.unlink(missing_ok=True)
+
+
+class OperationTask(ReleaseTask):
+    """An operation around `mj_step`."""
+
+    def __init__(self, releases: Releases, operation: Operation, model: ModelSource | None):
+        super().__init__(releases)
+        self.operation = operation
+        self._file = model.path if model else Path()
+        self._drift: float | None = None
+
+    @property
+    def series(self) -> str:
+        """See `ReleaseTask.series`."""
+        return self.operation.name
+
+    def prepare(self, pool: WorkerPool) -> None:
+        """See `ReleaseTask.prepare`: there is nothing to prepare."""
+
+    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+        """See `ReleaseTask.ready`."""
+        request = requests.PrepareOperation(self.operation.name, self._file, _cores(core))
+        reference, release = (process.call(request) for process in processes)
+        self._drift = None
+        if reference.result.shape == release.result.shape:
+            self._drift = float(np.abs(reference.result - release.result).max(initial=0.0))
+        return reference.ns, release.ns
+
+    def record(self, problem: str, seconds: float) -> OperationRatioRecord:
+        """See `ReleaseTask.record`."""
+        reference, release = self.releases
+        operation = self.operation
+        return OperationRatioRecord(
+            operation=operation.name,
+            title=operation.title,
+            model=operation.model,
+            release=release.version,
+            build=release.key,
+            reference=reference.version,
+            status=self.status,
+            detail=self.detail,
+            launches=self.launches,
+            problem=problem,
+            drift=self._drift,
+            repeats=operation.repeats,
+            reference_s=self.reference_s(operation.repeats),
+            seconds=seconds,
+        )
+
+
+def _cores(core: int | None) -> list[int]:
+    """Return the cores that a process may use: one, or all where the system cannot tell them."""
+    return sorted(cores.USABLE) if core is None else [core]
