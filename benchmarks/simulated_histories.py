@@ -159,8 +159,6 @@ def _is_named(history: SimulatedHistory, changes: Changes) -> bool:
     return sum(n for n in covered if n > 0) > (end - begin) / 2
 
 
-# So large a deviation is beyond what a history is measured with.
-NOISIEST = 0.005
 PLANS: Sequence[Plan] = (
     Plan("nothing happens", changes=0),
     Plan("nothing happens, 2 % outliers", changes=0, outliers=0.02),
@@ -170,7 +168,8 @@ PLANS: Sequence[Plan] = (
     Plan("changes of 1.5 %", smallest=0.015, largest=0.015),
     Plan("changes of 2 %", smallest=0.02, largest=0.02),
     Plan("changes of 2 %, deviation 0.35 %", smallest=0.02, largest=0.02, deviation=0.0035),
-    Plan("changes of 2 %, deviation 0.5 %", smallest=0.02, largest=0.02, deviation=NOISIEST),
+    Plan("changes of 2 %, deviation 0.5 %", smallest=0.02, largest=0.02, deviation=0.005),
+    Plan("changes of 1 to 5 %, deviation 1 %", deviation=0.01),
     Plan("a drift of 0.2 % a release", changes=0, drift=0.002),
     Plan("a drift of 0.2 %, changes of 2 %", changes=2, smallest=0.02, largest=0.02, drift=0.002),
     Plan("changes of 2 %, 2 % outliers", smallest=0.02, largest=0.02, outliers=0.02),

@@ -26,11 +26,9 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from mjbench.releases.benchmark_names import BenchmarkName
-
 ROOT = Path(__file__).resolve().parent.parent
 # The unpaired times, and the paired ratio to a reference release, which has to find it.
-BENCHMARKS = (BenchmarkName.STEP_TIME, BenchmarkName.RATIO_TO_REFERENCE)
+BENCHMARKS = ("step.Step.time_1000_steps", "reference.Reference.track_ratio_to_reference")
 # Unchanged releases before the slowed one: asv's step detection needs a level to compare with.
 UNCHANGED = 6
 WHEEL = "slowed_step-1.0-py3-none-any.whl"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from mjbench.releases import speed_history
 from mjbench.releases.placement import Placement
 from mjbench.releases.release_ratios import LaunchRatio, StepRatioRecord
-from mjbench.releases.speed_history import ModelHistory
+from mjbench.releases.speed_history import SpeedSeries
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -46,7 +46,7 @@ def record(
     )
 
 
-def history(ratios: Sequence[float]) -> ModelHistory:
+def history(ratios: Sequence[float]) -> SpeedSeries:
     """Return the history of a model in the first of VERSIONS."""
     records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
     (only,) = speed_history.histories(records, VERSIONS)

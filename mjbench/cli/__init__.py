@@ -11,7 +11,6 @@ from mjbench.cli import (  # each adds its command to the group
     explain,
     falls,
     history,
-    history_changes,
     history_explain,
     history_measure,
     instructions,

@@ -255,9 +255,9 @@ class Worker:
         self.padding += _scattered(self.rng)
         prepared = operations.registry()[request.name].prepared(request.file)
         self.run = prepared.run
-        self.run()
         result = prepared.result()
         _collect_garbage()
+        self._block()
         return requests.ReadyOperation(self._block(), result)
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:

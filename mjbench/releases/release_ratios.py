@@ -36,8 +36,8 @@ TARGET_S = 120.0
 # The least standard error, since few launches can agree by chance. Estimates between builds of
 # equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
 MIN_DEVIATION = 0.001
-# A launch further from the median than this many deviations counts as if it were that far away:
-# something else on the machine disturbed it. Few launches of a residue cannot show it by themselves.
+# A launch further from the median of its residue than this many deviations counts as if it were
+# that far away: something else on the machine disturbed it.
 CLIP_DEVIATIONS = 4.0
 # The standard deviation of normal samples over the median of their absolute differences.
 _NORMAL_DEVIATIONS = 1.4826
@@ -94,7 +94,8 @@ def averaged(launches: Sequence[LaunchRatio]) -> Ratio | None:
 def as_shipped(launches: Sequence[LaunchRatio]) -> Ratio | None:
     """Return the ratio of the launches that moved nothing; None with fewer than two.
 
-    They are few, so that their deviation is taken from all launches where others moved something.
+    They are few, and may agree by chance: their deviation is at least that which all launches have
+    of those with the same placement.
     """
     shipped = [launch.log_ratio for launch in launches if launch.placement is None]
     ratio = _estimate(shipped, None)
@@ -107,7 +108,7 @@ def as_shipped(launches: Sequence[LaunchRatio]) -> Ratio | None:
     squares = sum(len(group) * statistics.pvariance(group) for group in groups.values())
     freedom = len(launches) - len(groups)
     deviation = math.sqrt(squares / freedom / len(shipped))
-    return Ratio(ratio.log_ratio, max(deviation, MIN_DEVIATION))
+    return Ratio(ratio.log_ratio, max(deviation, ratio.deviation))
 
 
 def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> Ratio | None:
@@ -115,19 +116,30 @@ def _estimate(log_ratios: Sequence[float], residues: Sequence[int] | None) -> Ra
     count = len(set(residues)) if residues else 1
     if len(log_ratios) <= count:
         return None
-    mean, deviation = anytime.mean_and_deviation(clipped(log_ratios), residues)
+    mean, deviation = anytime.mean_and_deviation(clipped(log_ratios, residues), residues)
     return Ratio(mean, max(deviation, MIN_DEVIATION))
 
 
-def clipped(log_ratios: Sequence[float]) -> list[float]:
-    """Return log ratios of launches, none further from their median than CLIP_DEVIATIONS.
+def clipped(log_ratios: Sequence[float], residues: Sequence[int] | None = None) -> list[float]:
+    """Return log ratios of launches, none further from its residue's median than CLIP_DEVIATIONS.
 
-    The deviation is estimated from the median of absolute differences, and at least MIN_DEVIATION.
+    The deviation is estimated from the median of absolute differences, without as many of the
+    smallest as medians fit by themselves. It is at least MIN_DEVIATION.
+
+    Args:
+      log_ratios: of launches.
+      residues: of their placements; None if all have the same.
     """
-    median = statistics.median(log_ratios)
-    spread = statistics.median(abs(x - median) for x in log_ratios)
+    groups = residues or [0] * len(log_ratios)
+    medians = {
+        group: statistics.median(x for x, g in zip(log_ratios, groups, strict=True) if g == group)
+        for group in set(groups)
+    }
+    centres = [medians[group] for group in groups]
+    distances = sorted(abs(x - c) for x, c in zip(log_ratios, centres, strict=True))
+    spread = statistics.median(distances[len(medians) - 1 :])
     most = CLIP_DEVIATIONS * max(_NORMAL_DEVIATIONS * spread, MIN_DEVIATION)
-    return [min(max(x, median - most), median + most) for x in log_ratios]
+    return [min(max(x, c - most), c + most) for x, c in zip(log_ratios, centres, strict=True)]
 
 
 def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:

@@ -1,4 +1,4 @@
-"""The speed of models over the releases, and what changed it: from ratios to one fixed release."""
+"""The speed of models and operations over the releases: from ratios to one fixed release."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -7,37 +7,37 @@ from dataclasses import dataclass, replace
 from mjbench.releases import change_points, release_ratios
 from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
-from mjbench.releases.release_ratios import Ratio, StepRatioRecord
+from mjbench.releases.release_ratios import Ratio, RatioRecord, StepRatioRecord
 from mjbench.simulation import agreement
 from mjbench.status import Status
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A model in one release.
+    """A model or an operation in one release.
 
     Attributes:
       release: of MuJoCo.
-      ratio: time of a step over that of the reference.
+      ratio: its time over that in the reference.
       record: that it is from.
     """
 
     release: str
     ratio: Ratio
-    record: StepRatioRecord
+    record: RatioRecord
 
 
 @dataclass(frozen=True)
-class ModelHistory:
-    """A model over the releases.
+class SpeedSeries:
+    """A model or an operation over the releases.
 
     Attributes:
-      model: its name.
-      measured: the releases in which it was measured, in the order of their upload.
+      name: of the model, or of the operation.
+      measured: the releases in which it was measured, one or more, in the order of their upload.
       changes: of its speed; indices are those of `measured`.
     """
 
-    model: str
+    name: str
     measured: Sequence[Measured]
     changes: Changes
 
@@ -46,10 +46,10 @@ class ModelHistory:
         return self.measured[index - 1 if before is None else before], self.measured[index]
 
 
-def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> list[ModelHistory]:
-    """Return the history of each model, by name.
+def histories(records: Iterable[RatioRecord], versions: Sequence[str]) -> list[SpeedSeries]:
+    """Return the series of each model and each operation, in the order of their first records.
 
-    The launches of several records of a model and a release add up where they are of one build and
+    The launches of several records of one release add up where they are of one build and
     one workload; otherwise the last record counts. Records that failed are left out.
 
     Args:
@@ -57,65 +57,90 @@ def histories(records: Iterable[StepRatioRecord], versions: Sequence[str]) -> li
       versions: of the releases of the git history, in the order of their upload. Others, such as
         wheels of one's own, follow by their version.
     """
-    by_model: dict[str, dict[str, Measured]] = {}
+    by_series: dict[str, dict[str, Measured]] = {}
     for record in records:
         if record.status != Status.OK:
             continue
-        of_release = by_model.setdefault(record.model, {})
+        of_release = by_series.setdefault(record.series, {})
         earlier = of_release.get(record.release)
         pooled = _pooled(earlier.record, record) if earlier else record
         ratio = release_ratios.averaged(pooled.launches)
         if ratio is not None:
             of_release[record.release] = Measured(record.release, ratio, pooled)
-    measured_versions = {version for of_release in by_model.values() for version in of_release}
+    measured_versions = {version for of_release in by_series.values() for version in of_release}
     others = sorted(measured_versions - {*versions}, key=lambda v: (version_key(v), v))
     return [
-        _history(model, [of_release[v] for v in (*versions, *others) if v in of_release])
-        for model, of_release in sorted(by_model.items())
+        _series(name, [of_release[v] for v in (*versions, *others) if v in of_release])
+        for name, of_release in by_series.items()
         if of_release
     ]
 
 
-def _pooled(earlier: StepRatioRecord, later: StepRatioRecord) -> StepRatioRecord:
+def _pooled(earlier: RatioRecord, later: RatioRecord) -> RatioRecord:
     """Return a record with the launches of both, or the later one where they cannot be pooled."""
-    same = all(
-        getattr(earlier, name) == getattr(later, name)
-        for name in ("build", "reference", "workload", "problem")
+    is_same = _is_same_work(earlier, later) and (
+        (earlier.build, earlier.reference, earlier.problem)
+        == (later.build, later.reference, later.problem)
     )
-    return replace(later, launches=[*earlier.launches, *later.launches]) if same else later
+    return replace(later, launches=[*earlier.launches, *later.launches]) if is_same else later
 
 
-def _history(model: str, measured: Sequence[Measured]) -> ModelHistory:
+def _is_same_work(earlier: RatioRecord, later: RatioRecord) -> bool:
+    """Return whether both records are of the same start states and controls, if of any."""
+    if isinstance(earlier, StepRatioRecord) and isinstance(later, StepRatioRecord):
+        return earlier.workload == later.workload
+    return True
+
+
+def _series(name: str, measured: Sequence[Measured]) -> SpeedSeries:
     log_ratios = [each.ratio.log_ratio for each in measured]
     deviations = [each.ratio.deviation for each in measured]
-    return ModelHistory(model, measured, change_points.changes(log_ratios, deviations))
+    return SpeedSeries(name, measured, change_points.changes(log_ratios, deviations))
 
 
 def change(before: Measured, after: Measured) -> Ratio:
-    """Return the time of a step in one release over that in another, with its standard error."""
+    """Return the time in one release over that in another, with its standard error."""
     old, new = before.ratio, after.ratio
     deviation = math.hypot(old.deviation, new.deviation)
     return Ratio(new.log_ratio - old.log_ratio, deviation)
 
 
+def knows_work(before: Measured, after: Measured) -> bool:
+    """Return whether it is known how the work changed from one release to another."""
+    old, new = before.record, after.record
+    if isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord):
+        return old.work is not None and new.work is not None and old.workload == new.workload
+    return old.drift is not None and new.drift is not None
+
+
 def changed_counters(before: Measured, after: Measured) -> list[str]:
     """Return the names of the counters of work that changed; none where they are not known."""
-    old, new = before.record, after.record
-    if old.workload != new.workload or old.work is None or new.work is None:
+    works = [
+        each.record.work.as_dict()
+        for each in (before, after)
+        if isinstance(each.record, StepRatioRecord) and each.record.work is not None
+    ]
+    if len(works) < 2 or not knows_work(before, after):
         return []
-    return agreement.changed_counters(old.work.as_dict(), new.work.as_dict())
+    return agreement.changed_counters(*works)
 
 
 def work_changes(before: Measured, after: Measured) -> list[str]:
-    """Describe how the work of a step changed from one release to another.
+    """Describe how the work changed from one release to another; empty where it did not.
 
-    Returns:
-      Phrases such as `contacts 1 → 5`, the counters first, and then whether one step gives another
-      result. For that the drifts of both releases from the reference are compared: where they
-      differ, one of the two computes something else.
+    Of steps the counters come first, such as `contacts 1 → 5`; then whether the result is another
+    one. For that the drifts of both releases from the reference are compared: where they differ,
+    one of the two computes something else. Nothing is said of what is not known.
     """
     old, new = before.record, after.record
-    if old.workload != new.workload or old.work is None or new.work is None:
-        return ["another workload"]
-    changes = agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
-    return changes + agreement.result_changes(old.drift, new.drift)
+    if not knows_work(before, after):
+        return []
+    if isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord):
+        assert old.work is not None
+        assert new.work is not None
+        changes = agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
+        changes += agreement.result_changes(old.drift, new.drift)
+        if old.diverged != new.diverged:
+            changes.append(f"{new.diverged} simulations diverge instead of {old.diverged}")
+        return changes
+    return ["another result"] if agreement.result_changes(old.drift, new.drift) else []

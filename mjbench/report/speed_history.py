@@ -1,39 +1,58 @@
-"""What happened to the time of a step over the releases, and why: what a page says of it.
+"""What happened to speed over the releases, and why: what a page says of it.
 
-All of it comes from ratios to one fixed release (`mjbench history measure`) and from counts by
-function (`mjbench history explain`).
+All of it comes from ratios to one fixed release (`mjbench history measure`), from counts by
+function (`mjbench history explain`), and from a table of causes that no measurement names.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.counts.records import ExplainRecord
+from mjbench.counts.records import OTHER_CODE, ExplainRecord
+from mjbench.instrument.machine import Machine
 from mjbench.paired.outcomes import Cause
-from mjbench.releases import speed_history
+from mjbench.releases import known_causes, speed_history
 from mjbench.releases.change_points import ChangePoint
 from mjbench.releases.changelog import Changelog
+from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release import version_key
-from mjbench.releases.release_ratios import StepRatioRecord
-from mjbench.releases.speed_history import Measured, ModelHistory
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
+from mjbench.releases.speed_history import Measured, SpeedSeries
 
 # By model, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
 
 @dataclass(frozen=True)
-class SpeedHistory:
-    """The time of a step over the releases, and what is known of its changes.
+class Background:
+    """What is known of releases beside their ratios.
 
     Attributes:
-      models: the history of each.
       counts: of instructions by function, of neighbouring releases.
       changelog: of MuJoCo; None where no installed package carries it.
+      causes: that no measurement names.
+    """
+
+    counts: Counts
+    changelog: Changelog | None = None
+    causes: Sequence[KnownCause] = ()
+
+
+@dataclass(frozen=True)
+class SpeedHistory:
+    """The speed of MuJoCo over the releases, and what is known of its changes.
+
+    Attributes:
+      models: the time of a step of each.
+      operations: the time of each operation around the step.
+      background: what explains changes.
+      machine: that all was measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
     """
 
-    models: Sequence[ModelHistory]
-    counts: Counts
-    changelog: Changelog | None
+    models: Sequence[SpeedSeries]
+    operations: Sequence[SpeedSeries] = ()
+    background: Background = Background({})
+    machine: Machine | None = None
     since: str | None = None
 
     def lists(self, release: str) -> bool:
@@ -43,7 +62,7 @@ class SpeedHistory:
     def instructions(self, model: str) -> dict[str, float]:
         """Return the instructions of a step of a model, by release, where they were counted."""
         counts: dict[str, float] = {}
-        for (counted, old, new), record in self.counts.items():
+        for (counted, old, new), record in self.background.counts.items():
             per_step = record.instructions_per_step
             if counted == model and per_step.old and per_step.new:
                 counts.setdefault(old, per_step.old)
@@ -51,8 +70,9 @@ class SpeedHistory:
         return counts
 
     def releases(self) -> list[str]:
-        """Return the releases that any model was measured in, by version."""
-        releases = {each.release for model in self.models for each in model.measured}
+        """Return the releases that anything was measured in, by version."""
+        releases = {each.release for series in self.models for each in series.measured}
+        releases |= {each.release for series in self.operations for each in series.measured}
         return sorted(releases, key=lambda release: (version_key(release), release))
 
 
@@ -60,6 +80,8 @@ def from_records(
     records: Sequence[object],
     versions: Sequence[str],
     changelog: Changelog | None = None,
+    causes: Sequence[KnownCause] = (),
+    machine: Machine | None = None,
     since: str | None = None,
 ) -> SpeedHistory:
     """Return the history that records of run files hold.
@@ -68,11 +90,28 @@ def from_records(
       records: of `history measure` and `history explain`; others are left out.
       versions: of all releases, in the order of their upload.
       changelog: of MuJoCo; None where no installed package carries it.
+      causes: that no measurement names.
+      machine: that measured the records.
       since: the first release whose changes are listed; None for all.
     """
-    ratios = [record for record in records if isinstance(record, StepRatioRecord)]
+    ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.model, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
-    return SpeedHistory(speed_history.histories(ratios, versions), counts, changelog, since)
+    models, operations = (
+        speed_history.histories(
+            [r for r in ratios if isinstance(r, OperationRatioRecord) == is_operation], versions
+        )
+        for is_operation in (False, True)
+    )
+    background = Background(counts, changelog, causes)
+    return SpeedHistory(models, operations, background, machine, since)
+
+
+def title(series: SpeedSeries) -> str:
+    """Return the name of a model or an operation, in Markdown."""
+    record = series.measured[-1].record
+    if not isinstance(record, OperationRatioRecord):
+        return f"`{series.name}`"
+    return f"{record.title}, `{record.model}`" if record.model else record.title
 
 
 @dataclass(frozen=True)
@@ -80,43 +119,67 @@ class Listed:
     """A change point, and what is known of it.
 
     Attributes:
-      model: history of the model.
+      series: of the model or operation.
       point: the change of its time.
       before: the last release before it.
       after: the first release with it.
       counts: of instructions by function, in these two; None where they were not counted.
+      causes: that no measurement names.
     """
 
-    model: ModelHistory
+    series: SpeedSeries
     point: ChangePoint
     before: Measured
     after: Measured
     counts: ExplainRecord | None
+    causes: Sequence[KnownCause] = ()
 
     @property
     def work_changes(self) -> list[str]:
-        """How the work changed; empty where it is the same."""
+        """How the work changed; empty where it did not, and where that is not known."""
         return speed_history.work_changes(self.before, self.after)
 
     @property
     def cause(self) -> Cause:
-        """Whether the time changed with the work or with the code that does it, if it is known."""
-        records = self.before.record, self.after.record
-        if any(record.problem or record.work is None for record in records):
+        """Whether the time changed with the work or with the code that does it, if it is known.
+
+        It is not where placement was not averaged out, where the work is not known, and where both
+        releases execute the same machine code.
+        """
+        is_known = speed_history.knows_work(self.before, self.after)
+        if self.before.record.problem or self.after.record.problem or not is_known:
             return Cause.UNDECIDED
-        return Cause.WORK if self.work_changes else Cause.CODE
+        if self.work_changes:
+            return Cause.WORK
+        return Cause.UNDECIDED if self.has_same_code else Cause.CODE
+
+    @property
+    def has_same_code(self) -> bool:
+        """Whether both releases are known to execute the same machine code."""
+        code = self.counts.code if self.counts else None
+        return code is not None and not any(change in code for change in OTHER_CODE)
 
 
-def listed_changes(history: SpeedHistory) -> list[Listed]:
-    """Return the change points of all models: by release, and of one release the largest first."""
-    counts = history.counts
+def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> list[Listed]:
+    """Return change points: by release, and of one release the largest first.
+
+    Args:
+      history: that the series are of.
+      all_series: models or operations.
+    """
+    background = history.background
     listed = [
         Listed(
-            model, point, before, after, counts.get((model.model, before.release, after.release))
+            series,
+            point,
+            before,
+            after,
+            background.counts.get((series.name, before.release, after.release)),
+            known_causes.explaining(after.release, series.name, background.causes),
         )
-        for model in history.models
-        for point in model.changes.change_points
-        for before, after in [model.pair(point.index, point.before)]
+        for series in all_series
+        for point in series.changes.change_points
+        for before, after in [series.pair(point.index, point.before)]
         if history.lists(after.release)
     ]
     return sorted(listed, key=lambda c: (version_key(c.after.release), -abs(c.point.change)))

@@ -1,7 +1,9 @@
-"""`mjbench history measure` and `mjbench history explain` as a user types them."""
+"""`mjbench history` and its subcommands as a user types them."""
 
 import json
+import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,12 +12,18 @@ from click.testing import CliRunner, Result
 from mjbench.cli import cli
 from mjbench.counts.instructions import InstructionCounter, ModelCount
 from mjbench.counts.records import FunctionCount
-from mjbench.paired import step_ratio
-from mjbench.paired.targets import Target
+from mjbench.errors import Failure
+from mjbench.paired import operations, release_ratio
+from mjbench.paired.release_tasks import ReleaseTask
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.releases.placement import Placement
-from mjbench.releases.release_ratios import REFERENCE, LaunchRatio, StepRatioRecord
+from mjbench.releases.release_ratios import (
+    REFERENCE,
+    LaunchRatio,
+    RatioRecord,
+    StepRatioRecord,
+)
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -42,38 +50,38 @@ def only_run_file() -> Path:
 
 
 def measured(
-    monkeypatch: pytest.MonkeyPatch, status: Callable[[Target], Status] = lambda target: Status.OK
+    monkeypatch: pytest.MonkeyPatch,
+    status: Callable[[ReleaseTask], Status] = lambda task: Status.OK,
 ) -> list[tuple[str, str]]:
     """Have no time measured; return the list of what is to be."""
-    targets: list[tuple[str, str]] = []
+    measured: list[tuple[str, str]] = []
 
     def measure(
-        pool: WorkerPool, reference: Target, target: Target, on_launch: Callable[[int], None]
-    ) -> StepRatioRecord:
-        assert reference.release.version == REFERENCE
-        targets.append((target.model.name, target.release.version))
+        pool: WorkerPool, tasks: Sequence[ReleaseTask], on_launch: Callable[[int], None]
+    ) -> list[RatioRecord]:
         on_launch(1)
-        return StepRatioRecord(
-            model=target.model.name,
-            release=target.release.version,
-            build=target.release.key,
-            reference=REFERENCE,
-            status=status(target),
-            detail="" if status(target) == Status.OK else "it fell over",
-            launches=LAUNCHES,
-            work=Work(1.0, 4.0, 2.0),
-            reference_work=Work(5.0, 20.0, 2.0),
-        )
+        records: list[RatioRecord] = []
+        for task in tasks:
+            reference, release = task.releases
+            assert reference.version == REFERENCE
+            measured.append((task.series, release.version))
+            if status(task) != Status.OK:
+                task.failure = Failure(status(task), "it fell over")
+            task.launches += LAUNCHES
+            record = task.record("", 1.0)
+            if isinstance(record, StepRatioRecord):
+                work = {"work": Work(1.0, 4.0, 2.0), "reference_work": Work(5.0, 20.0, 2.0)}
+                record = replace(record, **work)
+            records.append(record)
+        return records
 
-    monkeypatch.setattr(step_ratio, "measure", measure)
-    return targets
+    monkeypatch.setattr(release_ratio, "measure", measure)
+    return measured
 
 
-def test_releases_are_measured_model_by_model_stored_and_shown(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_releases_are_measured_stored_and_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     targets = measured(monkeypatch)
-    words = ("3.3.0", "3.3.1", "--model", "pile", "--model", "cloth")
+    words = ("3.3.0", "3.3.1", "--model", "pile", "--model", "cloth", "--no-operations")
     done = invoke("measure", *words, "--json", "out.json")
     assert done.exit_code == 0, done.output
     assert targets == [(m, r) for r in ("3.3.0", "3.3.1") for m in ("pile", "cloth")]
@@ -87,11 +95,24 @@ def test_releases_are_measured_model_by_model_stored_and_shown(
     assert json.loads(Path("shown.json").read_text())["results"] == rows
 
 
+def test_operations_are_measured_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = measured(monkeypatch)
+    done = invoke("measure", "3.3.0", "--model", "pile", "--json", "out.json")
+    assert done.exit_code == 0, done.output
+    assert targets == [("pile", "3.3.0"), *((name, "3.3.0") for name in operations.registry())]
+    document = json.loads(Path("out.json").read_text())
+    assert [row["operation"] for row in document["operations"]] == [*operations.registry()]
+    assert "another result" in done.output  # their drift is unknown
+    page = invoke().output
+    assert "## Change points around the step" in page
+    assert "| mj_ray, `humanoid` |" in page.replace("---:", "")
+
+
 def test_what_was_measured_is_not_measured_again_and_what_failed_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    measured(monkeypatch, lambda t: Status.FAILED if t.model.name == "cloth" else Status.OK)
-    words = ("3.3.0", "--model", "pile", "--model", "cloth")
+    measured(monkeypatch, lambda t: Status.FAILED if t.series == "cloth" else Status.OK)
+    words = ("3.3.0", "--model", "pile", "--model", "cloth", "--no-operations")
     done = invoke("measure", *words)
     assert done.exit_code == 3
     assert "it fell over" in done.output
@@ -105,7 +126,8 @@ def test_without_releases_those_of_the_git_history_are_measured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     targets = measured(monkeypatch)
-    assert invoke("measure", "--since", "3.16.0", "--model", "pile").exit_code == 0
+    words = ("measure", "--since", "3.16.0", "--model", "pile", "--no-operations")
+    assert invoke(*words).exit_code == 0
     assert targets == [("pile", release) for release in ("3.16.0", "3.17.0", "4.0.0")]
 
 
@@ -172,35 +194,62 @@ def test_change_points_are_reported_from_what_was_measured_and_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured(monkeypatch)
-    words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile")
+    words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile", "--no-operations")
     assert invoke("measure", *words).exit_code == 0
-    done = invoke("changes", "-o", "page.md")
+    done = invoke("-o", "page.md")
     assert done.exit_code == 0, done.output
     page = Path("page.md").read_text()
+    assert page.startswith("# What changed between releases\n\n")
     assert "slower for 0 of 1 models, and faster for 0" in page
     assert "| `pile` | 3.3.0 | 3.3.2 | +0.0 % ±" in page
     assert "\n| 3.3.0 | " in page
-    since = invoke("changes", "--since", "3.3.1").output
+    since = invoke("--since", "3.3.1").output
     assert since == page.replace("| 3.3.0 | – |\n", "")
+
+
+def test_plots_are_drawn_and_linked(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("vl_convert", reason="plots need vl-convert-python")
+    measured(monkeypatch)
+    assert invoke("measure", "3.3.0", "3.3.1", "--model", "pile").exit_code == 0
+    done = invoke("--plots", "docs/plots", "-o", "docs/page.md")
+    assert done.exit_code == 3  # there is no such folder
+    assert "cannot write docs/page.md" in done.output
+    Path("docs").mkdir()
+    done = invoke("--plots", "docs/plots", "-o", "docs/page.md")
+    assert done.exit_code == 0, done.output
+    assert "![pile](plots/pile.svg)" in Path("docs/page.md").read_text()
+    assert Path("docs/plots/pile.svg").read_text().startswith("<svg")
+
+
+def test_without_the_package_that_draws_plots_its_name_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measured(monkeypatch)
+    invoke("measure", "3.3.0", "--model", "pile", "--no-operations")
+    monkeypatch.setitem(sys.modules, "vl_convert", None)
+    done = invoke("--plots", "plots")
+    assert done.exit_code == 2
+    assert "plots need vl-convert-python" in done.output
+    assert not Path("plots").exists()
 
 
 def test_changes_of_nothing_of_two_machines_and_since_no_release_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    done = invoke("changes")
+    done = invoke()
     assert done.exit_code == 2
-    assert "results/history holds no ratios; `mjbench history measure` measures some" in done.output
+    assert "results/history holds no times of steps; `mjbench history measure`" in done.output
     measured(monkeypatch)
-    invoke("measure", "3.3.0", "--model", "pile")
-    done = invoke("changes", "--since", "9.9")
+    invoke("measure", "3.3.0", "--model", "pile", "--no-operations")
+    done = invoke("--since", "9.9")
     assert done.exit_code == 2
     assert "has no release 9.9" in done.output
-    done = invoke("changes", "-o", str(only_run_file()))
+    done = invoke("-o", str(only_run_file()))
     assert done.exit_code == 2
     (header, *rest) = only_run_file().read_text().splitlines()
     other = json.loads(header)
     other["machine"]["cpu"] = "another processor"
     Path("results/history/other.jsonl").write_text("\n".join([json.dumps(other), *rest]) + "\n")
-    done = invoke("changes")
+    done = invoke()
     assert done.exit_code == 2
     assert "are of different machines" in done.output

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import history_simulation, simulated_histories
-from benchmarks.simulated_histories import NOISIEST, PLANS, RELEASES, Plan
+from benchmarks.simulated_histories import PLANS, RELEASES, Plan
 from mjbench.releases import change_points, release_ratios
 
 SIGMA = 0.002
@@ -78,22 +78,26 @@ def test_each_log_ratio_needs_a_positive_deviation(deviations: list[float]) -> N
         change_points.changes([0.0, 0.0], deviations)
 
 
-# In the noisiest histories a step of 2 % is often found one release too early or too late.
-@pytest.mark.parametrize(
-    "plan",
-    [plan for plan in PLANS if plan.deviation != NOISIEST],
-    ids=lambda plan: plan.name,
-)
+@pytest.mark.parametrize("plan", PLANS, ids=lambda plan: plan.name)
 def test_in_simulated_histories_change_points_are_detected_and_few_are_wrong(plan: Plan) -> None:
     score = simulated_histories.score(plan, 400)
     if plan.changes:
-        assert score.wrong <= 0.05 * (score.wrong + score.detected)
+        assert score.false_discoveries <= change_points.FALSE_DISCOVERY_RATE
     else:
         assert score.wrong <= 0.1 * score.histories
-    if plan.smallest >= 0.02 and plan.changes:
+    if plan.smallest >= 0.02 and plan.changes and plan.deviation is None:
         assert score.power >= 0.95
     if plan.drift:
         assert score.named >= 0.95 * score.drifts > 0
+
+
+@pytest.mark.parametrize(("between", "listed"), [(0.02, [8]), (0.011, [])])
+def test_a_change_that_may_be_a_release_earlier_or_later_is_not_listed(
+    between: float, listed: list[int]
+) -> None:
+    values = [0.0] * 8 + [between] + [0.02] * 7
+    result = change_points.changes(values, [0.005] * len(values))
+    assert [point.index for point in result.change_points] == listed
 
 
 def test_where_nothing_happens_next_to_nothing_is_listed() -> None:

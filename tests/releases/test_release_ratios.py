@@ -16,6 +16,7 @@ from mjbench.releases.release_ratios import (
     are_enough,
     as_shipped,
     averaged,
+    clipped,
     finished,
 )
 from mjbench.status import Status
@@ -35,6 +36,20 @@ def test_residues_weigh_the_same_and_launches_as_shipped_do_not_count() -> None:
     # pooled variance of four and of two launches, and the leverage of two unequal residues
     variance = (2e-4 + 2e-4) / 4 * (1 / 4 + 1 / 2) / 4
     assert ratio.deviation == pytest.approx(math.sqrt(variance))
+
+
+def test_a_disturbed_launch_counts_for_no_more_than_one_that_is_far_off() -> None:
+    calm = [moved(r, r / 100 + x) for r in (0, 16, 32, 48) for x in (-0.002, 0.0, 0.001, 0.002)]
+    disturbed = [*calm[:-1], moved(48, 0.48 + 0.4)]
+    usual, ratio = averaged(calm), averaged(disturbed)
+    assert usual is not None
+    assert ratio is not None
+    assert 0 < ratio.log_ratio - usual.log_ratio < 0.001
+    assert clipped([0.0, 0.01, 0.02, 5.0, 5.01, 5.02], [0, 0, 0, 16, 16, 16])[3:] == [
+        5.0,
+        5.01,
+        5.02,
+    ]
 
 
 def test_no_ratio_is_known_better_than_the_no_change_pairs_show() -> None:

@@ -7,7 +7,7 @@ import pytest
 from speed_histories import VERSIONS, history, record
 
 from mjbench.releases import speed_history
-from mjbench.releases.release_ratios import StepRatioRecord
+from mjbench.releases.release_ratios import OperationRatioRecord, StepRatioRecord
 from mjbench.status import Status
 
 
@@ -28,7 +28,7 @@ def test_releases_are_in_the_order_of_their_upload_then_others_and_no_failures()
         record("2.0.5", 1.0),
         record("1.2", 1.0, model="cloth"),
     ]
-    cloth, pile = speed_history.histories(records, VERSIONS)
+    pile, cloth = speed_history.histories(records, VERSIONS)
     assert [each.release for each in pile.measured] == [
         "1.2",
         "1.9",
@@ -36,7 +36,7 @@ def test_releases_are_in_the_order_of_their_upload_then_others_and_no_failures()
         "2.0.5",
         "2.1.0.dev10",
     ]
-    assert (cloth.model, len(cloth.measured)) == ("cloth", 1)
+    assert (cloth.name, len(cloth.measured)) == ("cloth", 1)
 
 
 def test_launches_of_a_release_that_was_measured_again_add_up() -> None:
@@ -70,6 +70,33 @@ def test_work_is_compared_between_neighbours() -> None:
     assert more[0] == "contacts 5 → 1"
 
 
-def test_another_workload_cannot_be_compared() -> None:
-    (change,) = work_changes(record("1.0", 1.0), record("1.1", 1.0, workload="b"))
-    assert change.startswith("another workload")
+def test_nothing_is_said_of_the_work_of_another_workload() -> None:
+    old, new = record("1.0", 1.0), record("1.1", 1.0, workload="b", contacts=1.0)
+    assert work_changes(old, new) == []
+    (result,) = speed_history.histories([old, new], VERSIONS)
+    assert not speed_history.knows_work(*result.pair(1))
+
+
+def test_simulations_that_diverge_in_one_release_only_are_other_work() -> None:
+    old, new = record("1.0", 1.0), replace(record("1.1", 1.0), diverged=2)
+    assert work_changes(old, new) == ["2 simulations diverge instead of 0"]
+
+
+def test_an_operation_with_another_result_does_other_work() -> None:
+    old = OperationRatioRecord(
+        operation="spec",
+        title="MjSpec",
+        model="",
+        release="1.0",
+        build="1.0",
+        reference="4.0.0",
+        status=Status.OK,
+        launches=record("1.0", 1.0).launches,
+        drift=0.0,
+    )
+    new = replace(old, release="1.1", drift=0.5)
+    (result,) = speed_history.histories([old, new], VERSIONS)
+    assert result.name == "spec"
+    assert speed_history.work_changes(*result.pair(1)) == ["another result"]
+    (unknown,) = speed_history.histories([old, replace(new, drift=None)], VERSIONS)
+    assert not speed_history.knows_work(*unknown.pair(1))

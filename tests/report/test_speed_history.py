@@ -1,8 +1,13 @@
 """What a page says of the history of the time of a step."""
 
+from dataclasses import replace
+
+import pytest
 from speed_histories import VERSIONS, history, record
 
 from mjbench.counts.records import (
+    CodeChange,
+    CodeShare,
     CountedWorkPair,
     CountPair,
     ExplainRecord,
@@ -10,9 +15,11 @@ from mjbench.counts.records import (
 )
 from mjbench.paired.outcomes import Cause
 from mjbench.releases.changelog import Changelog, ChangelogItem
-from mjbench.releases.speed_history import ModelHistory
-from mjbench.report import speed_history, speed_page
-from mjbench.report.speed_history import SpeedHistory
+from mjbench.releases.known_causes import KnownCause
+from mjbench.releases.release_ratios import OperationRatioRecord
+from mjbench.releases.speed_history import SpeedSeries
+from mjbench.report import speed_history, speed_page, speed_tables
+from mjbench.report.speed_history import Background, Listed, SpeedHistory
 from mjbench.status import Status
 
 COUNTS = ExplainRecord(
@@ -35,85 +42,155 @@ CHANGELOG = Changelog([ISLANDS, *(ChangelogItem("1.2", (), f"Sensor {i}.") for i
 STEP = history([1.0] * 6 + [1.25] * 6)
 
 
-def speed_of(*models: ModelHistory) -> SpeedHistory:
-    return SpeedHistory(models, {}, None)
+COUNTED = Background({("pile", "1.5", "1.6"): COUNTS}, CHANGELOG)
+
+
+def speed_of(*models: SpeedSeries) -> SpeedHistory:
+    return SpeedHistory(models)
+
+
+def listed_in(history: SpeedHistory) -> list[Listed]:
+    return speed_history.listed_changes(history, history.models)
 
 
 def test_a_change_point_has_its_cause_its_functions_and_an_item_of_the_changelog() -> None:
-    (listed,) = speed_history.listed_changes(
-        SpeedHistory([STEP], {("pile", "1.5", "1.6"): COUNTS}, CHANGELOG)
-    )
+    history_of_step = SpeedHistory([STEP], background=COUNTED)
+    (listed,) = listed_in(history_of_step)
     assert listed.cause == Cause.CODE
-    _, _, row = speed_page.changes_table([listed], CHANGELOG)
+    _, _, row = speed_tables.step_changes(history_of_step)
     assert row.startswith("| 1.5 → 1.6 | `pile` | +25.0 % ±0.1 | +20.0 % | code | ")
     assert "`mj_island` +19.0 %, `mj_crb` +1.0 %" in row
     assert "perhaps: “Constraint islands became the default.” (`abc1234`)" in row
 
 
+def test_a_known_cause_stands_in_place_of_the_changelog() -> None:
+    known = [KnownCause("1.6", "pile", "", "found by measuring"), KnownCause("1.6", "x", "", "no")]
+    background = replace(COUNTED, causes=known)
+    _, _, row = speed_tables.step_changes(SpeedHistory([STEP], background=background))
+    assert row.endswith("`mj_crb` +1.0 %<br>found by measuring |")
+
+
 def test_a_change_point_with_other_work_is_due_to_work() -> None:
     records = [record(v, 1.0) for v in VERSIONS[:6]]
     records += [record(v, 0.8, contacts=1.0) for v in VERSIONS[6:]]
-    listed = speed_history.listed_changes(speed_history.from_records(records, VERSIONS))
-    assert [step.cause for step in listed] == [Cause.WORK]
-    (*_, row) = speed_page.changes_table(listed, None)
+    changed = speed_history.from_records(records, VERSIONS)
+    assert [step.cause for step in listed_in(changed)] == [Cause.WORK]
+    (*_, row) = speed_tables.step_changes(changed)
     assert "| -20.0 % ±0.1 |  | work | contacts 5 → 1" in row
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"), [(CodeChange.OFFSETS, Cause.UNDECIDED), (CodeChange.CHANGED, Cause.CODE)]
+)
+def test_the_same_machine_code_is_no_cause(change: CodeChange, cause: Cause) -> None:
+    counts = replace(
+        COUNTS, code={CodeChange.IDENTICAL: CodeShare(9, 0.9), change: CodeShare(1, 0.1)}
+    )
+    background = Background({("pile", "1.5", "1.6"): counts})
+    history_of_step = SpeedHistory([STEP], background=background)
+    assert [step.cause for step in listed_in(history_of_step)] == [cause]
+    (*_, row) = speed_tables.step_changes(history_of_step)
+    assert ("both execute the same machine code" in row) == (cause == Cause.UNDECIDED)
+
+
+def test_a_change_whose_work_or_placement_is_not_known_is_undecided() -> None:
+    for unknown in ({"work": None}, {"problem": "it cannot be moved"}):
+        records = [replace(record(v, 1.0), **unknown) for v in VERSIONS[:6]]
+        records += [record(v, 0.8) for v in VERSIONS[6:]]
+        changed = speed_history.from_records(records, VERSIONS)
+        assert [step.cause for step in listed_in(changed)] == [Cause.UNDECIDED]
 
 
 def test_change_points_are_listed_by_release() -> None:
     late, early = history([1.0] * 9 + [1.1] * 3), history([1.0] * 3 + [1.1] * 9)
-    listed = speed_history.listed_changes(speed_of(late, early))
+    listed = listed_in(speed_of(late, early))
     assert [step.after.release for step in listed] == ["1.3", "1.9"]
 
 
 def test_the_conclusion_counts_models_and_names_the_largest_changes() -> None:
     models = [STEP, history([1.0] * 12), history([1.0] * 11 + [0.5])]
-    text = " ".join(speed_page.conclusion(models, speed_history.listed_changes(speed_of(*models))))
+    text = " ".join(speed_page.conclusion(speed_of(*models)))
     assert "slower for 1 of 3 models (+25.0 %), and faster for 1 (×0.50)" in text
     assert text.endswith("next are ×0.50 for `pile` in 1.11, +25.0 % for `pile` in 1.6.")
 
 
+def test_operations_have_tables_of_their_own() -> None:
+    records = [
+        OperationRatioRecord(
+            operation="rays pile",
+            title="mj_ray",
+            model="pile",
+            release=version,
+            build=version,
+            reference="4.0.0",
+            status=Status.OK,
+            launches=record(version, ratio).launches,
+            drift=0.0,
+            reference_s=3e-6,
+        )
+        for version, ratio in zip(VERSIONS, [1.0] * 6 + [1.5] * 6, strict=True)
+    ]
+    item = ChangelogItem("1.6", (), "Casting a ray with mj_ray is slower.")
+    others = [ChangelogItem("1.2", (), f"Sensor {i}.") for i in range(99)]
+    changelog = Changelog([item, *others])
+    around = speed_history.from_records(
+        [*records, *(record(v, 1.0) for v in VERSIONS)], VERSIONS, changelog
+    )
+    assert [series.name for series in around.models] == ["pile"]
+    (*_, row) = speed_tables.operation_changes(around)
+    assert row.startswith("| 1.5 → 1.6 | mj_ray, `pile` | +50.0 % ±0.1 | code | changelog, perhaps")
+    rows = [*speed_tables.times(around, around.operations)]
+    assert rows[2 + 6] == "| 1.6 | 4.5▲ |"
+
+
 def test_a_release_that_is_off_alone_and_a_drift_have_tables_of_their_own() -> None:
     off = history([1.0] * 5 + [1.1] + [1.0] * 6)
-    (*_, row) = speed_page.excursions_table(speed_of(off))
+    (*_, row) = speed_tables.excursions(speed_of(off))
     assert row == "| 1.5 | `pile` | +10.0 % | the same |"
     drifting = history([1.01**i for i in range(12)])
-    (*_, row) = speed_page.drifts_table(speed_of(drifting))
+    (*_, row) = speed_tables.drifts(speed_of(drifting))
     assert row == "| 1.0 to 1.11 | `pile` | +11.6 % |"
-    (*_, row) = speed_page.totals_table([drifting])
+    (*_, row) = speed_tables.totals([drifting])
     assert row == "| `pile` | 1.0 | 1.11 | +11.6 % ±0.1 | 0 | the same |"
 
 
 def test_what_only_the_builds_as_shipped_show_is_placement() -> None:
     records = [record(v, 1.0, shipped=1.04 if i >= 6 else 1.0) for i, v in enumerate(VERSIONS)]
-    (*_, row) = speed_page.placement_table(speed_history.from_records(records, VERSIONS))
+    (*_, row) = speed_tables.placement(speed_history.from_records(records, VERSIONS))
     assert row == "| 1.6 | `pile` | +4.0 % | +0.0 % |"
 
 
 def test_a_history_in_which_nothing_happens_says_so() -> None:
     level = speed_of(history([1.0] * 12))
-    assert [*speed_page.changes_table(speed_history.listed_changes(level), None)] == [
-        "None from 1 % on."
-    ]
-    for table in (speed_page.excursions_table, speed_page.drifts_table, speed_page.placement_table):
+    assert [*speed_tables.step_changes(level)] == ["None from 1 % on."]
+    assert [*speed_tables.operation_changes(level)] == ["None from 1 % on."]
+    for table in (speed_tables.excursions, speed_tables.drifts, speed_tables.placement):
         assert [*table(level)] == ["None."]
+
+
+def test_pairs_without_a_change_say_how_exact_the_history_is() -> None:
+    releases = ["3.1.1", "3.1.2", "3.1.3", "3.1.4"]
+    ratios = (1.0, 1.0, 1.01, 1.01)
+    records = [record(v, r) for v, r in zip(releases, ratios, strict=True)]
+    (line,) = speed_page.no_change_line(speed_history.from_records(records, releases))
+    assert "of these 1 changes, whose root mean square is 1.00 %" in line
+    assert [*speed_page.no_change_line(speed_of(STEP))] == []
 
 
 def test_only_changes_since_a_release_are_listed() -> None:
     records = [record(v, 1.0 if i < 3 else 1.1 if i < 9 else 1.3) for i, v in enumerate(VERSIONS)]
     for since, expected in ((None, ["1.3", "1.9"]), ("1.4", ["1.9"]), ("1.10", [])):
-        steps = speed_history.listed_changes(
-            speed_history.from_records(records, VERSIONS, since=since)
-        )
+        steps = listed_in(speed_history.from_records(records, VERSIONS, since=since))
         assert [step.after.release for step in steps] == expected
 
 
-def test_a_page_has_every_section() -> None:
+def test_a_page_has_every_section_that_it_has_data_for() -> None:
     text = "\n".join(speed_page.lines(speed_of(STEP)))
     assert text.startswith(
         "From the first release measured to the last, a step became slower for 1"
     )
     assert [line for line in text.splitlines() if line.startswith("## ")] == [
-        "## Change points",
+        "## Change points of a step",
         "## Single releases that are off",
         "## Drifts",
         "## Changed by placement",
@@ -125,26 +202,27 @@ def test_a_page_has_every_section() -> None:
 
 
 def test_times_are_ratios_times_the_time_of_the_reference_with_change_points_marked() -> None:
-    rows = [*speed_page.times_table(speed_of(STEP))]
+    rows = [*speed_tables.times(speed_of(STEP), [STEP])]
     assert rows[2 + 5] == "| 1.5 | 2 |"
     assert rows[2 + 6] == "| 1.6 | 2.5▲ |"
     assert rows[2 + 7] == "| 1.7 | 2.5 |"
 
 
 def test_instructions_have_a_row_for_each_release_that_was_measured() -> None:
-    counted = SpeedHistory([STEP], {("pile", "1.5", "1.6"): COUNTS}, None)
-    rows = [*speed_page.instructions_table(counted)]
+    rows = [*speed_tables.instructions(SpeedHistory([STEP], background=COUNTED))]
     assert rows[2 + 4 : 2 + 7] == ["| 1.4 | – |", "| 1.5 | 1 |", "| 1.6 | 1.2▲ |"]
-    (none,) = speed_page.instructions_table(speed_of(STEP))
+    (none,) = speed_tables.instructions(speed_of(STEP))
     assert none.startswith("Not counted; ")
 
 
 def test_work_has_a_row_for_each_release_that_changed_it() -> None:
     records = [record(v, 1.0, contacts=1.0 if v < "1.5" else 5.0) for v in ("1.4", "1.5", "1.6")]
     more = [record(v, 1.0, model="cloth", drift=float(v == "1.5")) for v in ("1.4", "1.5")]
-    (*_, row) = speed_page.work_table(speed_history.from_records([*records, *more], VERSIONS))
-    assert row.startswith("| 1.5 | `cloth`: different result of one step<br>`pile`: contacts 1 → 5")
-    assert [*speed_page.work_table(speed_of(STEP))] == ["None."]
+    (*_, row) = speed_tables.work(speed_history.from_records([*records, *more], VERSIONS))
+    assert row.startswith(
+        "| 1.5 | `pile`: contacts 1 → 5, constraints 4 → 20<br>`cloth`: different result"
+    )
+    assert [*speed_tables.work(speed_of(STEP))] == ["None."]
 
 
 def test_releases_of_all_models_are_in_order() -> None:
@@ -153,5 +231,5 @@ def test_releases_of_all_models_are_in_order() -> None:
     history_of_both = speed_history.from_records(records, VERSIONS)
     assert history_of_both.releases() == ["1.0", "1.2", "1.3", "1.5", "1.7", "1.10"]
     since = speed_history.from_records(records, VERSIONS, since="1.5")
-    _, _, *rows = speed_page.times_table(since)
+    _, _, *rows = speed_tables.times(since, since.models)
     assert [row.split()[1] for row in rows] == ["1.5", "1.7", "1.10"]

@@ -1,6 +1,6 @@
-"""Causes of change points, which no measurement shows: a table written by hand.
+"""Causes of change points that no measurement names: a table written by hand.
 
-benchmarks/causes.toml names items of MuJoCo's changelog.
+benchmarks/causes.toml names items of MuJoCo's changelog, and what was found by measuring otherwise.
 """
 
 import re
@@ -12,27 +12,26 @@ from pathlib import Path
 import msgspec
 
 from mjbench.errors import InputError, one_line
-from mjbench.releases.history import ChangePoint
 
 
 @dataclass(frozen=True)
-class Cause:
-    """An item of MuJoCo's changelog that explains change points.
+class KnownCause:
+    """Why models or operations changed in a release.
 
     Attributes:
-      release: in which it came.
-      where: regular expression over `benchmark (parameters)` of the change points it explains.
+      release: in which they did.
+      series: regular expression that matches the whole names of the models and operations.
       commit: by which the changelog names the item; empty where it names none.
       text: what changed, in our words.
     """
 
     release: str
-    where: str
+    series: str
     commit: str
     text: str
 
 
-def load(file: Path) -> list[Cause]:
+def load(file: Path) -> list[KnownCause]:
     """Read the table of causes.
 
     Raises:
@@ -40,9 +39,9 @@ def load(file: Path) -> list[Cause]:
     """
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8")).get("cause", [])
-        causes = msgspec.convert(entries, list[Cause])
+        causes = msgspec.convert(entries, list[KnownCause])
         for cause in causes:
-            re.compile(cause.where)
+            re.compile(cause.series)
         return causes
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror}") from error
@@ -50,11 +49,14 @@ def load(file: Path) -> list[Cause]:
         raise InputError(f"cannot read {file}: {one_line(error)}") from error
 
 
-def explaining(change_point: ChangePoint, causes: Sequence[Cause]) -> list[Cause]:
-    """Return the causes that explain a change point."""
-    where = f"{change_point.series.benchmark} ({change_point.series.label})"
+def explaining(release: str, series: str, causes: Sequence[KnownCause]) -> list[KnownCause]:
+    """Return the causes of a change.
+
+    Args:
+      release: the first release with it.
+      series: name of the model or operation that changed.
+      causes: that are known.
+    """
     return [
-        cause
-        for cause in causes
-        if cause.release == change_point.release and re.search(cause.where, where)
+        cause for cause in causes if cause.release == release and re.fullmatch(cause.series, series)
     ]

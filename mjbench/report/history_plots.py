@@ -1,0 +1,192 @@
+"""Plots of models over the releases, as SVG: time, instructions, work and drift, aligned.
+
+Each plot is a Vega-Lite specification, which vl-convert-python draws.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import InputError, writing
+from mjbench.releases import release_ratios
+from mjbench.releases.release_ratios import StepRatioRecord
+from mjbench.releases.speed_history import Measured, SpeedSeries
+from mjbench.report.speed_history import SpeedHistory
+
+# The version of Vega-Lite whose language the specifications are in.
+VEGA_LITE = "5.20"
+_WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
+# Colours that people with any colour vision tell apart (Okabe and Ito, 2008).
+_BLUE, _ORANGE, _GREEN, _GREY = "#0072b2", "#d55e00", "#009e73", "#777777"
+# An error bar reaches as many standard errors to either side.
+_DEVIATIONS = 2.0
+# Smaller drifts are rounding, or none; they are drawn here.
+_LEAST_DRIFT = 1e-17
+
+Row = dict[str, str | float | None]
+Spec = dict[str, Any]
+
+
+def draw(history: SpeedHistory, folder: Path) -> None:
+    """Draw a plot of each model, as `<model>.svg` in a folder, which is created.
+
+    Raises:
+      InputError: vl-convert-python is not installed.
+      MachineError: the folder cannot be written.
+    """
+    try:
+        import vl_convert
+    except ImportError as error:
+        raise InputError(
+            "plots need vl-convert-python: install it, such as by"
+            " `pip install vl-convert-python`, or leave out --plots"
+        ) from error
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    for series in history.models:
+        file = folder / f"{series.name}.svg"
+        svg = vl_convert.vegalite_to_svg(specification(history, series), vl_version=VEGA_LITE)
+        with writing(file):
+            file.write_text(svg, encoding="utf-8")
+
+
+def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
+    """Return the plot of a model, in Vega-Lite."""
+    releases = [release for release in history.releases() if history.lists(release)]
+    reference = series.measured[-1].record.reference
+    panels = [
+        _panel(f"time ({reference} = 1)", [*_times(history, series)], _time_layers(), _TIME_HEIGHT),
+        _panel("instructions (k)", [*_instructions(history, series)], [_line(_BLUE)]),
+        _panel("work per step", [*_work(history, series)], [_counters()]),
+        _panel("drift of one step", [*_drifts(history, series)], [_drift_points()]),
+    ]
+    for panel in panels:
+        is_last = panel is panels[-1]
+        axis = {"labelAngle": -90, "title": None, "labels": is_last, "ticks": is_last}
+        for layer in panel["layer"]:
+            layer["encoding"]["x"] = {
+                "field": "release",
+                "type": "ordinal",
+                "scale": {"domain": releases},
+                "axis": axis,
+            }
+    return {
+        "$schema": f"https://vega.github.io/schema/vega-lite/v{VEGA_LITE.split('.')[0]}.json",
+        "title": {"text": series.name, "anchor": "start"},
+        "background": "white",
+        "spacing": 10,
+        "vconcat": panels,
+        "resolve": {"scale": {"color": "independent"}},
+        "config": {"axis": {"grid": True, "gridOpacity": 0.5, "titleFontWeight": "normal"}},
+    }
+
+
+def _panel(title: str, rows: list[Row], layers: list[Spec], height: int = _HEIGHT) -> Spec:
+    for layer in layers:
+        layer["encoding"]["y"]["title"] = title
+    return {"width": _WIDTH, "height": height, "data": {"values": rows}, "layer": layers}
+
+
+def _times(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
+    changes = {point.index for point in series.changes.change_points}
+    for i, each in enumerate(series.measured):
+        if not history.lists(each.release):
+            continue
+        margin = _DEVIATIONS * each.ratio.deviation
+        yield {
+            "release": each.release,
+            "ratio": each.ratio.ratio,
+            "low": math.exp(each.ratio.log_ratio - margin),
+            "high": math.exp(each.ratio.log_ratio + margin),
+            "shipped": _shipped(each),
+            "change point": each.ratio.ratio if i in changes else None,
+        }
+
+
+def _shipped(measured: Measured) -> float:
+    """Return the ratio as shipped where it certainly differs, and the averaged one otherwise."""
+    shipped = release_ratios.as_shipped(measured.record.launches)
+    if shipped is None:
+        return measured.ratio.ratio
+    deviation = math.hypot(shipped.deviation, measured.ratio.deviation)
+    differs = abs(shipped.log_ratio - measured.ratio.log_ratio) > _DEVIATIONS * deviation
+    return shipped.ratio if differs else measured.ratio.ratio
+
+
+def _time_layers() -> list[Spec]:
+    scale = {"type": "log", "zero": False, "nice": False, "padding": 10}
+
+    def y(field: str) -> Spec:
+        return {"field": field, "type": "quantitative", "scale": scale}
+
+    return [
+        {
+            "mark": {"type": "area", "color": _ORANGE, "opacity": 0.25},
+            "encoding": {"y": y("shipped"), "y2": {"field": "ratio"}},
+        },
+        {
+            "mark": {"type": "rule", "color": _BLUE},
+            "encoding": {"y": y("low"), "y2": {"field": "high"}},
+        },
+        {
+            "mark": {"type": "line", "color": _BLUE, "point": {"color": _BLUE}},
+            "encoding": {"y": y("ratio")},
+        },
+        {
+            "mark": {"type": "point", "shape": "diamond", "size": 140, "color": _ORANGE},
+            "encoding": {"y": y("change point")},
+        },
+    ]
+
+
+def _instructions(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
+    counts = history.instructions(series.name)
+    for release in history.releases():
+        count = counts.get(release)
+        if count is not None and history.lists(release):
+            yield {"release": release, "value": count / 1000}
+
+
+def _work(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
+    for each in series.measured:
+        record = each.record
+        if not isinstance(record, StepRatioRecord) or record.work is None:
+            continue
+        if history.lists(each.release):
+            for name, count in record.work.as_dict().items():
+                yield {"release": each.release, "counter": name.replace("_", " "), "value": count}
+
+
+def _drifts(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
+    for each in series.measured:
+        drift = each.record.drift
+        if drift is not None and math.isfinite(drift) and history.lists(each.release):
+            yield {"release": each.release, "value": max(drift, _LEAST_DRIFT)}
+
+
+def _value(**scale: Any) -> Spec:
+    return {"field": "value", "type": "quantitative", "scale": scale}
+
+
+def _line(color: str) -> Spec:
+    mark = {"type": "line", "color": color, "point": {"color": color}}
+    return {"mark": mark, "encoding": {"y": _value(zero=False)}}
+
+
+def _counters() -> Spec:
+    color: Mapping[str, Any] = {
+        "field": "counter",
+        "type": "nominal",
+        "title": None,
+        "scale": {"range": [_BLUE, _ORANGE, _GREEN]},
+    }
+    return {
+        "mark": {"type": "line", "point": True},
+        "encoding": {"y": _value(type="symlog"), "color": color},
+    }
+
+
+def _drift_points() -> Spec:
+    y = _value(type="log", domainMin=_LEAST_DRIFT) | {"axis": {"format": ".0e", "tickCount": 4}}
+    return {"mark": {"type": "point", "filled": True, "color": _GREY}, "encoding": {"y": y}}

@@ -1,0 +1,190 @@
+"""A release against the reference, as the history measures it."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from paired_examples import CARTPOLE, INSTALLED
+
+from mjbench.errors import InputError
+from mjbench.paired import averaging, operations, release_ratio
+from mjbench.paired.averaging import Averaging
+from mjbench.paired.release_tasks import OperationTask, Processes, ReleaseTask, StepTask
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import TargetError
+from mjbench.releases import release_ratios
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from mjbench.simulation import models
+from mjbench.status import Status
+
+BOTH = INSTALLED, INSTALLED
+SPEC = operations.registry()["spec"]
+
+
+def enough_after(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(
+        release_ratios, "are_enough", lambda launches, seconds: len(launches) >= count
+    )
+
+
+def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enough_after(monkeypatch, 2)
+    counts: list[int] = []
+    clock = itertools.count(10.0).__next__
+    tasks = [StepTask(BOTH, CARTPOLE.model), OperationTask(BOTH, SPEC, None)]
+    step, spec = release_ratio.measure(pool, tasks, counts.append, clock)
+    assert counts == [1, 2]
+    assert isinstance(step, StepRatioRecord)
+    assert isinstance(spec, OperationRatioRecord)
+    for record in (step, spec):
+        assert (record.status, record.release) == (Status.OK, INSTALLED.version)
+        assert len(record.launches) == 2
+        assert record.drift == 0.0
+        assert record.reference_s is not None
+        if not record.problem:
+            assert record.launches[0].placement is not None
+    # the clock was read at the begin, when launches began, after each, and at the end
+    assert step.seconds == spec.seconds == 4.0 / 2
+    assert step.work == step.reference_work is not None
+    assert (step.series, spec.series) == ("cartpole", "spec")
+    again = StepTask(BOTH, CARTPOLE.model)
+    (same,) = release_ratio.measure(pool, [again])
+    assert isinstance(same, StepRatioRecord)
+    assert same.workload == step.workload != ""
+
+
+@dataclass(frozen=True)
+class Invented(RatioRecord):
+    """A record of an invented task."""
+
+
+class InventedTask(ReleaseTask):
+    """A task that calls a function instead of timing anything."""
+
+    def __init__(self, name: str, ready: Callable[[int], Sequence[int]]):
+        super().__init__(BOTH)
+        self.name, self._ready, self.closed = name, ready, False
+
+    @property
+    def series(self) -> str:
+        return self.name
+
+    def prepare(self, pool: WorkerPool) -> None:
+        if self.name == "impossible":
+            raise InputError("there is no such thing")
+
+    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+        return self._ready(len(self.launches))
+
+    def record(self, problem: str, seconds: float) -> RatioRecord:
+        return Invented(
+            model=self.name,
+            release="1",
+            build="1",
+            reference="2",
+            status=self.status,
+            detail=self.detail,
+            launches=self.launches,
+            problem=problem,
+            seconds=seconds,
+        )
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def no_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have no block run: both take a millisecond."""
+    monkeypatch.setattr(
+        release_ratio,
+        "time_quads",
+        lambda old, new, count: (["ABBA"] * count, np.full((count, 4), 1e6)),
+    )
+    monkeypatch.setattr(averaging, "averaging", lambda *releases: Averaging(False))
+
+
+def fine(count: int) -> Sequence[int]:
+    return 10**6, 10**6
+
+
+@pytest.mark.usefixtures("no_blocks")
+def test_a_task_that_fails_says_so_and_the_others_go_on(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enough_after(monkeypatch, 3)
+
+    def crash_later(count: int) -> Sequence[int]:
+        if count == 1:
+            raise TargetError("it fell over")
+        return fine(count)
+
+    def refuse(count: int) -> Sequence[int]:
+        raise InputError("not in this release")
+
+    tasks = [
+        InventedTask("good", fine),
+        InventedTask("impossible", fine),
+        InventedTask("crashing", crash_later),
+        InventedTask("refused", refuse),
+    ]
+    good, impossible, crashing, refused = release_ratio.measure(pool, tasks)
+    assert (good.status, len(good.launches)) == (Status.OK, 3)
+    assert (impossible.status, impossible.detail) == (Status.INPUT, "there is no such thing")
+    assert (crashing.status, crashing.detail) == (Status.FAILED, "it fell over")
+    assert len(crashing.launches) == 1
+    assert (refused.status, refused.launches) == (Status.INPUT, [])
+    assert all(task.closed for task in tasks)
+
+
+@pytest.mark.usefixtures("no_blocks")
+def test_ctrl_c_ends_all_tasks_and_what_was_measured_stays(pool: WorkerPool) -> None:
+    def interrupt_later(count: int) -> Sequence[int]:
+        if count == 2:
+            raise KeyboardInterrupt
+        return fine(count)
+
+    records = release_ratio.measure(pool, [InventedTask("interrupted", interrupt_later)])
+    assert [(r.status, len(r.launches)) for r in records] == [(Status.INTERRUPTED, 2)]
+
+
+@pytest.mark.usefixtures("no_blocks")
+def test_a_disturbed_block_does_not_decide_how_many_are_timed(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+
+    def count_quads(pair_s: float) -> int:
+        counts.append(round(1e3 * pair_s))
+        return 6
+
+    monkeypatch.setattr(release_ratio, "quad_count", count_quads)
+    enough_after(monkeypatch, 1)
+    times = iter([(2 * 10**6, 10**6), (10**6, 10**6), (50 * 10**6, 10**6)])
+    release_ratio.measure(pool, [InventedTask("good", lambda count: next(times))])
+    assert counts == [3, 2, 2]
+
+
+def test_what_a_release_lacks_is_said_and_not_timed(pool: WorkerPool) -> None:
+    old = ReleaseSpec("9.9.9", "9.9.9")
+    (record,) = release_ratio.measure(pool, [StepTask((INSTALLED, old), CARTPOLE.model)])
+    assert record.status in (Status.INPUT, Status.FAILED)
+    assert "9.9.9" in record.detail
+    assert record.launches == []
+
+
+@pytest.mark.parametrize("name", [*operations.registry()])
+def test_every_operation_computes_the_same_whenever_it_is_prepared(name: str) -> None:
+    operation = operations.registry()[name]
+    file = models.resolve(operation.model).path if operation.model else None
+    first, second = (operation.prepared(file or models.shipped_folder()) for _ in range(2))
+    first.run()
+    result = first.result()
+    assert result.size
+    assert np.isfinite(result).all()
+    assert np.array_equal(result, second.result())
