@@ -16,11 +16,15 @@ from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, time_quads
 from mjbench.paired.release_tasks import Processes, ReleaseTask
-from mjbench.paired.time_limit import LAYOUTS, MIN_QUADS, quad_count
+from mjbench.paired.time_limit import MIN_QUADS, quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.placement import PlacementPair
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
+
+# How often a launch lays out the memory of a task anew, and which share of the quads of a verdict's
+# layout each has: times differ between layouts, and all tasks together must not take too long.
+_LAYOUTS, _SHARE = 5, 3
 
 
 def measure(
@@ -115,13 +119,13 @@ def _time_all(
 def _time(
     task: ReleaseTask, processes: Processes, core: int | None, placements: PlacementPair
 ) -> Launch:
-    """Time a task in a few layouts of memory, which together take as long as one of a verdict."""
+    """Time a task in a few layouts of memory, each with a share of the quads of a verdict's."""
     orders: list[str] = []
     ns: list[np.ndarray] = []
     task.equip(processes)
-    for _ in range(LAYOUTS):
+    for _ in range(_LAYOUTS):
         task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
-        count = max(MIN_QUADS, quad_count(task.pair_s) // LAYOUTS)
+        count = max(MIN_QUADS, quad_count(task.pair_s) // _SHARE)
         layout_orders, layout_ns = time_quads(*processes, count)
         orders += layout_orders
         ns.append(layout_ns)
