@@ -3,6 +3,7 @@
 import math
 import statistics
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from mjbench.instrument.machine import Machine
 from mjbench.releases import speed_history
@@ -29,9 +30,31 @@ from mjbench.report.speed_tables import (
 
 # As many of the largest changes are named in the conclusion.
 _LARGEST_CHANGES = 3
-# The commands that a page rests on, and the number that each section is of.
-_MEASURE = "mjbench history measure --since {first}"
-_EXPLAIN = "mjbench history explain --since {first}"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the page.
+
+    Attributes:
+      heading: of the section.
+      introduction: what its figures are; empty where the heading says it.
+      body: lines in Markdown, a table or a sentence in its place.
+      commands: that give its figures.
+    """
+
+    heading: str
+    introduction: str
+    body: Iterator[str]
+    commands: Sequence[str]
+
+    def lines(self) -> Iterator[str]:
+        """Yield it in Markdown."""
+        yield f"\n## {self.heading}\n"
+        if self.introduction:
+            yield self.introduction + "\n"
+        yield from self.body
+        yield f"\nFrom {' and '.join(f'`{command}`' for command in self.commands)}."
 
 
 def lines(history: SpeedHistory, plots: str = "") -> Iterator[str]:
@@ -41,75 +64,104 @@ def lines(history: SpeedHistory, plots: str = "") -> Iterator[str]:
       history: one or more models.
       plots: folder of the plots of each model, as the page is to link it; empty for none.
     """
-    releases = history.releases()
-    measured = f"`{_MEASURE.format(first=releases[0])}`"
-    counted = f"`{_EXPLAIN.format(first=releases[0])}`"
     yield from conclusion(history)
     yield ""
     yield from provenance(history)
-    yield "\n## Change points of a step\n"
-    yield (
+    for section in _sections(history, plots):
+        yield from section.lines()
+
+
+def _sections(history: SpeedHistory, plots: str) -> Iterator[Section]:
+    first = history.releases()[0]
+    measure = f"mjbench history measure --since {first}"
+    explain = f"mjbench history explain --since {first}"
+    yield Section(
+        "Change points of a step",
         "Changes of the time of `mj_step` from one release to the next, from"
         f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is `work` where a step"
-        " has other work to do;"
-        " `code` where the same work takes another time, with placement averaged out; and"
-        " `undecided` where that is not known. The percentage after a function is the change of"
-        " its instructions, relative to those of the step.\n"
+        " has other work to do; `code` where the same work takes another time, with placement"
+        " averaged out; and `undecided` where that is not known. The percentage after a function"
+        " is the change of its instructions, relative to those of the step.",
+        step_changes(history),
+        [measure, explain],
     )
-    yield from step_changes(history)
-    yield f"\nTimes and work: {measured}. Instructions: {counted}."
     if history.operations:
-        yield "\n## Change points around the step\n"
-        yield (
-            "The same for what programs do around it, on one thread. `rollout` and `Batch` step, so"
-            " they change with `mj_step`, too.\n"
+        yield Section(
+            "Change points around the step",
+            "The same for what programs do around it, on one thread. `rollout` and `Batch` step,"
+            " so they change with `mj_step`, too.",
+            operation_changes(history),
+            [measure],
         )
-        yield from operation_changes(history)
-        yield f"\nTimes and results: {measured}."
-    yield "\n## Single releases that are off\n"
-    yield "Changes that the next release takes back.\n"
-    yield from excursions(history)
-    yield "\n## Drifts\n"
-    yield "Slow changes, of which no single one is a change point.\n"
-    yield from drifts(history)
-    yield "\n## Changed by placement\n"
-    yield (
+    yield Section(
+        "Single releases that are off",
+        "Changes that the next release takes back.",
+        excursions(history),
+        [measure],
+    )
+    yield Section(
+        "Drifts",
+        "Slow changes, of which no single one is a change point.",
+        drifts(history),
+        [measure],
+    )
+    yield Section(
+        "Changed by placement",
         f"Changes of a step that differ by at least {_percent(MIN_PLACEMENT)} where placement is"
         " averaged out: the difference comes from where the code lies in memory. Few launches are"
-        " as shipped, so that only large differences are seen.\n"
+        " as shipped, so that only large differences are seen.",
+        placement(history),
+        [measure],
     )
-    yield from placement(history)
-    yield "\n## From the first release to the last\n"
-    yield from totals([*history.models, *history.operations])
+    yield Section(
+        "From the first release to the last",
+        "",
+        totals([*history.models, *history.operations]),
+        [measure],
+    )
     if plots:
-        yield "\n## Plots\n"
-        yield (
+        yield Section(
+            "Plots",
             "From top to bottom: the time of a step relative to the reference, with two standard"
             " errors, change points marked, and the distance to the ratio as shipped shaded; its"
-            " instructions; its work; and how far one step is from that of the reference.\n"
+            " instructions; its work; and how far one step is from that of the reference.",
+            _images(history, plots),
+            [measure, explain],
         )
-        for series in history.models:
-            yield f"![{series.name}]({plots}/{series.name}.svg)\n"
-    yield "\n## Time of a step\n"
-    yield (
+    yield Section(
+        "Time of a step",
         "Microseconds of one `mj_step` from Python: the ratio to the reference, times the"
-        " reference's own time, which is the median of all runs. ▲ and ▼ mark change points.\n"
+        " reference's own time, which is the median of all runs. ▲ and ▼ mark change points.",
+        times(history, history.models),
+        [measure],
     )
-    yield from times(history, history.models)
     if history.operations:
-        yield "\n## Time of operations\n"
-        yield "Microseconds of one, in the same way; of `rollout` and `Batch`, of one simulation.\n"
-        yield from times(history, history.operations)
-    yield "\n## Instructions of a step\n"
-    yield (
+        yield Section(
+            "Time of operations",
+            "Microseconds of one, in the same way; of MjSpec, of one geom; of `rollout` and"
+            " `Batch`, of one simulation.",
+            times(history, history.operations),
+            [measure],
+        )
+    yield Section(
+        "Instructions of a step",
         "Thousands of instructions of one `mj_step`, counted by Callgrind. ▲ and ▼ mark changes"
         f" above {100 * COUNT_THRESHOLD:g} % from the release before. A count says what the code"
-        " does, not how long it takes.\n"
+        " does, not how long it takes.",
+        instructions(history),
+        [explain],
     )
-    yield from instructions(history)
-    yield "\n## Releases that compute something else\n"
-    yield "Compared with the release before: the work of a step, and results.\n"
-    yield from work(history)
+    yield Section(
+        "Releases that compute something else",
+        "Compared with the release before: the work of a step, and results.",
+        work(history),
+        [measure],
+    )
+
+
+def _images(history: SpeedHistory, plots: str) -> Iterator[str]:
+    for series in history.models:
+        yield f"![{series.name}]({plots}/{series.name}.svg)\n"
 
 
 def conclusion(history: SpeedHistory) -> Iterator[str]:

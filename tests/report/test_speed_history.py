@@ -233,3 +233,11 @@ def test_releases_of_all_models_are_in_order() -> None:
     since = speed_history.from_records(records, VERSIONS, since="1.5")
     _, _, *rows = speed_tables.times(since, since.models)
     assert [row.split()[1] for row in rows] == ["1.5", "1.7", "1.10"]
+
+
+def test_every_section_carries_the_command_that_gives_its_figures() -> None:
+    text = "\n".join(speed_page.lines(speed_of(STEP), plots="plots"))
+    _, *sections = text.split("\n## ")
+    for section in sections:
+        assert section.rstrip().rpartition("\n")[2].startswith("From `mjbench history "), section
+    assert "![pile](plots/pile.svg)" in text
