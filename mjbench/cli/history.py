@@ -93,9 +93,9 @@ def history(
         if since is not None and since not in versions:
             raise InputError(f"{release_bundle} has no release {since}")
         known = known_causes.load(causes) if causes else []
-        machine, records = _read(files)
+        machine, records = read_records(files)
         measured = speed_history.from_records(
-            records, versions, _changelog(), known, machine, since
+            records, versions, installed_changelog(), known, machine, since
         )
         if not measured.models:
             raise InputError(
@@ -104,7 +104,7 @@ def history(
         if plots is not None:
             history_plots.draw(measured, plots)
         text = "\n".join(speed_page.lines(measured, _link(plots, output)))
-        page.write(f"# What changed between releases\n\n{text}\n")
+        page.write(f"{speed_page.TITLE}\n\n{text}\n")
     finally:
         page.close()
 
@@ -117,7 +117,7 @@ def _link(plots: Path | None, output: Path | None) -> str:
     return Path(os.path.relpath(plots, base)).as_posix()
 
 
-def _read(files: Sequence[Path]) -> "tuple[Machine | None, list[Any]]":
+def read_records(files: Sequence[Path]) -> "tuple[Machine | None, list[Any]]":
     """Return the machine and the records of run files, whose times must be of one machine.
 
     Raises:
@@ -141,7 +141,7 @@ def _read(files: Sequence[Path]) -> "tuple[Machine | None, list[Any]]":
     return next(iter(timed.values()), None), records
 
 
-def _changelog() -> "Changelog | None":
+def installed_changelog() -> "Changelog | None":
     """Return MuJoCo's changelog, if the installed package carries it."""
     import importlib.util
 

@@ -150,7 +150,10 @@ class WorkerProcess:
         activity = self._pending[0].activity
         if not self.connection.poll(self.limit_s):
             self._process.end()
-            raise TargetError(f"{self.name}: no answer within {self.limit_s:g} s while {activity}")
+            output = child.last_line(self._output_file)
+            raise TargetError(
+                f"{self.name}: no answer within {self.limit_s:g} s while {activity}{output}"
+            )
         try:
             return self.connection.recv_bytes(max_bytes)
         except (EOFError, OSError):

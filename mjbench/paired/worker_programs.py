@@ -15,7 +15,7 @@ from mjbench.paired import cores, release_python
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.worker_process import Process
 
-# Programs that wait for requests, at most: a comparison has four, of two releases and two sides.
+# Programs that wait for requests, at most: those of two sides, for the releases used last.
 _MAX_SERVERS = 4
 
 

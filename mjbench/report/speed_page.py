@@ -28,6 +28,7 @@ from mjbench.report.speed_tables import (
     work,
 )
 
+TITLE = "# What changed between releases"
 # As many of the largest changes are named in the conclusion.
 _LARGEST_CHANGES = 3
 

@@ -1,0 +1,97 @@
+"""What the committed history of releases says, and docs/history.md with it."""
+
+import math
+import statistics
+from importlib.util import find_spec
+
+import pytest
+from commands import ROOT
+
+from mjbench.cli import history as command
+from mjbench.paired.outcomes import Cause
+from mjbench.releases import bundle, known_causes, speed_history
+from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.report import speed_page
+from mjbench.report.speed_history import Listed, SpeedHistory, from_records, listed_changes
+
+WRITE = "mjbench history --plots docs/history -o docs/history.md"
+FILES = sorted((ROOT / "results/history").glob("reference-*.jsonl"))
+
+
+@pytest.fixture(scope="module")
+def history() -> SpeedHistory:
+    machine, records = command.read_records(FILES)
+    versions = [release.version for release in bundle.read(bundle.default_path())]
+    causes = known_causes.load(ROOT / "benchmarks/causes.toml")
+    return from_records(records, versions, command.installed_changelog(), causes, machine)
+
+
+@pytest.fixture(scope="module")
+def changes(history: SpeedHistory) -> dict[tuple[str, str], Listed]:
+    """Return the change points by model or operation and release."""
+    listed = listed_changes(history, [*history.models, *history.operations])
+    return {(each.series.name, each.after.release): each for each in listed}
+
+
+def test_all_releases_and_models_were_measured(history: SpeedHistory) -> None:
+    versions = [release.version for release in bundle.read(bundle.default_path())]
+    assert history.releases() == versions
+    counts = {series.name: len(series.measured) for series in history.models}
+    assert counts.pop("cloth") == len(versions) - 1  # MuJoCo 2.3.7 cannot load it
+    assert counts.pop("quadruped_terrain") == len(versions) - 5  # nor those before 3.1.2 this
+    assert set(counts.values()) == {len(versions)}
+
+
+@pytest.mark.parametrize(
+    ("series", "release", "sign", "cause"),
+    [
+        ("cartpole", "3.3.1", 1, Cause.CODE),
+        ("muscle_arm", "3.3.1", 1, Cause.CODE),
+        ("pick_and_place", "3.3.6", -1, Cause.WORK),
+        ("linkage", "3.7.0", 1, Cause.WORK),
+        ("pick_and_place", "3.8.0", 1, Cause.WORK),
+        ("spec", "3.14.0", -1, Cause.CODE),
+    ],
+)
+def test_changes_that_are_known_otherwise_are_listed_with_their_cause(
+    changes: dict[tuple[str, str], Listed], series: str, release: str, sign: int, cause: Cause
+) -> None:
+    listed = changes[series, release]
+    assert listed.point.change * sign > 0
+    assert listed.cause == cause
+    assert listed.causes, "benchmarks/causes.toml says why"
+
+
+@pytest.mark.parametrize(
+    ("model", "release"), [("cloth", "3.2.0"), ("cloth", "3.3.2"), ("gripper", "3.1.6")]
+)
+def test_changes_that_only_the_wheels_placement_made_are_not_listed_as_code(
+    changes: dict[tuple[str, str], Listed], model: str, release: str
+) -> None:
+    listed = changes.get((model, release))
+    assert listed is None or listed.cause != Cause.CODE
+
+
+def test_releases_that_execute_the_same_instructions_hardly_differ(
+    history: SpeedHistory, changes: dict[tuple[str, str], Listed]
+) -> None:
+    log_ratios = []
+    for pair in NO_CHANGE_PAIRS:
+        for series in history.models:
+            releases = [each.release for each in series.measured]
+            index = releases.index(pair.new)
+            assert releases[index - 1] == pair.old
+            log_ratios.append(speed_history.change(*series.pair(index)).log_ratio)
+            assert (series.name, pair.new) not in changes
+    assert len(log_ratios) == 40
+    assert math.sqrt(statistics.fmean(x * x for x in log_ratios)) < 0.005
+
+
+def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:
+    if find_spec("mujoco") and command.installed_changelog() is None:
+        pytest.skip("this MuJoCo ships no changelog, which the page quotes")
+    text = "\n".join(speed_page.lines(history, plots="history"))
+    committed = (ROOT / "docs/history.md").read_text()
+    assert committed == f"{speed_page.TITLE}\n\n{text}\n", WRITE
+    for series in history.models:
+        assert (ROOT / "docs/history" / f"{series.name}.svg").is_file()
