@@ -7,7 +7,8 @@ function (`mjbench history explain`), and from a table of causes that no measure
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mjbench.counts.records import OTHER_CODE, ExplainRecord
+from mjbench.counts.explain import REPEATABILITY
+from mjbench.counts.records import OTHER_CODE, CodeChange, ExplainRecord
 from mjbench.instrument.machine import Machine
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import known_causes, speed_history
@@ -157,7 +158,10 @@ class Listed:
     def has_same_code(self) -> bool:
         """Whether both releases are known to execute the same machine code."""
         code = self.counts.code if self.counts else None
-        return code is not None and not any(change in code for change in OTHER_CODE)
+        if code is None or any(change in code for change in OTHER_CODE):
+            return False
+        unknown = code.get(CodeChange.UNKNOWN)
+        return unknown is None or unknown.share <= REPEATABILITY
 
 
 def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> list[Listed]:

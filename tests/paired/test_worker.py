@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import SimpleNamespace
 from typing import cast
 
 import mujoco
@@ -21,7 +20,6 @@ from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
-from mjbench.paths import Prepared
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import Placement
 from mjbench.simulation import models
@@ -76,7 +74,7 @@ def test_a_slowed_block_lasts_longer_by_the_share_asked_for(
     """The clock is injected: 1000 ns pass in the block, and 3 ns between two looks at the clock."""
     worker, readings = Worker(cast(Connection, None)), iter([0, 1000, *range(1003, 1100, 3)])
     monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
-    worker.prepared = cast(Prepared, SimpleNamespace(run=lambda: None))
+    worker.run = lambda: None
     worker.slowdown = 0.01
     assert worker._block() == 1012
 
