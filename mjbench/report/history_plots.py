@@ -39,8 +39,7 @@ def draw(history: SpeedHistory, folder: Path) -> None:
         import vl_convert
     except ImportError as error:
         raise InputError(
-            "plots need vl-convert-python: install it, such as by"
-            " `pip install vl-convert-python`, or leave out --plots"
+            "plots need vl-convert-python: install `mjbench[plots]`, or leave out --plots"
         ) from error
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
