@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 @click.argument("names", nargs=-1, metavar="[RELEASE]…")
 @click.option(
     "--operations/--no-operations",
-    default=True,
-    show_default=True,
-    help="Also measure loading, MjSpec, MjData, resets, rays, rollout and Batch.",
+    default=None,
+    help="Also measure loading, MjSpec, MjData, resets, rays, rollout and Batch on shipped models"
+    "  [default: unless --model is given]",
 )
 @with_options(*history_options.SELECTING, HISTORY, RESUME, WAIT, JSON)
 def measure(
     names: tuple[str, ...],
-    operations: bool,
+    operations: bool | None,
     since: str | None,
     models: tuple[str, ...],
     results: Path,
@@ -53,6 +53,7 @@ def measure(
     from mjbench.report.documents import HistoryDocument
 
     selection = history_options.select(names, since, models, history)
+    operations = not models if operations is None else operations
     paired_options.warn_if_unpinned()
     arguments = {**selection.arguments(), "operations": operations}
     storage = Storage(results, arguments, resume, release_ratios.finished)
@@ -76,14 +77,14 @@ def _measure(
     from mjbench.releases import release_ratios
 
     earlier = release_ratios.finished(run.resumed_records)
-    done = {(record.build, record.series) for record in earlier}
+    done = {(record.record_type, record.build, record.series) for record in earlier}
     records = [*earlier]
     with run.progress(len(selection.releases)) as advance, WorkerPool() as pool:
         for number, release in enumerate(selection.releases):
             tasks = [
                 task
                 for task in _tasks(selection, release, operations)
-                if (release.key, task.series) not in done
+                if (task.record_type, release.key, task.series) not in done
             ]
             if not tasks:
                 continue

@@ -52,7 +52,8 @@ def measure(
         problem = _launch_all(pool, tasks, on_launch, clock)
     except ENDING_ERRORS as error:
         for task in tasks:
-            task.failure = task.failure or ending_of(error)
+            if not task.is_complete:
+                task.failure = task.failure or ending_of(error)
     finally:
         for task in tasks:
             task.close()
@@ -87,11 +88,9 @@ def _launch_all(
             count += 1
             on_launch(count)
             seconds = clock() - begin_s
-            remaining = [
-                task
-                for task in remaining
-                if task.failure is None and not release_ratios.are_enough(task.launches, seconds)
-            ]
+            for task in remaining:
+                task.is_complete = release_ratios.are_enough(task.launches, seconds)
+            remaining = [t for t in remaining if not t.is_complete and t.failure is None]
     finally:
         pairs.close()
     return averaged.problem

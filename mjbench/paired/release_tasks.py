@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,10 +43,14 @@ Releases = tuple[ReleaseSpec, ReleaseSpec]
 class ReleaseTask(ABC):
     """Something that is timed in two releases, the reference and another.
 
+    Class attributes:
+      record_type: of its record.
+
     Attributes:
       releases: the reference, and the other.
       launches: so far.
-      failure: why there are no more; None while there may be.
+      is_complete: whether they are enough.
+      failure: why there are no more before they are; None while there may be.
       pair_s: seconds of a block in each release, together: the shortest so far. The number of
         blocks of a layout follows from it, so that a disturbed block does not decide it.
     """
@@ -53,9 +58,12 @@ class ReleaseTask(ABC):
     def __init__(self, releases: Releases):
         self.releases = releases
         self.launches: list[LaunchRatio] = []
+        self.is_complete = False
         self.failure: Failure | None = None
         self.pair_s = math.inf
         self._reference_ns: list[float] = []
+
+    record_type: ClassVar[str]
 
     @property
     @abstractmethod
@@ -132,6 +140,8 @@ class ReleaseTask(ABC):
 
 class StepTask(ReleaseTask):
     """The steps of a model, on the reference's workload."""
+
+    record_type = StepRatioRecord.record_type
 
     def __init__(self, releases: Releases, model: ModelSource):
         super().__init__(releases)
@@ -215,6 +225,8 @@ class StepTask(ReleaseTask):
 
 class OperationTask(ReleaseTask):
     """An operation around `mj_step`."""
+
+    record_type = OperationRatioRecord.record_type
 
     def __init__(self, releases: Releases, operation: Operation, model: ModelSource | None):
         super().__init__(releases)

@@ -4,6 +4,7 @@ Each plot is a Vega-Lite specification, which vl-convert-python draws.
 """
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ Spec = dict[str, Any]
 
 
 def draw(history: SpeedHistory, folder: Path) -> None:
-    """Draw a plot of each model, as `<model>.svg` in a folder, which is created.
+    """Draw a plot of each model as an SVG file in a folder, which is created.
 
     Raises:
       InputError: vl-convert-python is not installed.
@@ -44,10 +45,15 @@ def draw(history: SpeedHistory, folder: Path) -> None:
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for series in history.models:
-        file = folder / f"{series.name}.svg"
+        file = folder / file_name(series)
         svg = vl_convert.vegalite_to_svg(specification(history, series), vl_version=VEGA_LITE)
         with writing(file):
             file.write_text(svg, encoding="utf-8")
+
+
+def file_name(series: SpeedSeries) -> str:
+    """Return the name of a model's plot; a name of one's own may hold any characters."""
+    return re.sub(r"[^\w.-]+", "-", series.name) + ".svg"
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:

@@ -10,6 +10,7 @@ from mjbench.releases import speed_history
 from mjbench.releases.change_points import FALSE_DISCOVERY_RATE, MIN_CHANGE
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.speed_history import SpeedSeries
+from mjbench.report import history_plots
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.report.speed_tables import (
     COUNT_THRESHOLD,
@@ -162,7 +163,7 @@ def _sections(history: SpeedHistory, plots: str) -> Iterator[Section]:
 
 def _images(history: SpeedHistory, plots: str) -> Iterator[str]:
     for series in history.models:
-        yield f"![{series.name}]({plots}/{series.name}.svg)\n"
+        yield f"![{series.name}]({plots}/{history_plots.file_name(series)})\n"
 
 
 def conclusion(history: SpeedHistory) -> Iterator[str]:

@@ -11,7 +11,7 @@ from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
 from mjbench.releases.changelog import Changelog, ChangelogItem
 from mjbench.releases.release import version_key
-from mjbench.releases.release_ratios import Ratio
+from mjbench.releases.release_ratios import OperationRatioRecord, Ratio
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report import tables
 from mjbench.report.markdown import change, table
@@ -93,9 +93,9 @@ def _fitting_item(listed: Listed, changelog: Changelog | None) -> ChangelogItem 
     """Return the item of the changelog that fits what changed, if one does."""
     if changelog is None:
         return None
-    operation = operations.registry().get(listed.series.name)
-    if operation is not None:
-        return changelog.fitting(listed.after.release, operation.api)
+    if isinstance(listed.after.record, OperationRatioRecord):
+        operation = operations.registry().get(listed.series.name)
+        return changelog.fitting(listed.after.release, operation.api) if operation else None
     if listed.counts is None:
         return None
     differences = largest_differences(listed.counts.functions, MAIN_FUNCTIONS)

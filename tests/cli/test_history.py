@@ -81,7 +81,7 @@ def measured(
 
 def test_releases_are_measured_stored_and_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     targets = measured(monkeypatch)
-    words = ("3.3.0", "3.3.1", "--model", "pile", "--model", "cloth", "--no-operations")
+    words = ("3.3.0", "3.3.1", "--model", "pile", "--model", "cloth")
     done = invoke("measure", *words, "--json", "out.json")
     assert done.exit_code == 0, done.output
     assert targets == [(m, r) for r in ("3.3.0", "3.3.1") for m in ("pile", "cloth")]
@@ -97,7 +97,8 @@ def test_releases_are_measured_stored_and_shown(monkeypatch: pytest.MonkeyPatch)
 
 def test_operations_are_measured_too(monkeypatch: pytest.MonkeyPatch) -> None:
     targets = measured(monkeypatch)
-    done = invoke("measure", "3.3.0", "--model", "pile", "--json", "out.json")
+    words = ("3.3.0", "--model", "pile", "--operations")
+    done = invoke("measure", *words, "--json", "out.json")
     assert done.exit_code == 0, done.output
     assert targets == [("pile", "3.3.0"), *((name, "3.3.0") for name in operations.registry())]
     document = json.loads(Path("out.json").read_text())
@@ -112,7 +113,7 @@ def test_what_was_measured_is_not_measured_again_and_what_failed_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured(monkeypatch, lambda t: Status.FAILED if t.series == "cloth" else Status.OK)
-    words = ("3.3.0", "--model", "pile", "--model", "cloth", "--no-operations")
+    words = ("3.3.0", "--model", "pile", "--model", "cloth")
     done = invoke("measure", *words)
     assert done.exit_code == 3
     assert "it fell over" in done.output
@@ -126,7 +127,7 @@ def test_without_releases_those_of_the_git_history_are_measured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     targets = measured(monkeypatch)
-    words = ("measure", "--since", "3.16.0", "--model", "pile", "--no-operations")
+    words = ("measure", "--since", "3.16.0", "--model", "pile")
     assert invoke(*words).exit_code == 0
     assert targets == [("pile", release) for release in ("3.16.0", "3.17.0", "4.0.0")]
 
@@ -194,7 +195,7 @@ def test_change_points_are_reported_from_what_was_measured_and_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured(monkeypatch)
-    words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile", "--no-operations")
+    words = ("3.3.0", "3.3.1", "3.3.2", "--model", "pile")
     assert invoke("measure", *words).exit_code == 0
     done = invoke("-o", "page.md")
     assert done.exit_code == 0, done.output
@@ -225,7 +226,7 @@ def test_without_the_package_that_draws_plots_its_name_is_said(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured(monkeypatch)
-    invoke("measure", "3.3.0", "--model", "pile", "--no-operations")
+    invoke("measure", "3.3.0", "--model", "pile")
     monkeypatch.setitem(sys.modules, "vl_convert", None)
     done = invoke("--plots", "plots")
     assert done.exit_code == 2
@@ -240,7 +241,7 @@ def test_changes_of_nothing_of_two_machines_and_since_no_release_are_refused(
     assert done.exit_code == 2
     assert "results/history holds no times of steps; `mjbench history measure`" in done.output
     measured(monkeypatch)
-    invoke("measure", "3.3.0", "--model", "pile", "--no-operations")
+    invoke("measure", "3.3.0", "--model", "pile")
     done = invoke("--since", "9.9")
     assert done.exit_code == 2
     assert "has no release 9.9" in done.output

@@ -16,7 +16,12 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases import release_ratios
 from mjbench.releases.installs import ReleaseSpec
-from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from mjbench.releases.release_ratios import (
+    LaunchRatio,
+    OperationRatioRecord,
+    RatioRecord,
+    StepRatioRecord,
+)
 from mjbench.simulation import models
 from mjbench.status import Status
 
@@ -65,6 +70,8 @@ class Invented(RatioRecord):
 
 class InventedTask(ReleaseTask):
     """A task that calls a function instead of timing anything."""
+
+    record_type = "invented"
 
     def __init__(self, name: str, ready: Callable[[int], Sequence[int]]):
         super().__init__(BOTH)
@@ -143,14 +150,22 @@ def test_a_task_that_fails_says_so_and_the_others_go_on(
 
 
 @pytest.mark.usefixtures("no_blocks")
-def test_ctrl_c_ends_all_tasks_and_what_was_measured_stays(pool: WorkerPool) -> None:
+def test_ctrl_c_ends_tasks_that_are_not_complete_and_what_was_measured_stays(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt_later(count: int) -> Sequence[int]:
         if count == 2:
             raise KeyboardInterrupt
         return fine(count)
 
-    records = release_ratio.measure(pool, [InventedTask("interrupted", interrupt_later)])
-    assert [(r.status, len(r.launches)) for r in records] == [(Status.INTERRUPTED, 2)]
+    last = LaunchRatio(0.5)
+    monkeypatch.setattr(release_ratios, "are_enough", lambda launches, seconds: last in launches)
+    complete = InventedTask("complete", fine)
+    complete.launches.append(last)
+    tasks = [InventedTask("interrupted", interrupt_later), complete]
+    records = release_ratio.measure(pool, tasks)
+    assert [r.status for r in records] == [Status.INTERRUPTED, Status.OK]
+    assert [len(r.launches) for r in records] == [2, 2]
 
 
 @pytest.mark.usefixtures("no_blocks")
