@@ -48,7 +48,7 @@ class Operation:
       title: in Python, as people write it.
       model: that it is done with; empty where it builds its own.
       repeats: how often a block does it.
-      api: names in MuJoCo that it calls, as the changelog may write them.
+      api: single words by which the changelog names what it calls.
       prepare: takes the model and the number of repeats.
     """
 
@@ -219,14 +219,14 @@ def _sizes(model: mujoco.MjModel) -> np.ndarray:
     return np.concatenate([sizes, model.body_mass, model.geom_pos.ravel()])
 
 
-_LOADING = ("MjModel.from_xml_path", "mj_loadXML", "mj_compile", "mjs_compile")
-_EDITING = ("MjSpec", "mjSpec", "mj_compile", "mjs_compile")
-_CREATING = ("MjData", "mj_makeData")
-_COPYING = ("MjData", "mj_copyData")
+_LOADING = ("from_xml_path", "mj_loadXML", "mj_compile")
+_EDITING = ("MjSpec", "mjSpec", "mjs_addGeom", "mj_compile")
+_CREATING = ("mj_makeData",)
+_COPYING = ("mj_copyData",)
 _RESETTING = ("mj_resetData",)
 _CASTING = ("mj_ray",)
-_ROLLOUT = ("mujoco.rollout", "rollout")
-_BATCH = ("mujoco.batch", "Batch")
+_ROLLOUT = ("rollout",)
+_BATCH = ("batch", "Batch")
 _ALL = (
     Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, _LOADING, _load),
     Operation("load pile", "MjModel.from_xml_path", "pile", 1, _LOADING, _load),

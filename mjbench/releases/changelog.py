@@ -77,6 +77,14 @@ class Changelog:
                 return item
         return None
 
+    def naming(self, release: str, names: Collection[str]) -> ChangelogItem | None:
+        """Return the item of a release that has most of these names; None where none has one.
+
+        Of several items that have as many, the one whose names are rarer is returned.
+        """
+        items = [i for i in self.items if i.release == release and not i.words.isdisjoint(names)]
+        return max(items, key=lambda item: self._score(item, names), default=None)
+
     def _score(self, item: ChangelogItem, wanted: Collection[str]) -> float:
         common = item.words & set(wanted)
         return sum(math.log(len(self.items) / self._frequency[word]) for word in common)

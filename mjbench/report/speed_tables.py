@@ -95,7 +95,7 @@ def _fitting_item(listed: Listed, changelog: Changelog | None) -> ChangelogItem 
         return None
     if isinstance(listed.after.record, OperationRatioRecord):
         operation = operations.registry().get(listed.series.name)
-        return changelog.fitting(listed.after.release, operation.api) if operation else None
+        return changelog.naming(listed.after.release, operation.api) if operation else None
     if listed.counts is None:
         return None
     differences = largest_differences(listed.counts.functions, MAIN_FUNCTIONS)

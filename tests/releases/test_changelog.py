@@ -72,6 +72,18 @@ def test_an_item_fits_functions_whose_words_are_rare() -> None:
     assert log.fitting("9.9", ["mj_island"]) is None
 
 
+def test_an_item_that_names_a_function_is_the_one_that_names_most_and_the_rarest() -> None:
+    items = [
+        ChangelogItem("1.0", (), "Faster mj_copyData."),
+        ChangelogItem("1.1", (), "Rays: mj_ray takes a normal."),
+        ChangelogItem("1.1", (), "Data: mj_copyData and mj_ray are faster."),
+        ChangelogItem("1.1", (), "Nothing about rays."),
+    ]
+    known = changelog.Changelog(items)
+    assert known.naming("1.1", ("mj_ray", "mj_copyData")) is items[2]
+    assert known.naming("1.0", ("mj_ray",)) is None
+
+
 def test_the_installed_changelog_has_items_of_every_release_since_the_first() -> None:
     file = Path(mujoco.__file__).parents[1] / changelog.FILE
     if not file.exists():
