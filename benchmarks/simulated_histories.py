@@ -169,7 +169,7 @@ PLANS: Sequence[Plan] = (
     Plan("changes of 2 %", smallest=0.02, largest=0.02),
     Plan("changes of 2 %, deviation 0.35 %", smallest=0.02, largest=0.02, deviation=0.0035),
     Plan("changes of 2 %, deviation 0.5 %", smallest=0.02, largest=0.02, deviation=0.005),
-    Plan("changes of 1 to 5 %, deviation 1 %", deviation=0.01),
+    Plan("changes of 1 to 5 %, deviation 1 %", deviation=change_points.SIMULATED_DEVIATION),
     Plan("a drift of 0.2 % a release", changes=0, drift=0.002),
     Plan("a drift of 0.2 %, changes of 2 %", changes=2, smallest=0.02, largest=0.02, drift=0.002),
     Plan("changes of 2 %, 2 % outliers", smallest=0.02, largest=0.02, outliers=0.02),

@@ -26,8 +26,8 @@ MIN_CHANGE = math.log1p(0.01)
 # by as much. Otherwise it may be a release earlier or later.
 _LOCATED = 6.0
 # At most this share of the listed change points is wrong in simulated histories whose log ratios
-# have a standard error of at most 1 % (benchmarks/history_simulation.py).
-FALSE_DISCOVERY_RATE = 0.05
+# have a standard error up to the second number (benchmarks/history_simulation.py).
+FALSE_DISCOVERY_RATE, SIMULATED_DEVIATION = 0.05, 0.01
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 
 from mjbench.instrument.machine import Machine
 from mjbench.releases import speed_history
-from mjbench.releases.change_points import FALSE_DISCOVERY_RATE, MIN_CHANGE
+from mjbench.releases.change_points import (
+    FALSE_DISCOVERY_RATE,
+    MIN_CHANGE,
+    SIMULATED_DEVIATION,
+)
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import history_plots
@@ -200,9 +204,17 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
         f" {', '.join(references)}{machine}, in turns, with the placement of code averaged out."
         " Ratios hold for other machines as far as their processors are alike; times do not."
     )
+    deviations = [
+        each.ratio.deviation
+        for series in (*history.models, *history.operations)
+        for each in series.measured
+    ]
+    noisy = sum(deviation > SIMULATED_DEVIATION for deviation in deviations)
     yield (
-        f"Of the changes listed, at most {100 * FALSE_DISCOVERY_RATE:g} % are expected to be wrong:"
-        " [so it is in simulated histories](method/history-errors.md) with the noise of these."
+        f"Of the changes listed, at most {100 * FALSE_DISCOVERY_RATE:g} % are expected to be wrong."
+        " [So it is in simulated histories](method/history-errors.md) where ratios have standard"
+        f" errors of up to {100 * SIMULATED_DEVIATION:g} %; here {noisy} of {len(deviations)} have"
+        " larger ones."
     )
     yield from no_change_line(history)
 
