@@ -23,6 +23,12 @@ class InputError(MjbenchError):
     status = Status.INPUT
 
 
+class UnavailableError(InputError):
+    """This machine, this MuJoCo or this model cannot do what was asked for."""
+
+    status = Status.UNAVAILABLE
+
+
 class MachineError(MjbenchError):
     """The machine or an installation failed (exit code 3): a full disk, a crash, a time limit."""
 

@@ -49,5 +49,5 @@ def record(
 def history(ratios: Sequence[float]) -> SpeedSeries:
     """Return the history of a model in the first of VERSIONS."""
     records = [record(v, r) for v, r in zip(VERSIONS, ratios, strict=False)]
-    (only,) = speed_history.histories(records, VERSIONS)
+    (only,) = speed_history.histories(records)
     return only

@@ -83,23 +83,22 @@ def history(
     beside_bundle = release_bundle.with_name("causes.toml")
     if causes is None and beside_bundle.exists():
         causes = beside_bundle
-    files = sorted(results.glob("*.jsonl"))
+    files = sorted(results.glob("*.jsonl"), key=_age)
     inputs = [release_bundle, *files, *([causes] if causes else [])]
     page = OutputFile("--output", str(output) if output else "-", inputs)
     interrupts.enable()
     page.open()
     try:
-        versions = [release.version for release in bundle.read(release_bundle)]
-        if since is not None and since not in versions:
-            raise InputError(f"{release_bundle} has no release {since}")
         known = known_causes.load(causes) if causes else []
         machine, records = read_records(files)
-        measured = speed_history.from_records(
-            records, versions, installed_changelog(), known, machine, since
-        )
+        measured = speed_history.from_records(records, installed_changelog(), known, machine, since)
         if not measured.models:
             raise InputError(
                 f"{results} holds no times of steps; `mjbench history measure` measures some"
+            )
+        if since is not None and since not in measured.releases():
+            raise InputError(
+                f"{results} has no release {since}; it has {', '.join(measured.releases())}"
             )
         if plots is not None:
             history_plots.draw(measured, plots)
@@ -107,6 +106,11 @@ def history(
         page.write(f"{speed_page.TITLE}\n\n{text}\n")
     finally:
         page.close()
+
+
+def _age(file: Path) -> tuple[bool, str]:
+    """Return a key that sorts committed run files first, and others by when they began."""
+    return not file.name.startswith("reference-"), file.name
 
 
 def _link(plots: Path | None, output: Path | None) -> str:
@@ -137,7 +141,10 @@ def read_records(files: Sequence[Path]) -> "tuple[Machine | None, list[Any]]":
     for file, machine in timed.items():
         first, of_first = next(iter(timed.items()))
         if (machine.cpu, machine.cores) != (of_first.cpu, of_first.cores):
-            raise InputError(f"{first} and {file} are of different machines: name one folder each")
+            raise InputError(
+                f"{first} and {file} are of different machines: measure with --results and a folder"
+                " of your own, and give that folder here"
+            )
     return next(iter(timed.values()), None), records
 
 

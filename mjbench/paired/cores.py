@@ -39,6 +39,11 @@ def freest_core(probe_s: float = 0.01) -> int | None:
     return random.choice([c for c, share in shares.items() if share > best - _SHARE_RESOLUTION])
 
 
+def usable(core: int | None) -> list[int]:
+    """Return the cores that a process may use: one, or all where none was chosen."""
+    return sorted(USABLE) if core is None else [core]
+
+
 @contextlib.contextmanager
 def pinned(core: int | None) -> Iterator[None]:
     """Keep this process on one core while the block runs; None leaves it where it is."""

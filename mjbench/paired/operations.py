@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.errors import InputError
+from mjbench.errors import UnavailableError
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
@@ -66,7 +66,8 @@ class Operation:
           file: of the model; not read where there is none.
 
         Raises:
-          InputError: this release cannot do it.
+          UnavailableError: this release cannot do it.
+          InputError: it cannot load the model.
         """
         return self.prepare(ModelSource(self.model, file), self.repeats)
 
@@ -84,7 +85,7 @@ def _load(source: ModelSource, repeats: int) -> PreparedOperation:
 
 def _edit_spec(source: ModelSource, repeats: int) -> PreparedOperation:
     if not hasattr(mujoco, "MjSpec"):
-        raise InputError(f"MuJoCo {mujoco.__version__} has no MjSpec: 3.2.0 is the first that does")
+        raise UnavailableError("MjSpec exists from MuJoCo 3.2.0 on")
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
 
     def build() -> mujoco.MjModel:
@@ -181,7 +182,7 @@ def _call_path(
     complete = path.complete(options)
     reason = path.unavailable() or path.unsuited(work, complete)
     if reason:
-        raise InputError(reason)
+        raise UnavailableError(reason)
     prepared = path.prepare(work, complete, paths.Resources(work))
 
     def result() -> np.ndarray:

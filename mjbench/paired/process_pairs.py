@@ -19,8 +19,8 @@ Equip = Callable[[Sequence[WorkerProcess]], None]
 class ProcessPairs:
     """Starts two processes for each launch, one in each of two releases.
 
-    A process that fails raises its error when its launch begins, which keeps the error of one
-    launch from ending the one before.
+    A process that fails raises its error in `wait`, so that it does not end the launch before its
+    own.
     """
 
     def __init__(
@@ -45,14 +45,14 @@ class ProcessPairs:
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
         self._equip: Equip | None = None
         # Processes that were started ahead, for the next launch, and where their libraries lie.
-        self.next: list[WorkerProcess] = []
+        self._next_pair: list[WorkerProcess] = []
         self._next_placements = AS_SHIPPED
         self._start_ahead(cores.USABLE)
 
     def equip(self, equip: Equip) -> None:
         """Have the processes of every launch asked for what they need, the next one's at once."""
         self._equip = equip
-        equip(self.next)
+        equip(self._next_pair)
 
     def wait(self) -> None:
         """Wait until the processes of the next launch are ready.
@@ -61,10 +61,10 @@ class ProcessPairs:
           InputError: what they were asked for cannot be.
           TargetError: one crashed, hung or failed.
         """
-        if not self.next:
+        if not self._next_pair:
             self._start_ahead(cores.USABLE)
         try:
-            for process, release in zip(self.next, self._releases, strict=True):
+            for process, release in zip(self._next_pair, self._releases, strict=True):
                 self._pool.wait_for(process, release)
         except BaseException:
             self.close()
@@ -82,8 +82,8 @@ class ProcessPairs:
         Args:
           core: that the launch is measured on; None for all, where nothing else may run.
         """
-        baseline, candidate = self.next
-        self.next = []
+        baseline, candidate = self._next_pair
+        self._next_pair = []
         placements = self._next_placements
         others: Collection[int] = ()
         if core is not None and machine.usable_cores() > 1:
@@ -93,18 +93,18 @@ class ProcessPairs:
                 if others:
                     self._start_ahead(others)
                 yield (baseline, candidate), placements
-            cores.confine([process.pid for process in self.next], cores.USABLE)
+            cores.confine([process.pid for process in self._next_pair], cores.USABLE)
         finally:
             self._pool.end([baseline, candidate])
 
     def is_next_ready(self) -> bool:
         """Return whether nothing is started ahead that is still starting."""
-        return all(process.is_ready() for process in self.next)
+        return all(process.is_ready() for process in self._next_pair)
 
     def close(self) -> None:
         """End the processes that were started ahead."""
-        self._pool.end(self.next)
-        self.next = []
+        self._pool.end(self._next_pair)
+        self._next_pair = []
 
     def _start_ahead(self, allowed: Collection[int]) -> None:
         """Start the processes of the next launch on the allowed cores, without waiting for them."""
@@ -120,6 +120,6 @@ class ProcessPairs:
         except BaseException:
             self._pool.end(list(started.values()))
             raise
-        self.next = [started[0], started[1]]
+        self._next_pair = [started[0], started[1]]
         if self._equip is not None:
-            self._equip(self.next)
+            self._equip(self._next_pair)

@@ -190,7 +190,7 @@ class TargetPair:
                 requests.Prepare(
                     path=target.path,
                     options=dict(target.options),
-                    cores=sorted(cores.USABLE) if core is None else [core],
+                    cores=cores.usable(core),
                     simulations=rows,
                     callback=target.callback,
                     slowdown=target.slowdown,

@@ -12,6 +12,7 @@ import numpy as np
 
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.paired import averaging, cores
+from mjbench.paired.averaging import Averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, time_quads
@@ -22,9 +23,9 @@ from mjbench.releases import release_ratios
 from mjbench.releases.placement import PlacementPair
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 
-# How often a launch lays out the memory of a task anew, and which share of the quads of a verdict's
-# layout each has: times differ between layouts, and all tasks together must not take too long.
-_LAYOUTS, _SHARE = 5, 3
+# How often a launch lays out the memory of a task anew, and by what the quads of a verdict's layout
+# are divided: times differ between layouts, and all tasks together must not take too long.
+_LAYOUTS, _QUADS_DIVISOR = 5, 3
 
 
 def measure(
@@ -47,9 +48,11 @@ def measure(
     Returns:
       A record for each task, in their order.
     """
-    begin_s, problem = clock(), ""
+    begin_s, averaged = clock(), Averaging(False)
+    reference, release = tasks[0].releases
     try:
-        problem = _launch_all(pool, tasks, on_launch, clock)
+        averaged = averaging.averaging(pool, reference, release)
+        _launch_all(pool, tasks, averaged, on_launch, clock)
     except ENDING_ERRORS as error:
         for task in tasks:
             if not task.is_complete:
@@ -58,19 +61,18 @@ def measure(
         for task in tasks:
             task.close()
     seconds = (clock() - begin_s) / len(tasks)
-    return [task.record(problem, seconds) for task in tasks]
+    return [task.record(averaged.problem, seconds) for task in tasks]
 
 
 def _launch_all(
     pool: WorkerPool,
     tasks: Sequence[ReleaseTask],
+    averaged: Averaging,
     on_launch: Callable[[int], None],
     clock: Callable[[], float],
-) -> str:
-    """Launch until all tasks are known well enough; return why nothing was moved, if so."""
-    begin_s = clock()
+) -> None:
+    """Launch until all tasks are known well enough."""
     reference, release = tasks[0].releases
-    averaged = averaging.averaging(pool, reference, release)
     names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
     pairs = ProcessPairs(pool, (reference, release), names, averaged.placements())
     try:
@@ -79,7 +81,8 @@ def _launch_all(
                 task.prepare(pool)
             except (InputError, MachineError) as error:
                 task.failure = failure_of(error)
-        count, remaining = 0, [task for task in tasks if task.failure is None]
+        begin_s, count = clock(), 0
+        remaining = [task for task in tasks if task.failure is None]
         while remaining:
             pairs.wait()
             core = cores.freest_core()
@@ -93,7 +96,6 @@ def _launch_all(
             remaining = [t for t in remaining if not t.is_complete and t.failure is None]
     finally:
         pairs.close()
-    return averaged.problem
 
 
 def _time_all(
@@ -118,13 +120,13 @@ def _time_all(
 def _time(
     task: ReleaseTask, processes: Processes, core: int | None, placements: PlacementPair
 ) -> Launch:
-    """Time a task in a few layouts of memory, each with a share of the quads of a verdict's."""
+    """Time a task in a few layouts of memory, each with fewer quads than a verdict's."""
     orders: list[str] = []
     ns: list[np.ndarray] = []
     task.equip(processes)
     for _ in range(_LAYOUTS):
         task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
-        count = max(MIN_QUADS, quad_count(task.pair_s) // _SHARE)
+        count = max(MIN_QUADS, quad_count(task.pair_s) // _QUADS_DIVISOR)
         layout_orders, layout_ns = time_quads(*processes, count)
         orders += layout_orders
         ns.append(layout_ns)

@@ -6,9 +6,9 @@ processes.
 
 import math
 import pickle
+import random
 import statistics
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -88,7 +88,7 @@ class ReleaseTask(ABC):
         """
 
     @abstractmethod
-    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
         """Have both processes ready to time blocks, with their memory laid out anew.
 
         Returns:
@@ -170,19 +170,21 @@ class StepTask(ReleaseTask):
         ):
             process.call(requests.Equip(model, workload, target.path))
 
-    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
         """See `ReleaseTask.ready`."""
         prepared = self._prepared
         assert prepared is not None, "a task is prepared before it is timed"
         rows = np.random.default_rng().permutation(prepared.nsim)[: prepared.work_check.nbatch]
-        return [
-            process.call(
-                requests.Prepare(
-                    path=target.path, options={}, cores=_cores(core), simulations=rows.tolist()
-                )
+        ns = {}
+        for i in random.sample((0, 1), 2):
+            request = requests.Prepare(
+                path=self._targets[i].path,
+                options={},
+                cores=cores.usable(core),
+                simulations=rows.tolist(),
             )
-            for process, target in zip(processes, self._targets, strict=True)
-        ]
+            ns[i] = processes[i].call(request)
+        return ns[0], ns[1]
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
         """See `ReleaseTask.record`."""
@@ -242,10 +244,11 @@ class OperationTask(ReleaseTask):
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`: there is nothing to prepare."""
 
-    def ready(self, processes: Processes, core: int | None) -> Sequence[int]:
+    def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
         """See `ReleaseTask.ready`."""
-        request = requests.PrepareOperation(self.operation.name, self._file, _cores(core))
-        reference, release = (process.call(request) for process in processes)
+        request = requests.PrepareOperation(self.operation.name, self._file, cores.usable(core))
+        ready = {i: processes[i].call(request) for i in random.sample((0, 1), 2)}
+        reference, release = ready[0], ready[1]
         self._drift = None
         if reference.result.shape == release.result.shape:
             self._drift = float(np.abs(reference.result - release.result).max(initial=0.0))
@@ -271,8 +274,3 @@ class OperationTask(ReleaseTask):
             reference_s=self.reference_s(operation.repeats),
             seconds=seconds,
         )
-
-
-def _cores(core: int | None) -> list[int]:
-    """Return the cores that a process may use: one, or all where the system cannot tell them."""
-    return sorted(cores.USABLE) if core is None else [core]

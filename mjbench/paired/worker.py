@@ -19,6 +19,7 @@ import pickle
 import random
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 # Random allocations before each layout: how many, and the largest of each kind, in bytes.
 _SMALL, _SMALL_BYTES = 400, 4096
 _LARGE, _LARGE_BYTES = 8, 1 << 21
+# What moves the memory of a layout is freed after as many others.
+_KEPT_LAYOUTS = 12
 # A layout runs below fewer frames of the C stack than this.
 _DEPTH = 24
 # Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these. Linux
@@ -58,6 +61,7 @@ class Worker:
       resources: of that run; None before the first.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
+      scattered: the same, of the last layouts.
       rng: draws the padding, and how deep in the stack blocks run.
     """
 
@@ -71,6 +75,7 @@ class Worker:
         self.resources: Resources | None = None
         self.slowdown = 0.0
         self.padding: list[Any] = []
+        self.scattered: deque[list[bytearray]] = deque(maxlen=_KEPT_LAYOUTS)
         self.rng = random.Random()
         self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
             requests.StartRelease: self._start_release,
@@ -209,7 +214,7 @@ class Worker:
 
         if request.cores:
             platforms.set_affinity(0, request.cores)
-        self.padding += _scattered(self.rng)
+        self.scattered.append(_scattered(self.rng))
         model = copy.copy(self.model)
         workload, previous, rows = self.workload, self.resources, list(request.simulations)
         selected = Workload(
@@ -252,7 +257,7 @@ class Worker:
 
         if request.cores:
             platforms.set_affinity(0, request.cores)
-        self.padding += _scattered(self.rng)
+        self.scattered.append(_scattered(self.rng))
         prepared = operations.registry()[request.name].prepared(request.file)
         self.run = prepared.run
         result = prepared.result()

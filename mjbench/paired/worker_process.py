@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mjbench.errors import Failure, InputError, MachineError, one_line
+from mjbench.errors import Failure, InputError, MachineError, UnavailableError, one_line
 from mjbench.instrument import child, machine
 from mjbench.paired import requests
 from mjbench.paired.requests import Request
@@ -142,7 +142,8 @@ class WorkerProcess:
         self._pending.popleft()
         if isinstance(answer, requests.Done):
             return answer.value
-        kind = InputError if answer.status == Status.INPUT else TargetError
+        kinds = {Status.INPUT: InputError, Status.UNAVAILABLE: UnavailableError}
+        kind = kinds.get(answer.status, TargetError)
         raise kind(f"{self.name}: {answer.detail}")
 
     def _receive(self, max_bytes: int) -> bytes:

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from packaging.version import InvalidVersion, Version
+
 from mjbench.releases import change_points, release_ratios
 from mjbench.releases.change_points import Changes
 from mjbench.releases.release import version_key
@@ -33,7 +35,7 @@ class SpeedSeries:
 
     Attributes:
       name: of the model, or of the operation.
-      measured: the releases in which it was measured, one or more, in the order of their upload.
+      measured: the releases in which it was measured, one or more, in the order of their versions.
       changes: of its speed; indices are those of `measured`.
     """
 
@@ -46,7 +48,19 @@ class SpeedSeries:
         return self.measured[index - 1 if before is None else before], self.measured[index]
 
 
-def histories(records: Iterable[RatioRecord], versions: Sequence[str]) -> list[SpeedSeries]:
+def in_order(versions: Iterable[str]) -> list[str]:
+    """Return versions in their order, a pre-release before what it became."""
+    return sorted(versions, key=_order)
+
+
+def _order(version: str) -> tuple[Version, str]:
+    try:
+        return Version(version), version
+    except InvalidVersion:  # a wheel of one's own may have any
+        return Version(".".join(map(str, version_key(version))) or "0"), version
+
+
+def histories(records: Iterable[RatioRecord]) -> list[SpeedSeries]:
     """Return the series of each model and each operation, in the order of their first records.
 
     The launches of several records of one release add up where they are of one build and
@@ -54,8 +68,6 @@ def histories(records: Iterable[RatioRecord], versions: Sequence[str]) -> list[S
 
     Args:
       records: of any releases, in the order they were measured.
-      versions: of the releases of the git history, in the order of their upload. Others, such as
-        wheels of one's own, follow by their version.
     """
     by_series: dict[str, dict[str, Measured]] = {}
     for record in records:
@@ -67,10 +79,8 @@ def histories(records: Iterable[RatioRecord], versions: Sequence[str]) -> list[S
         ratio = release_ratios.averaged(pooled.launches)
         if ratio is not None:
             of_release[record.release] = Measured(record.release, ratio, pooled)
-    measured_versions = {version for of_release in by_series.values() for version in of_release}
-    others = sorted(measured_versions - {*versions}, key=lambda v: (version_key(v), v))
     return [
-        _series(name, [of_release[v] for v in (*versions, *others) if v in of_release])
+        _series(name, [of_release[version] for version in in_order(of_release)])
         for name, of_release in by_series.items()
         if of_release
     ]
@@ -133,14 +143,12 @@ def work_changes(before: Measured, after: Measured) -> list[str]:
     one of the two computes something else. Nothing is said of what is not known.
     """
     old, new = before.record, after.record
-    if not knows_work(before, after):
-        return []
-    if isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord):
-        assert old.work is not None
-        assert new.work is not None
-        changes = agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
+    if not (isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord)):
+        return ["another result"] if agreement.result_changes(old.drift, new.drift) else []
+    changes = []
+    if knows_work(before, after) and old.work is not None and new.work is not None:
+        changes += agreement.counter_changes(old.work.as_dict(), new.work.as_dict())
         changes += agreement.result_changes(old.drift, new.drift)
-        if old.diverged != new.diverged:
-            changes.append(f"{new.diverged} simulations diverge instead of {old.diverged}")
-        return changes
-    return ["another result"] if agreement.result_changes(old.drift, new.drift) else []
+    if old.diverged != new.diverged:  # each is then timed with other simulations
+        changes.append(f"{new.diverged} simulations diverge instead of {old.diverged}")
+    return changes

@@ -14,6 +14,7 @@ from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report.speed_history import SpeedHistory
+from mjbench.report.speed_tables import DEVIATIONS
 
 # The version of Vega-Lite whose language the specifications are in.
 VEGA_LITE = "5.20"
@@ -21,7 +22,7 @@ _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
 # Colours that people with any colour vision tell apart (Okabe and Ito, 2008).
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072b2", "#d55e00", "#009e73", "#777777"
 # An error bar reaches as many standard errors to either side.
-_DEVIATIONS = 2.0
+_BAR_DEVIATIONS = 2.0
 # Smaller drifts are rounding, or none; they are drawn here.
 _LEAST_DRIFT = 1e-17
 
@@ -98,7 +99,7 @@ def _times(history: SpeedHistory, series: SpeedSeries) -> Iterator[Row]:
     for i, each in enumerate(series.measured):
         if not history.lists(each.release):
             continue
-        margin = _DEVIATIONS * each.ratio.deviation
+        margin = _BAR_DEVIATIONS * each.ratio.deviation
         yield {
             "release": each.release,
             "ratio": each.ratio.ratio,
@@ -115,7 +116,7 @@ def _shipped(measured: Measured) -> float:
     if shipped is None:
         return measured.ratio.ratio
     deviation = math.hypot(shipped.deviation, measured.ratio.deviation)
-    differs = abs(shipped.log_ratio - measured.ratio.log_ratio) > _DEVIATIONS * deviation
+    differs = abs(shipped.log_ratio - measured.ratio.log_ratio) > DEVIATIONS * deviation
     return shipped.ratio if differs else measured.ratio.ratio
 
 

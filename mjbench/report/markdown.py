@@ -23,4 +23,21 @@ def table(
 
 def change(ratio: float) -> str:
     """Return a ratio as a change in percent, or as a factor where it is at least twofold."""
-    return f"×{ratio:.2f}" if ratio >= 2 or ratio <= 0.5 else f"{100 * (ratio - 1):+.1f} %"
+    return f"×{ratio:.2f}" if _is_factor(ratio) else f"{100 * (ratio - 1):+.1f} %"
+
+
+def change_with_error(ratio: float, log_deviation: float) -> str:
+    """Return a ratio as `change` does, with its standard error, such as `+1.2 ±0.3 %`.
+
+    Args:
+      ratio: new over old.
+      log_deviation: standard error of its natural logarithm.
+    """
+    error = ratio * log_deviation
+    if _is_factor(ratio):
+        return f"×{ratio:.2f} ±{error:.2f}"
+    return f"{100 * (ratio - 1):+.1f} ±{100 * error:.1f} %"
+
+
+def _is_factor(ratio: float) -> bool:
+    return ratio >= 2 or ratio <= 0.5

@@ -1,6 +1,5 @@
 """What `mjbench history measure` prints: a row for each release and model or operation."""
 
-import math
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -8,6 +7,7 @@ from rich.console import Console
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import Ratio, RatioRecord, StepRatioRecord
 from mjbench.report import tables
+from mjbench.report.markdown import change_with_error
 from mjbench.simulation import agreement
 
 
@@ -46,10 +46,10 @@ def print_table(out: Console, records: Sequence[RatioRecord]) -> None:
 
 
 def _change(ratio: Ratio | None) -> str:
-    """Return a ratio as a change in percent, such as `+1.2 ±0.3 %`."""
+    """Return a ratio as a change with its standard error; empty where it is not known."""
     if ratio is None:
         return ""
-    return f"{100 * math.expm1(ratio.log_ratio):+.1f} ±{100 * ratio.deviation:.1f} %"
+    return change_with_error(ratio.ratio, ratio.deviation)
 
 
 def _work(record: RatioRecord) -> str:

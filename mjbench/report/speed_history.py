@@ -71,15 +71,14 @@ class SpeedHistory:
         return counts
 
     def releases(self) -> list[str]:
-        """Return the releases that anything was measured in, by version."""
+        """Return the releases that anything was measured in, in their order."""
         releases = {each.release for series in self.models for each in series.measured}
         releases |= {each.release for series in self.operations for each in series.measured}
-        return sorted(releases, key=lambda release: (version_key(release), release))
+        return speed_history.in_order(releases)
 
 
 def from_records(
     records: Sequence[object],
-    versions: Sequence[str],
     changelog: Changelog | None = None,
     causes: Sequence[KnownCause] = (),
     machine: Machine | None = None,
@@ -89,7 +88,6 @@ def from_records(
 
     Args:
       records: of `history measure` and `history explain`; others are left out.
-      versions: of all releases, in the order of their upload.
       changelog: of MuJoCo; None where no installed package carries it.
       causes: that no measurement names.
       machine: that measured the records.
@@ -99,7 +97,7 @@ def from_records(
     counts = {(r.model, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
     models, operations = (
         speed_history.histories(
-            [r for r in ratios if isinstance(r, OperationRatioRecord) == is_operation], versions
+            r for r in ratios if isinstance(r, OperationRatioRecord) == is_operation
         )
         for is_operation in (False, True)
     )
@@ -147,12 +145,12 @@ class Listed:
         It is not where placement was not averaged out, where the work is not known, and where both
         releases execute the same machine code.
         """
-        is_known = speed_history.knows_work(self.before, self.after)
-        if self.before.record.problem or self.after.record.problem or not is_known:
+        if self.before.record.problem or self.after.record.problem:
             return Cause.UNDECIDED
         if self.work_changes:
             return Cause.WORK
-        return Cause.UNDECIDED if self.has_same_code else Cause.CODE
+        is_known = speed_history.knows_work(self.before, self.after)
+        return Cause.CODE if is_known and not self.has_same_code else Cause.UNDECIDED
 
     @property
     def has_same_code(self) -> bool:

@@ -32,6 +32,7 @@ from mjbench.report.speed_tables import (
     totals,
     work,
 )
+from mjbench.simulation import models
 
 TITLE = "# What changed between releases"
 # As many of the largest changes are named in the conclusion.
@@ -84,10 +85,11 @@ def _sections(history: SpeedHistory, plots: str) -> Iterator[Section]:
     yield Section(
         "Change points of a step",
         "Changes of the time of `mj_step` from one release to the next, from"
-        f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is `work` where a step"
-        " has other work to do; `code` where the same work takes another time, with placement"
-        " averaged out; and `undecided` where that is not known. The percentage after a function"
-        " is the change of its instructions, relative to those of the step.",
+        f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is `work` where the work"
+        " or the result of a step changed, too, whether or not that accounts for all of it; `code`"
+        " where the same work takes another time, with placement averaged out; and `undecided` where"
+        " that is not known. The percentage after a function is the change of its instructions,"
+        " relative to those of the step.",
         step_changes(history),
         [measure, explain],
     )
@@ -197,45 +199,54 @@ def conclusion(history: SpeedHistory) -> Iterator[str]:
 def provenance(history: SpeedHistory) -> Iterator[str]:
     """Yield sentences: what was measured, where, and how often what is listed is wrong."""
     releases = history.releases()
-    references = sorted({each.record.reference for s in history.models for each in s.measured})
+    measured = [
+        each for series in (*history.models, *history.operations) for each in series.measured
+    ]
+    references = sorted({each.record.reference for each in measured})
     machine = f" on {_machine(history.machine)}" if history.machine else ""
     yield (
-        f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were each timed against"
+        f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against"
         f" {', '.join(references)}{machine}, in turns, with the placement of code averaged out."
         " Ratios hold for other machines as far as their processors are alike; times do not."
     )
-    deviations = [
-        each.ratio.deviation
-        for series in (*history.models, *history.operations)
-        for each in series.measured
-    ]
-    noisy = sum(deviation > SIMULATED_DEVIATION for deviation in deviations)
+    for problem in sorted({each.record.problem for each in measured if each.record.problem}):
+        yield f"Placement was not averaged out everywhere: {problem}."
+    noisy = sum(each.ratio.deviation > SIMULATED_DEVIATION for each in measured)
     yield (
-        f"Of the changes listed, at most {100 * FALSE_DISCOVERY_RATE:g} % are expected to be wrong."
-        " [So it is in simulated histories](method/history-errors.md) where ratios have standard"
-        f" errors of up to {100 * SIMULATED_DEVIATION:g} %; here {noisy} of {len(deviations)} have"
-        " larger ones."
+        "In [simulated histories](method/history-errors.md) of 42 releases with two or three"
+        f" changes, at most {100 * FALSE_DISCOVERY_RATE:g} % of the listed changes are wrong if the"
+        f" standard errors of ratios are at most {100 * SIMULATED_DEVIATION:g} %; here {noisy} of"
+        f" {len(measured)} are larger."
     )
     yield from no_change_line(history)
 
 
 def no_change_line(history: SpeedHistory) -> Iterator[str]:
     """Yield what the page says of releases whose code is that of the one before; none without."""
-    changes, listed = [], 0
+    log_ratios: list[float] = []
+    names: list[str] = []
+    listed = 0
+    shipped = models.shipped()
     for pair in NO_CHANGE_PAIRS:
         for series in history.models:
             index = _index(series, pair)
-            if index is not None:
-                changes.append(speed_history.change(*series.pair(index)).log_ratio)
-                listed += any(p.index == index for p in series.changes.change_points)
-    if changes:
-        deviation = math.sqrt(statistics.fmean(x * x for x in changes))
-        news = ", ".join(pair.new for pair in NO_CHANGE_PAIRS)
+            if index is None or series.name not in shipped or not history.lists(pair.new):
+                continue
+            if pair.new not in names:
+                names.append(pair.new)
+            log_ratios.append(speed_history.change(*series.pair(index)).log_ratio)
+            listed += any(p.index == index for p in series.changes.change_points)
+    if log_ratios:
+        deviation = math.sqrt(statistics.fmean(x * x for x in log_ratios))
         yield (
-            f"The steps of {news} execute as many instructions as those of the release before: of"
-            f" these {len(changes)} changes, whose root mean square is {100 * deviation:.2f} %,"
-            f" {listed or 'none'} {'is' if listed <= 1 else 'are'} listed."
+            "In some releases a step executes as many instructions as in the one before:"
+            f" {', '.join(names)}. Their {len(log_ratios)} changes have a root mean square of"
+            f" {100 * deviation:.2f} %, and {listed or 'none'} of them {_are(listed)} listed."
         )
+
+
+def _are(count: int) -> str:
+    return "is" if count <= 1 else "are"
 
 
 def _index(series: SpeedSeries, pair: NoChangePair) -> int | None:

@@ -14,7 +14,7 @@ from mjbench.releases.release import version_key
 from mjbench.releases.release_ratios import OperationRatioRecord, Ratio
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report import tables
-from mjbench.report.markdown import change, table
+from mjbench.report.markdown import change, change_with_error, table
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
 
 # The smallest change of a count of instructions that is marked.
@@ -282,7 +282,7 @@ def log_change(log_ratio: float) -> str:
 
 
 def _with_error(log_ratio: float, deviation: float) -> str:
-    return f"{log_change(log_ratio)} ±{100 * deviation:.1f}"
+    return change_with_error(math.exp(log_ratio), deviation)
 
 
 def _mark(difference: float) -> str:

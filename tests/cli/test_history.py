@@ -85,13 +85,13 @@ def test_releases_are_measured_stored_and_shown(monkeypatch: pytest.MonkeyPatch)
     done = invoke("measure", *words, "--json", "out.json")
     assert done.exit_code == 0, done.output
     assert targets == [(m, r) for r in ("3.3.0", "3.3.1") for m in ("pile", "cloth")]
-    assert "+10.5 ±0.5 %" in done.output
-    assert "+22.1 ±0.9 %" in done.output
+    assert "+10.5 ±0.6 %" in done.output
+    assert "+22.1 ±1.1 %" in done.output
     assert "contacts 5 → 1" in done.output
     rows = json.loads(Path("out.json").read_text())["results"]
     assert [row["release"] for row in rows] == ["3.3.0", "3.3.0", "3.3.1", "3.3.1"]
     shown = CliRunner().invoke(cli, ["show", str(only_run_file()), "--json", "shown.json"])
-    assert "+10.5 ±0.5 %" in shown.output
+    assert "+10.5 ±0.6 %" in shown.output
     assert json.loads(Path("shown.json").read_text())["results"] == rows
 
 
@@ -202,7 +202,7 @@ def test_change_points_are_reported_from_what_was_measured_and_counted(
     page = Path("page.md").read_text()
     assert page.startswith("# What changed between releases\n\n")
     assert "slower for 0 of 1 models, and faster for 0" in page
-    assert "| `pile` | 3.3.0 | 3.3.2 | +0.0 % ±" in page
+    assert "| `pile` | 3.3.0 | 3.3.2 | +0.0 ±" in page
     assert "\n| 3.3.0 | " in page
     since = invoke("--since", "3.3.1").output
     assert since == page.replace("| 3.3.0 | – |\n", "")

@@ -41,7 +41,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
-        spied.started_ahead.append(len(pair._pairs.next))
+        spied.started_ahead.append(len(pair._pairs._next_pair))
         if has_affinity:
             pids = (0, baseline.pid, candidate.pid)
             spied.affinities.append([os.sched_getaffinity(pid) for pid in pids])

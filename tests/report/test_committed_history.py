@@ -21,9 +21,8 @@ FILES = sorted((ROOT / "results/history").glob("reference-*.jsonl"))
 @pytest.fixture(scope="module")
 def history() -> SpeedHistory:
     machine, records = command.read_records(FILES)
-    versions = [release.version for release in bundle.read(bundle.default_path())]
     causes = known_causes.load(ROOT / "benchmarks/causes.toml")
-    return from_records(records, versions, command.installed_changelog(), causes, machine)
+    return from_records(records, command.installed_changelog(), causes, machine)
 
 
 @pytest.fixture(scope="module")
