@@ -87,7 +87,7 @@ def _sections(history: SpeedHistory, plots: str) -> Iterator[Section]:
         "Changes of the time of `mj_step` from one release to the next, from"
         f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is `work` where the work"
         " or the result of a step changed, too, whether or not that accounts for all of it; `code`"
-        " where the same work takes another time, with placement averaged out; and `undecided` where"
+        " where the same work takes another time, with placement averaged out; `undecided` where"
         " that is not known. The percentage after a function is the change of its instructions,"
         " relative to those of the step.",
         step_changes(history),
