@@ -21,8 +21,8 @@ _COMMIT = re.compile(r":commit:`([0-9a-f]+)`,?\s*")
 _ROLE = re.compile(r":[a-z:]+:`([^`<]*?)\s*(?:<[^`>]*>)?`")
 _LINK = re.compile(r"`([^`<]*?)\s*<[^`>]*>`__?")
 _LITERAL = re.compile(r"``([^`]*)``")
-# Prefixes of MuJoCo's functions, which say nothing of what they do.
-_PREFIXES = frozenset({"mj", "mju", "mjc", "mjd", "mjraw", "mjp"})
+# Parts of the names of MuJoCo's functions that say nothing of what they do.
+_AFFIXES = frozenset({"mj", "mju", "mjc", "mjd", "mjraw", "mjp", "impl"})
 # So many characters of an item say what it is about.
 _SUBJECT = 300
 # Shorter words are in every item.
@@ -138,5 +138,5 @@ def words_of(text: str) -> Iterator[str]:
         parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)
         for part in parts:
             word = part.lower()
-            if len(word) >= _MIN_LETTERS and word not in _PREFIXES:
+            if len(word) >= _MIN_LETTERS and word not in _AFFIXES:
                 yield word.removesuffix("s")
