@@ -107,7 +107,7 @@ class _Reader:
             raise ImmovableError("its program headers are not at its beginning")
 
     def permissions(self) -> Iterator[tuple[int, int]]:
-        """Yield the bytes of permissions to replace, so that segments can share a page.
+        """Yield the bytes of program headers to replace, so that segments can share a page.
 
         Where two do, the later one decides what its content may be used for. Bit by bit that must
         be what either needs: code of the one could not be executed otherwise.
@@ -129,6 +129,19 @@ class _Reader:
             flags |= after.p_flags
             if flags != after.p_flags:
                 yield self._place(after) + 4, flags
+                yield from self._left_writable(after)
+
+    def _left_writable(self, load: Any) -> Iterator[tuple[int, int]]:
+        """Yield the bytes to replace, so that the beginning of a segment keeps its permissions.
+
+        The loader makes what was relocated read-only, page by page (PT_GNU_RELRO). On the page that
+        `load` shares, it would take the permission to execute from the code before it. A header of
+        type PT_NULL is ignored.
+        """
+        for segment in self._segments:
+            if segment.p_type == "PT_GNU_RELRO" and segment.p_vaddr == load.p_vaddr:
+                place = self._place(segment)
+                yield from ((place + i, 0) for i in range(4))
 
     def _place(self, segment: Any) -> int:
         """Return where the header of a segment is in the file."""

@@ -19,11 +19,11 @@ from mjbench.releases.moved_image import ImmovableError, MovableImage
 from mjbench.releases.moved_install import MovableInstall
 
 # Part of the names of cached files: another when what they hold changes.
-_FORMAT = "v2"
+_FORMAT = "v3"
 # The fields of a `MovableImage` that are arrays.
 _ARRAYS = ("addresses", "permissions", "unaligned")
-# How the names of notes end that an install was checked, moved within 2 MiB.
-_CHECKED = "checked-2MiB"
+# How the names of notes end that an install was checked; another when it is moved otherwise.
+_CHECKED = "checked-relro"
 
 
 def site_folder(install: Path | None) -> Path:

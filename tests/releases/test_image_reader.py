@@ -186,7 +186,7 @@ def with_headers_at_its_end(content: bytes) -> bytes:
     return put(32, "<Q", len(content))(content) + content[64 : 64 + 56 * number]
 
 
-LOAD, DYNAMIC, INTERP, NOTE, STACK = 1, 2, 3, 4, 0x6474E551
+LOAD, DYNAMIC, INTERP, NOTE, STACK, RELRO = 1, 2, 3, 4, 0x6474E551, 0x6474E552
 BAD_FILES: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "empty": (lambda content: b"", "no shared library for Linux"),
     "text": (lambda content: b"no library\n" * 100, "no shared library for Linux"),
@@ -233,6 +233,21 @@ def test_segments_that_come_to_share_a_page_permit_what_either_needs(small: byte
     assert len(image_reader.read(content).permissions) == 0  # they are pages apart
     content = put(second + 16, "<Q", offset)(content)
     assert image_reader.read(content).permissions.tolist() == [[second + 4, 5]]
+
+
+def test_what_the_loader_would_make_read_only_stays_executable_on_a_page_with_code(
+    small: bytes,
+) -> None:
+    """The code of `_rollout` in MuJoCo 3.2.6 ends where a page ends, and data begin there."""
+    first, second = headers(small, LOAD)[:2]
+    (relro,) = headers(small, RELRO)
+    (offset,) = struct.unpack_from("<Q", small, second + 8)
+    content = put(first + 4, "<I", 5)(small)
+    content = put(second + 4, "<I", 6)(content)
+    content = put(second + 16, "<Q", offset)(content)
+    content = put(relro + 16, "<Q", offset)(content)
+    expected = [[second + 4, 7], *([relro + i, 0] for i in range(4))]
+    assert image_reader.read(content).permissions.tolist() == expected
 
 
 @pytest.mark.parametrize(
