@@ -11,6 +11,7 @@ from mjbench.cli import history as command
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import bundle, known_causes, speed_history
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.releases.release import OLDEST, version_key
 from mjbench.report import speed_page
 from mjbench.report.speed_history import Listed, SpeedHistory, from_records, listed_changes
 
@@ -33,7 +34,8 @@ def changes(history: SpeedHistory) -> dict[tuple[str, str], Listed]:
 
 
 def test_all_releases_and_models_were_measured(history: SpeedHistory) -> None:
-    versions = [release.version for release in bundle.read(bundle.default_path())]
+    known = [release.version for release in bundle.read(bundle.default_path())]
+    versions = [version for version in known if version_key(version) >= OLDEST]
     assert history.releases() == versions
     counts = {series.name: len(series.measured) for series in history.models}
     assert counts.pop("cloth") == len(versions) - 1  # MuJoCo 2.3.7 cannot load it
@@ -83,7 +85,7 @@ def test_releases_that_execute_the_same_instructions_hardly_differ(
             log_ratios.append(speed_history.change(*series.pair(index)).log_ratio)
             assert (series.name, pair.new) not in changes
     assert len(log_ratios) == 40
-    assert math.sqrt(statistics.fmean(x * x for x in log_ratios)) < 0.005
+    assert math.sqrt(statistics.fmean(x * x for x in log_ratios)) < 0.01
 
 
 def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:
