@@ -218,7 +218,24 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
         f" standard errors of ratios are at most {100 * SIMULATED_DEVIATION:g} %; here {noisy} of"
         f" {len(measured)} are larger."
     )
+    yield from _against_itself(history)
     yield from no_change_line(history)
+
+
+def _against_itself(history: SpeedHistory) -> Iterator[str]:
+    """Yield how far the reference is from itself, which bounds a bias of all ratios alike."""
+    own = [
+        each.ratio.log_ratio
+        for series in (*history.models, *history.operations)
+        for each in series.measured
+        if each.release == each.record.reference
+    ]
+    if own:
+        yield (
+            f"The reference against itself, which should be 0 %, came out at"
+            f" {_percent(min(own))} to {_percent(max(own))}: by as much all releases of a model or"
+            " an operation may be off alike, so that changes between them are not affected."
+        )
 
 
 def no_change_line(history: SpeedHistory) -> Iterator[str]:
@@ -264,7 +281,7 @@ def _machine(machine: Machine) -> str:
 
 
 def _percent(log_ratio: float) -> str:
-    return f"{100 * math.expm1(log_ratio):g} %"
+    return f"{100 * math.expm1(log_ratio):.2g} %"
 
 
 def _range(log_ratios: Sequence[float]) -> str:

@@ -166,6 +166,13 @@ def test_a_history_in_which_nothing_happens_says_so() -> None:
         assert [*table(level)] == ["None."]
 
 
+def test_the_page_says_how_far_the_reference_is_from_itself() -> None:
+    records = [record("1.0", 1.0), record("4.0.0", 0.98), record("4.0.0", 1.01, model="cloth")]
+    text = " ".join(speed_page.provenance(speed_history.from_records(records)))
+    assert "against itself, which should be 0 %, came out at -2 % to 1 %" in text
+    assert "against itself" not in " ".join(speed_page.provenance(speed_of(STEP)))
+
+
 def test_pairs_without_a_change_say_how_exact_the_history_is() -> None:
     releases = ["3.1.1", "3.1.2", "3.1.3", "3.1.4"]
     ratios = (1.0, 1.0, 1.01, 1.01)
