@@ -40,8 +40,8 @@ def measure(
 ) -> None:
     """Measure the time of a step in RELEASEs against one fixed release.
 
-    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes one
-    to two minutes. The run file has every launch.
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes three
+    to four minutes, half as long without operations. The run file has every launch.
 
     \b
     Examples:

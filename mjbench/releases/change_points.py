@@ -18,8 +18,9 @@ import numpy as np
 # What a segment costs, what a slope costs besides, and what a single release does, since it may be
 # an outlier. In units of squared deviations.
 _SEGMENT, _SLOPE, _SINGLE = 14.0, 9.0, 8.0
-# A slope has at least so many releases.
-_MIN_SLOPED = 4
+# A slope has at least so many releases, and is no steeper than this from one to the next: a few
+# steps in one direction are no drift.
+_MIN_SLOPED, _MAX_SLOPE = 4, 0.015
 # The smallest change that is listed.
 MIN_CHANGE = math.log1p(0.01)
 # A change point is listed where the releases on both sides fit their own side better than the other
@@ -183,7 +184,7 @@ def _costs(sums: np.ndarray, end: int) -> tuple[np.ndarray, np.ndarray]:
     residual = wyy - wy**2 / w
     level = residual + _SEGMENT + np.where(count == 1, _SINGLE, 0.0)
     spread, product = wxx - wx**2 / w, wxy - wx * wy / w
-    can_slope = count >= _MIN_SLOPED
+    can_slope = (count >= _MIN_SLOPED) & (np.abs(product) <= _MAX_SLOPE * spread)
     gain = product**2 / np.where(can_slope, spread, 1.0)
     sloped = np.where(can_slope, residual - gain + _SEGMENT + _SLOPE, np.inf)
     return level, sloped

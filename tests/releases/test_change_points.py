@@ -91,6 +91,12 @@ def test_in_simulated_histories_change_points_are_detected_and_few_are_wrong(pla
         assert score.named >= 0.95 * score.drifts > 0
 
 
+def test_steps_that_follow_each_other_are_no_drift() -> None:
+    result = changes([0.0] * 8 + [-0.09, -0.10, -0.17, -0.18, -0.18])
+    assert not result.drifts
+    assert [point.index for point in result.change_points] == [8, 10]
+
+
 @pytest.mark.parametrize(("between", "listed"), [(0.02, [8]), (0.011, [])])
 def test_a_change_that_may_be_a_release_earlier_or_later_is_not_listed(
     between: float, listed: list[int]
