@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mjbench.errors import Failure
+from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.operations import Operation
@@ -75,7 +75,8 @@ class ReleaseTask(ABC):
         """Fix what is done, before the first launch.
 
         Raises:
-          InputError: a release cannot do it.
+          UnavailableError: the release cannot do it, although the reference can.
+          InputError: neither can.
           TargetError: a release crashed, hung or failed.
         """
 
@@ -157,7 +158,13 @@ class StepTask(ReleaseTask):
 
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`."""
-        self._prepared = preparation.prepare(pool, self._targets, Sizes(), TimeLimit())
+        try:
+            self._prepared = preparation.prepare(pool, self._targets, Sizes(), TimeLimit())
+        except InputError as error:
+            # if the reference can do it, the release lacks something; if not, the model is wrong
+            reference = self._targets[0]
+            preparation.prepare(pool, (reference, reference), Sizes(), TimeLimit())
+            raise UnavailableError(str(error)) from error
         workload: PortableWorkload = pickle.loads(self._prepared.workloads[0].read_bytes())
         self._digest = workload.digest()
 

@@ -9,9 +9,10 @@ import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
-from mjbench.paired import averaging, operations, release_ratio
+from mjbench.paired import averaging, operations, preparation, release_ratio
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.release_tasks import OperationTask, Processes, ReleaseTask, StepTask
+from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases import release_ratios
@@ -184,6 +185,25 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
     release_ratio.measure(pool, [InventedTask("good", lambda count: next(times))])
     assert counts[:3] == [3, 2, 2]
     assert set(counts[2:]) == {2}
+
+
+@pytest.mark.parametrize(
+    ("reference_can", "status"), [(True, Status.UNAVAILABLE), (False, Status.INPUT)]
+)
+def test_a_model_that_only_the_release_cannot_load_is_unavailable(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, reference_can: bool, status: Status
+) -> None:
+    old = ReleaseSpec("2.3.7", "2.3.7")
+
+    def prepare(pool: WorkerPool, targets: tuple[Target, Target], *sizes: object) -> None:
+        if not reference_can or targets[1].release == old:
+            raise InputError("it has an unknown element")
+
+    monkeypatch.setattr(preparation, "prepare", prepare)
+    task = StepTask((INSTALLED, old), CARTPOLE.model)
+    with pytest.raises(InputError, match="unknown element") as raised:
+        task.prepare(pool)
+    assert raised.value.status == status
 
 
 def test_what_a_release_lacks_is_said_and_not_timed(pool: WorkerPool) -> None:
