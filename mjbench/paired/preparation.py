@@ -25,6 +25,9 @@ from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import StateDrift
 
+# What error messages call two targets.
+ROLES = "baseline", "candidate"
+
 
 @dataclass(frozen=True)
 class WorkCheck:
@@ -81,17 +84,21 @@ class Preparation:
     work_check: WorkCheck
 
 
-def describe(targets: Sequence[Target]) -> tuple[str, str]:
-    """Return the names of a baseline and a candidate, for error messages."""
+def describe(targets: Sequence[Target], roles: tuple[str, str] = ROLES) -> tuple[str, str]:
+    """Return the names of two targets, for error messages."""
     baseline, candidate = (
         f"{role} (MuJoCo {target.release.version}, {target.model.name})"
-        for role, target in zip(("baseline", "candidate"), targets, strict=True)
+        for role, target in zip(roles, targets, strict=True)
     )
     return baseline, candidate
 
 
 def prepare(
-    pool: WorkerPool, targets: tuple[Target, Target], sizes: Sizes, time_limit: TimeLimit
+    pool: WorkerPool,
+    targets: tuple[Target, Target],
+    sizes: Sizes,
+    time_limit: TimeLimit,
+    roles: tuple[str, str] = ROLES,
 ) -> Preparation:
     """Load both models, draw the workload, and see what each target does with it.
 
@@ -102,6 +109,7 @@ def prepare(
       targets: baseline and candidate.
       sizes: of a block.
       time_limit: starts when the models are loaded.
+      roles: what error messages call the two.
 
     Raises:
       InputError: a target cannot do this work.
@@ -110,7 +118,7 @@ def prepare(
     """
     processes: list[WorkerProcess] = []
     try:
-        for i, (target, name) in enumerate(zip(targets, describe(targets), strict=True)):
+        for i, (target, name) in enumerate(zip(targets, describe(targets, roles), strict=True)):
             processes.append(pool.start(target.release, name, side=i))
         for process, target in zip(processes, targets, strict=True):
             pool.wait_for(process, target.release)
