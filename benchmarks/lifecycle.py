@@ -2,23 +2,40 @@
 
 import copy
 import functools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from benchmarks import stored
 from benchmarks.settings import Timed
+from mjbench.errors import UnavailableError
+from mjbench.paired import operations
 from mjbench.simulation import models, workload
 
 SMALL, BIG = "cartpole", "pile"
-NGEOM, NRAY = 2000, 500
 
 
 @functools.cache
-def _model_and_data(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a model and an MjData at its start state, the same ones in every sample."""
-    model = stored.load(name)
-    return model, workload.start_data(model)
+def _start_data(name: str) -> mujoco.MjData:
+    """Return an MjData at a model's start state, the same one in every sample."""
+    return workload.start_data(stored.load(name))
+
+
+def _block(name: str, repeats: int) -> Callable[[], None]:
+    """Return what does an operation as many times, as `mjbench history measure` does it.
+
+    A release that cannot do it skips the benchmark.
+    """
+    operation = replace(operations.registry()[name], repeats=repeats)
+    source = models.resolve(operation.model) if operation.model else None
+    try:
+        if source is not None:
+            stored.load(operation.model)
+        return operation.prepared(source.path if source else Path()).run
+    except UnavailableError as error:
+        raise NotImplementedError(str(error)) from error
 
 
 class Load(Timed):
@@ -29,13 +46,11 @@ class Load(Timed):
 
     def setup(self, model: str) -> None:
         """Find the file, and check that this release loads it."""
-        stored.load(model)
-        self.file = str(models.resolve(model).path)
+        self.run = _block(f"load {model}", 5)
 
     def time_5_loads(self, model: str) -> None:
         """Call `MjModel.from_xml_path` 5 times, in seconds."""
-        for _ in range(5):
-            mujoco.MjModel.from_xml_path(self.file)
+        self.run()
 
     time_5_loads.pretty_name = "5 × MjModel.from_xml_path"
 
@@ -48,17 +63,16 @@ class Data(Timed):
 
     def setup(self, model: str) -> None:
         """Load the model and create one MjData."""
-        self.model, self.data = _model_and_data(model)
+        self.create, self.reset = _block(f"data {model}", 20), _block(f"reset {model}", 1000)
+        self.data = _start_data(model)
 
     def time_20_mjdata(self, model: str) -> None:
         """Create 20 MjData, in seconds."""
-        for _ in range(20):
-            mujoco.MjData(self.model)
+        self.create()
 
     def time_1000_resets(self, model: str) -> None:
         """Call `mj_resetData` 1000 times, in seconds."""
-        for _ in range(1000):
-            mujoco.mj_resetData(self.model, self.data)
+        self.reset()
 
     def time_20_copies(self, model: str) -> None:
         """Copy an MjData 20 times by `copy.copy`, in seconds."""
@@ -78,17 +92,11 @@ class Ray(Timed):
 
     def setup(self, model: str) -> None:
         """Compute the geoms' poses, and draw the directions of the rays."""
-        self.model, self.data = _model_and_data(model)
-        mujoco.mj_forward(self.model, self.data)
-        self.origin = np.array([0.0, 0.0, 10.0])
-        slopes = np.random.default_rng(0).uniform(-0.1, 0.1, (NRAY, 2))
-        self.directions = np.column_stack([slopes, -np.ones(NRAY)])
-        self.geomid = np.zeros(1, dtype=np.int32)
+        self.run = _block(f"rays {model}", 500)
 
     def time_500_rays(self, model: str) -> None:
         """Call `mj_ray` 500 times, in seconds."""
-        for direction in self.directions:
-            mujoco.mj_ray(self.model, self.data, self.origin, direction, None, 1, -1, self.geomid)
+        self.run()
 
     time_500_rays.pretty_name = "500 × mj_ray"
 
@@ -98,18 +106,11 @@ class Spec(Timed):
 
     def setup(self) -> None:
         """Check that this release has MjSpec."""
-        if not hasattr(mujoco, "MjSpec"):
-            raise NotImplementedError("MjSpec exists from MuJoCo 3.2.0 on")
+        self.run = _block("spec", 2000)
 
     def time_2000_geoms(self) -> None:
         """Add 2000 spheres to the world body and compile, in seconds."""
-        spec = mujoco.MjSpec()
-        for i in range(NGEOM):
-            geom = spec.worldbody.add_geom()
-            geom.type = mujoco.mjtGeom.mjGEOM_SPHERE
-            geom.size = [0.1, 0.0, 0.0]
-            geom.pos = [i, 0.0, 0.0]
-        spec.compile()
+        self.run()
 
     time_2000_geoms.pretty_name = "MjSpec: add 2000 geoms and compile"
 

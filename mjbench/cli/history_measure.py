@@ -1,4 +1,4 @@
-"""`mjbench history measure`: the time of a step in releases against one fixed release."""
+"""`mjbench history measure`: steps and operations in releases against one fixed release."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,7 +38,7 @@ def measure(
     wait: bool,
     json_file: str | None,
 ) -> None:
-    """Measure the time of a step in RELEASEs against one fixed release.
+    """Time steps and operations in RELEASEs against one fixed release.
 
     A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes three
     to four minutes, half as long without operations. The run file has every launch.
@@ -106,14 +106,14 @@ def _tasks(
     selection: history_options.Selection, release: "ReleaseSpec", operations: bool
 ) -> list["ReleaseTask"]:
     """Return what is timed in a release: the steps of models, and operations if they are asked."""
-    from mjbench.paired import operations as known
+    from mjbench.paired.operations import registry
     from mjbench.paired.release_tasks import OperationTask, StepTask
     from mjbench.simulation import models
 
     releases = selection.reference, release
     tasks: list[ReleaseTask] = [StepTask(releases, source) for source in selection.sources]
     if operations:
-        for operation in known.registry().values():
+        for operation in registry().values():
             model = models.resolve(operation.model) if operation.model else None
             tasks.append(OperationTask(releases, operation, model))
     return tasks

@@ -84,8 +84,9 @@ def _load(source: ModelSource, repeats: int) -> PreparedOperation:
 
 
 def _edit_spec(source: ModelSource, repeats: int) -> PreparedOperation:
-    if not hasattr(mujoco, "MjSpec"):
-        raise UnavailableError("MjSpec exists from MuJoCo 3.2.0 on")
+    reason = compat.spec_unavailable()
+    if reason:
+        raise UnavailableError(reason)
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
 
     def build() -> mujoco.MjModel:

@@ -108,11 +108,10 @@ def _time_all(
     for task in tasks:
         try:
             launch = _time(task, processes, core, placements)
-        except InputError as error:
+        except (InputError, MachineError) as error:
             task.failure = failure_of(error)
-        except MachineError as error:
-            task.failure = failure_of(error)
-            return
+            if isinstance(error, MachineError):
+                return
         else:
             task.add(LaunchRatio(launch.log_ratio, placements.new), launch.baseline_ns)
 

@@ -56,6 +56,8 @@ class ReleaseTask(ABC):
         blocks of a layout follows from it, so that a disturbed block does not decide it.
     """
 
+    record_type: ClassVar[str]
+
     def __init__(self, releases: Releases):
         self.releases = releases
         self.launches: list[LaunchRatio] = []
@@ -63,8 +65,6 @@ class ReleaseTask(ABC):
         self.failure: Failure | None = None
         self.pair_s = math.inf
         self._reference_ns: list[float] = []
-
-    record_type: ClassVar[str]
 
     @property
     @abstractmethod
@@ -123,17 +123,22 @@ class ReleaseTask(ABC):
     def close(self) -> None:  # noqa: B027
         """Remove what `prepare` stored."""
 
-    @property
-    def status(self) -> Status:
-        """How the measurement ended."""
-        return self.failure.status if self.failure else Status.OK
+    def _common(self, model: str, problem: str, seconds: float) -> RatioRecord:
+        """Return what the records of all tasks have; see `record` for the arguments."""
+        reference, release = self.releases
+        return RatioRecord(
+            model=model,
+            release=release.version,
+            build=release.key,
+            reference=reference.version,
+            status=self.failure.status if self.failure else Status.OK,
+            detail=self.failure.detail if self.failure else "",
+            launches=self.launches,
+            problem=problem,
+            seconds=seconds,
+        )
 
-    @property
-    def detail(self) -> str:
-        """Why it ended early; empty where it did not."""
-        return self.failure.detail if self.failure else ""
-
-    def reference_s(self, count: int) -> float | None:
+    def _reference_s(self, count: int) -> float | None:
         """Return the seconds of one of `count` things of a block, in the reference."""
         if not self._reference_ns:
             return None
@@ -196,19 +201,8 @@ class StepTask(ReleaseTask):
 
     def record(self, problem: str, seconds: float) -> StepRatioRecord:
         """See `ReleaseTask.record`."""
-        reference, release = self.releases
-        record = StepRatioRecord(
-            model=self.model.name,
-            release=release.version,
-            build=release.key,
-            reference=reference.version,
-            status=self.status,
-            detail=self.detail,
-            launches=self.launches,
-            problem=problem,
-            workload=self._digest,
-            seconds=seconds,
-        )
+        common = self._common(self.model.name, problem, seconds)
+        record = StepRatioRecord(**vars(common), workload=self._digest)
         if self._prepared is None:
             return record
         check = self._prepared.work_check
@@ -223,7 +217,7 @@ class StepTask(ReleaseTask):
             nbatch=check.nbatch,
             nstep=check.nstep,
             starts=check.starts,
-            reference_s=self.reference_s(check.nbatch * check.nstep),
+            reference_s=self._reference_s(check.nbatch * check.nstep),
         )
 
     def close(self) -> None:
@@ -264,21 +258,12 @@ class OperationTask(ReleaseTask):
 
     def record(self, problem: str, seconds: float) -> OperationRatioRecord:
         """See `ReleaseTask.record`."""
-        reference, release = self.releases
         operation = self.operation
-        return OperationRatioRecord(
+        common = self._common(operation.model, problem, seconds)
+        record = OperationRatioRecord(
+            **vars(common),
             operation=operation.name,
             title=operation.title,
-            model=operation.model,
-            release=release.version,
-            build=release.key,
-            reference=reference.version,
-            status=self.status,
-            detail=self.detail,
-            launches=self.launches,
-            problem=problem,
-            drift=self._drift,
             repeats=operation.repeats,
-            reference_s=self.reference_s(operation.repeats),
-            seconds=seconds,
         )
+        return replace(record, drift=self._drift, reference_s=self._reference_s(operation.repeats))

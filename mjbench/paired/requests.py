@@ -192,7 +192,7 @@ class Prepare(Request[int]):
 
 @dataclass(frozen=True)
 class PrepareOperation(Request["ReadyOperation"]):
-    """Prepare an operation in fresh memory, and do it once.
+    """Prepare an operation in fresh memory, do it, and return nanoseconds of a block.
 
     Attributes:
       name: of the operation (see `operations`).

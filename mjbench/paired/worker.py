@@ -20,7 +20,7 @@ import random
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 # Random allocations before each layout: how many, and the largest of each kind, in bytes.
 _SMALL, _SMALL_BYTES = 400, 4096
 _LARGE, _LARGE_BYTES = 8, 1 << 21
-# What moves the memory of a layout is freed after as many others.
-_KEPT_LAYOUTS = 12
+# What moves the memory of a layout is freed after as many more of them.
+_SCATTERED_LAYOUTS = 12
 # A layout runs below fewer frames of the C stack than this.
 _DEPTH = 24
 # Memory mapped before MuJoCo's libraries are: fewer pieces, each of fewer pages, than these. Linux
@@ -75,7 +75,7 @@ class Worker:
         self.resources: Resources | None = None
         self.slowdown = 0.0
         self.padding: list[Any] = []
-        self.scattered: deque[list[bytearray]] = deque(maxlen=_KEPT_LAYOUTS)
+        self.scattered: deque[list[bytearray]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
         self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
             requests.StartRelease: self._start_release,
@@ -207,14 +207,18 @@ class Worker:
         self.final_state = portable.final_state
         return portable
 
+    def _lay_out_memory(self, cores: Sequence[int]) -> None:
+        """Run on these cores from now on, and allocate what follows elsewhere."""
+        if cores:
+            platforms.set_affinity(0, cores)
+        self.scattered.append(_scattered(self.rng))
+
     def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths
         from mjbench.simulation import engine_callback
         from mjbench.simulation.workload import Workload
 
-        if request.cores:
-            platforms.set_affinity(0, request.cores)
-        self.scattered.append(_scattered(self.rng))
+        self._lay_out_memory(request.cores)
         model = copy.copy(self.model)
         workload, previous, rows = self.workload, self.resources, list(request.simulations)
         selected = Workload(
@@ -255,14 +259,11 @@ class Worker:
     def _prepare_operation(self, request: requests.PrepareOperation) -> requests.ReadyOperation:
         from mjbench.paired import operations
 
-        if request.cores:
-            platforms.set_affinity(0, request.cores)
-        self.scattered.append(_scattered(self.rng))
+        self._lay_out_memory(request.cores)
         prepared = operations.registry()[request.name].prepared(request.file)
         self.run = prepared.run
         result = prepared.result()
         _collect_garbage()
-        self._block()
         return requests.ReadyOperation(self._block(), result)
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:

@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 from mjbench.errors import InputError
@@ -88,6 +89,19 @@ class Changelog:
     def _score(self, item: ChangelogItem, wanted: Collection[str]) -> float:
         common = item.words & set(wanted)
         return sum(math.log(len(self.items) / self._frequency[word]) for word in common)
+
+
+def installed() -> Changelog | None:
+    """Return the changelog of the installed MuJoCo; None where its package carries none.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    try:
+        file = Path(str(metadata.distribution("mujoco").locate_file(str(FILE))))
+    except metadata.PackageNotFoundError:
+        return None
+    return read(file) if file.exists() else None
 
 
 def read(file: Path) -> Changelog:

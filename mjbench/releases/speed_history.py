@@ -50,10 +50,11 @@ class SpeedSeries:
 
 def in_order(versions: Iterable[str]) -> list[str]:
     """Return versions in their order, a pre-release before what it became."""
-    return sorted(versions, key=_order)
+    return sorted(versions, key=order)
 
 
-def _order(version: str) -> tuple[Version, str]:
+def order(version: str) -> tuple[Version, str]:
+    """Return a key by which the versions of releases sort."""
     try:
         return Version(version), version
     except InvalidVersion:  # a wheel of one's own may have any

@@ -15,10 +15,12 @@ from mjbench.releases import known_causes, speed_history
 from mjbench.releases.change_points import ChangePoint
 from mjbench.releases.changelog import Changelog
 from mjbench.releases.known_causes import KnownCause
-from mjbench.releases.release import version_key
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
-from mjbench.releases.speed_history import Measured, SpeedSeries
+from mjbench.releases.speed_history import Measured, SpeedSeries, order
+from mjbench.status import Status
 
+# How a measurement ends that a release crashed, hung or failed in.
+FAILURES = (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
 # By model, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
@@ -48,6 +50,7 @@ class SpeedHistory:
       background: what explains changes.
       machine: that all was measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
+      failures: records of what a release crashed, hung or failed in.
     """
 
     models: Sequence[SpeedSeries]
@@ -55,10 +58,11 @@ class SpeedHistory:
     background: Background = Background({})
     machine: Machine | None = None
     since: str | None = None
+    failures: Sequence[RatioRecord] = ()
 
     def lists(self, release: str) -> bool:
         """Return whether changes that came with a release are listed."""
-        return self.since is None or version_key(release) >= version_key(self.since)
+        return self.since is None or order(release) >= order(self.since)
 
     def instructions(self, model: str) -> dict[str, float]:
         """Return the instructions of a step of a model, by release, where they were counted."""
@@ -102,14 +106,21 @@ def from_records(
         for is_operation in (False, True)
     )
     background = Background(counts, changelog, causes)
-    return SpeedHistory(models, operations, background, machine, since)
+    measured = {
+        (series.name, each.release) for series in (*models, *operations) for each in series.measured
+    }
+    failures = [
+        record
+        for record in ratios
+        if record.status in FAILURES and (record.series, record.release) not in measured
+    ]
+    return SpeedHistory(models, operations, background, machine, since, failures)
 
 
-def title(series: SpeedSeries) -> str:
-    """Return the name of a model or an operation, in Markdown."""
-    record = series.measured[-1].record
+def title(record: RatioRecord) -> str:
+    """Return the name of the model or the operation of a record, in Markdown."""
     if not isinstance(record, OperationRatioRecord):
-        return f"`{series.name}`"
+        return f"`{record.model}`"
     return f"{record.title}, `{record.model}`" if record.model else record.title
 
 
@@ -184,4 +195,4 @@ def listed_changes(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> 
         for before, after in [series.pair(point.index, point.before)]
         if history.lists(after.release)
     ]
-    return sorted(listed, key=lambda c: (version_key(c.after.release), -abs(c.point.change)))
+    return sorted(listed, key=lambda c: (order(c.after.release), -abs(c.point.change)))

@@ -22,6 +22,7 @@ from mjbench.report.speed_tables import (
     MIN_PLACEMENT,
     drifts,
     excursions,
+    failures,
     instructions,
     log_change,
     operation_changes,
@@ -34,7 +35,7 @@ from mjbench.report.speed_tables import (
 )
 from mjbench.simulation import models
 
-TITLE = "# What changed between releases"
+TITLE = "# What changed between releases\n\nWritten by `mjbench history`; do not edit."
 # As many of the largest changes are named in the conclusion.
 _LARGEST_CHANGES = 3
 
@@ -74,50 +75,57 @@ def lines(history: SpeedHistory, plots: str = "") -> Iterator[str]:
     yield from conclusion(history)
     yield ""
     yield from provenance(history)
-    for section in _sections(history, plots):
-        yield from section.lines()
-
-
-def _sections(history: SpeedHistory, plots: str) -> Iterator[Section]:
     first = history.releases()[0]
     measure = f"mjbench history measure --since {first}"
     explain = f"mjbench history explain --since {first}"
+    for section in _changes(history, measure, explain):
+        yield from section.lines()
+    if plots:
+        yield from _plots(history, plots, measure, explain).lines()
+    for section in _figures(history, measure, explain):
+        yield from section.lines()
+
+
+def _changes(history: SpeedHistory, measure: str, explain: str) -> Iterator[Section]:
+    """Yield what changed; `measure` and `explain` are the commands that gave its figures."""
     yield Section(
         "Change points of a step",
         "Changes of the time of `mj_step` from one release to the next, from"
         f" {_percent(MIN_CHANGE)} on, with their standard error. The cause is `work` where the work"
         " or the result of a step changed, too, whether or not that accounts for all of it; `code`"
         " where the same work takes another time, with placement averaged out; `undecided` where"
-        " that is not known. The percentage after a function is the change of its instructions,"
-        " relative to those of the step.",
+        " that is not known. After a function: by how many percent of the step's instructions its"
+        " own count changed.",
         step_changes(history),
         [measure, explain],
     )
     if history.operations:
         yield Section(
             "Change points around the step",
-            "The same for what programs do around it, on one thread. `rollout` and `Batch` step,"
-            " so they change with `mj_step`, too.",
+            "Changes of the time of operations around `mj_step`, on one thread; large ones as a"
+            " factor, where ×2 is twice the time. `rollout` and `Batch` step, so they change with"
+            " `mj_step`, too.",
             operation_changes(history),
             [measure],
         )
     yield Section(
         "Single releases that are off",
-        "Changes that the next release takes back.",
+        "One release is off, and the next takes back more than half of it.",
         excursions(history),
         [measure],
     )
     yield Section(
         "Drifts",
-        "Slow changes, of which no single one is a change point.",
+        "Slow changes over four or more releases. Change points between them are listed above, and"
+        " are not part of the figure.",
         drifts(history),
         [measure],
     )
     yield Section(
         "Changed by placement",
-        f"Changes of a step that differ by at least {_percent(MIN_PLACEMENT)} where placement is"
-        " averaged out: the difference comes from where the code lies in memory. Few launches are"
-        " as shipped, so that only large differences are seen.",
+        f"Changes of a step that are at least {_percent(MIN_PLACEMENT)} larger or smaller as"
+        f" shipped than with placement averaged out, and by more than {DEVIATIONS:g} standard"
+        " errors. Few launches are as shipped, so only large differences are seen.",
         placement(history),
         [measure],
     )
@@ -127,44 +135,61 @@ def _sections(history: SpeedHistory, plots: str) -> Iterator[Section]:
         totals([*history.models, *history.operations]),
         [measure],
     )
-    if plots:
-        yield Section(
-            "Plots",
-            "From top to bottom: the time of a step relative to the reference, with two standard"
-            " errors, change points marked, and the distance to the ratio as shipped shaded; its"
-            " instructions; its work; and how far one step is from that of the reference.",
-            _images(history, plots),
-            [measure, explain],
-        )
+
+
+def _plots(history: SpeedHistory, folder: str, measure: str, explain: str) -> Section:
+    """Return the section of the plots in a folder."""
+    return Section(
+        "Plots",
+        "From top to bottom: the time of a step relative to the reference, with two standard"
+        " errors and change points; its instructions; its work; and how far one step ends from"
+        " where the reference ends. Shaded: the ratio as shipped, where it certainly differs.",
+        _images(history, folder),
+        [measure, explain],
+    )
+
+
+def _figures(history: SpeedHistory, measure: str, explain: str) -> Iterator[Section]:
+    """Yield what was measured, release by release; see `_changes` for the arguments."""
     yield Section(
         "Time of a step",
         "Microseconds of one `mj_step` from Python: the ratio to the reference, times the"
-        " reference's own time, which is the median of all runs. ▲ and ▼ mark change points.",
+        " reference's own time, the median over all releases' measurements. ▲ and ▼ mark change"
+        " points.",
         times(history, history.models),
         [measure],
     )
     if history.operations:
         yield Section(
             "Time of operations",
-            "Microseconds of one, in the same way; of MjSpec, of one geom; of `rollout` and"
-            " `Batch`, of one simulation.",
+            "Microseconds of one load, copy, reset or ray, in the same way; for MjSpec per geom,"
+            " compiling included; for `rollout` and `Batch` per simulation of five steps.",
             times(history, history.operations),
             [measure],
         )
     yield Section(
         "Instructions of a step",
         "Thousands of instructions of one `mj_step`, counted by Callgrind. ▲ and ▼ mark changes"
-        f" above {100 * COUNT_THRESHOLD:g} % from the release before. A count says what the code"
-        " does, not how long it takes.",
+        f" above {100 * COUNT_THRESHOLD:g} % from the release before, where both were counted. A"
+        " count says what the code does, not how long it takes.",
         instructions(history),
         [explain],
     )
     yield Section(
         "Releases that compute something else",
-        "Compared with the release before: the work of a step, and results.",
+        "Releases in which a step does other work than in the release before, or a step or an"
+        " operation gives another result.",
         work(history),
         [measure],
     )
+    if history.failures:
+        yield Section(
+            "Measurements that failed",
+            "What could not be measured because a process crashed, hung or failed, by a fault of"
+            " the release or of mjbench.",
+            failures(history),
+            [measure],
+        )
 
 
 def _images(history: SpeedHistory, plots: str) -> Iterator[str]:
@@ -182,9 +207,12 @@ def conclusion(history: SpeedHistory) -> Iterator[str]:
     ]
     slower = [log_ratio for log_ratio in certain if log_ratio > 0]
     faster = [log_ratio for log_ratio in certain if log_ratio < 0]
+    uncertain = len(compared) - len(certain)
     yield (
-        f"From the first release measured to the last, a step became slower for {len(slower)} of"
-        f" {len(compared)} models{_range(slower)}, and faster for {len(faster)}{_range(faster)}."
+        "From the first release that loads a model to the last, a step became slower for"
+        f" {len(slower)} of {_count(len(compared), 'model')}{_range(slower)}, and faster for"
+        f" {len(faster)}{_range(faster)}."
+        + (f" For {uncertain} the change is not certain." if uncertain else "")
     )
     listed = listed_changes(history, history.models)
     largest = sorted(listed, key=lambda c: -abs(c.point.change))[:_LARGEST_CHANGES]
@@ -203,27 +231,33 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
         each for series in (*history.models, *history.operations) for each in series.measured
     ]
     references = sorted({each.record.reference for each in measured})
-    machine = f" on {_machine(history.machine)}" if history.machine else ""
+    machine = f", on {_machine(history.machine)}" if history.machine else ""
     yield (
-        f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against"
-        f" {', '.join(references)}{machine}, in turns, with the placement of code averaged out."
-        " Ratios hold for other machines as far as their processors are alike; times do not."
+        f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against the"
+        f" reference, {', '.join(references)}{machine}, [in turns](method/history.md), with the"
+        " [placement of code](method/placement.md) averaged out."
+        " Other machines have other times, and may have other ratios."
     )
     for problem in sorted({each.record.problem for each in measured if each.record.problem}):
         yield f"Placement was not averaged out everywhere: {problem}."
     noisy = sum(each.ratio.deviation > SIMULATED_DEVIATION for each in measured)
     yield (
         "In [simulated histories](method/history-errors.md) of 42 releases with two or three"
-        f" changes, at most {100 * FALSE_DISCOVERY_RATE:g} % of the listed changes are wrong if the"
-        f" standard errors of ratios are at most {100 * SIMULATED_DEVIATION:g} %; here {noisy} of"
-        f" {len(measured)} are larger."
+        f" changes, at most {100 * FALSE_DISCOVERY_RATE:g} % of the listed changes are wrong if"
+        f" ratios have standard errors of at most {100 * SIMULATED_DEVIATION:g} %. {noisy} of the"
+        f" {len(measured)} ratios here have a larger one."
+    )
+    yield (
+        "Standard errors do not include what the rest of the machine did meanwhile:"
+        " [changes that were measured twice, beside other work, differed by several percent]"
+        "(method/history.md#how-exact-it-is)."
     )
     yield from _against_itself(history)
     yield from no_change_line(history)
 
 
 def _against_itself(history: SpeedHistory) -> Iterator[str]:
-    """Yield how far the reference is from itself, which bounds a bias of all ratios alike."""
+    """Yield how far the reference is from itself: the least that a bias of all ratios can be."""
     own = [
         each.ratio.log_ratio
         for series in (*history.models, *history.operations)
@@ -232,9 +266,8 @@ def _against_itself(history: SpeedHistory) -> Iterator[str]:
     ]
     if own:
         yield (
-            f"The reference against itself, which should be 0 %, came out at"
-            f" {_percent(min(own))} to {_percent(max(own))}: by as much all releases of a model or"
-            " an operation may be off alike, so that changes between them are not affected."
+            "The reference against itself should differ by 0 %; it differs by"
+            f" {_percent(min(own))} to {_percent(max(own))}."
         )
 
 
@@ -256,14 +289,15 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
     if log_ratios:
         deviation = math.sqrt(statistics.fmean(x * x for x in log_ratios))
         yield (
-            "In some releases a step executes as many instructions as in the one before:"
-            f" {', '.join(names)}. Their {len(log_ratios)} changes have a root mean square of"
-            f" {100 * deviation:.2f} %, and {listed or 'none'} of them {_are(listed)} listed."
+            "As a check, in some releases a step executes as many instructions as in the one"
+            f" before: {', '.join(names)}. The root mean square of their"
+            f" {_count(len(log_ratios), 'change')} is {100 * deviation:.2f} %; {listed} of them"
+            f" {'is' if listed == 1 else 'are'} listed."
         )
 
 
-def _are(count: int) -> str:
-    return "is" if count <= 1 else "are"
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _index(series: SpeedSeries, pair: NoChangePair) -> int | None:

@@ -4,13 +4,16 @@ import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
+from mjbench.counts.function_differences import (
+    MAIN_FUNCTIONS,
+    NetDifference,
+    largest_differences,
+)
 from mjbench.counts.records import ExplainRecord
 from mjbench.paired import operations
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
 from mjbench.releases.changelog import Changelog, ChangelogItem
-from mjbench.releases.release import version_key
 from mjbench.releases.release_ratios import OperationRatioRecord, Ratio
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report import tables
@@ -23,6 +26,8 @@ COUNT_THRESHOLD = 0.01
 MIN_PLACEMENT = math.log1p(0.015)
 # A change without a test of its own counts if it is as many standard errors.
 DEVIATIONS = 4.0
+# The smallest change of a function that is named, as a share of the step's instructions.
+_MIN_SHARE = 0.0005
 # As many characters are quoted of an item of the changelog.
 _MAX_QUOTED = 160
 
@@ -66,7 +71,7 @@ def _none_listed() -> str:
 
 def _releases(listed: Listed) -> Sequence[str]:
     """Return the releases around a change, and what changed."""
-    return f"{listed.before.release} → {listed.after.release}", title(listed.series)
+    return f"{listed.before.release} → {listed.after.release}", _title(listed.series)
 
 
 def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
@@ -75,10 +80,11 @@ def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
         yield "; ".join(listed.work_changes)
     if listed.has_same_code:
         yield "both execute the same machine code"
-    if listed.counts is not None:
-        functions = _functions(listed.counts)
-        if functions:
-            yield functions
+    if _is_opposite(listed):
+        yield "its instructions changed in the other direction"
+    functions = _functions(listed)
+    if functions:
+        yield functions
     for cause in listed.causes:
         yield cause.text + (f" (`{cause.commit}`)" if cause.commit else "")
     item = None if listed.causes else _fitting_item(listed, changelog)
@@ -96,23 +102,38 @@ def _fitting_item(listed: Listed, changelog: Changelog | None) -> ChangelogItem 
     if isinstance(listed.after.record, OperationRatioRecord):
         operation = operations.registry().get(listed.series.name)
         return changelog.naming(listed.after.release, operation.api) if operation else None
-    if listed.counts is None:
+    names = [name for difference in _main_differences(listed) for name in difference.names]
+    if not names:
         return None
-    differences = largest_differences(listed.counts.functions, MAIN_FUNCTIONS)
-    names = [name for difference in differences for name in difference.names]
     features = speed_history.changed_counters(listed.before, listed.after)
     return changelog.fitting(listed.after.release, names, features)
 
 
-def _functions(counts: ExplainRecord) -> str:
-    """Return the functions that account for most of a difference, with their instructions."""
-    total = counts.instructions_per_step.old
-    if not total:
+def _functions(listed: Listed) -> str:
+    """Return the functions that may account for a change, with their instructions."""
+    old = listed.counts.instructions_per_step.old if listed.counts else None
+    if not old:
         return ""
     return ", ".join(
-        f"`{' + '.join(d.names)}` {100 * d.difference / total:+.1f} %"
-        for d in largest_differences(counts.functions, MAIN_FUNCTIONS)
+        f"`{' + '.join(d.names)}` {100 * d.difference / old:+.1f} %"
+        for d in _main_differences(listed)
+        if abs(d.difference) >= _MIN_SHARE * old
     )
+
+
+def _main_differences(listed: Listed) -> Sequence[NetDifference]:
+    """Return the largest differences of functions; none where they cannot account for a change."""
+    if listed.counts is None or _is_opposite(listed):
+        return []
+    return largest_differences(listed.counts.functions, MAIN_FUNCTIONS)
+
+
+def _is_opposite(listed: Listed) -> bool:
+    """Return whether the instructions of a step changed in the other direction than its time."""
+    per_step = listed.counts.instructions_per_step if listed.counts else None
+    if per_step is None or not per_step.old or not per_step.new:
+        return False
+    return (per_step.new - per_step.old) * listed.point.change < 0
 
 
 def _count_change(counts: ExplainRecord | None) -> str:
@@ -125,7 +146,7 @@ def _count_change(counts: ExplainRecord | None) -> str:
 def excursions(history: SpeedHistory) -> Iterator[str]:
     """Yield a table of single releases that are off, or that there are none."""
     rows = [
-        [after.release, title(series), log_change(excursion.change), _work(before, after)]
+        [after.release, _title(series), log_change(excursion.change), _work(before, after)]
         for series in (*history.models, *history.operations)
         for excursion in series.changes.excursions
         for before, after in [series.pair(excursion.index)]
@@ -140,7 +161,7 @@ def drifts(history: SpeedHistory) -> Iterator[str]:
     rows = [
         [
             f"{series.measured[drift.begin].release} to {series.measured[drift.end - 1].release}",
-            title(series),
+            _title(series),
             log_change(drift.change),
         ]
         for series in (*history.models, *history.operations)
@@ -154,7 +175,7 @@ def drifts(history: SpeedHistory) -> Iterator[str]:
 def placement(history: SpeedHistory) -> Iterator[str]:
     """Yield a table of changes of steps to which placement adds, or that there are none."""
     rows = [
-        [after.release, title(series), log_change(shipped), log_change(averaged)]
+        [after.release, _title(series), log_change(shipped), log_change(averaged)]
         for series in history.models
         for index in range(1, len(series.measured))
         for before, after in [series.pair(index)]
@@ -182,7 +203,7 @@ def totals(all_series: Sequence[SpeedSeries]) -> Iterator[str]:
     """Yield a table of the change from the first release to the last."""
     rows = [
         [
-            title(series),
+            _title(series),
             first.release,
             last.release,
             _with_error(total.log_ratio, total.deviation),
@@ -200,7 +221,7 @@ def totals(all_series: Sequence[SpeedSeries]) -> Iterator[str]:
 def times(history: SpeedHistory, all_series: Sequence[SpeedSeries]) -> Iterator[str]:
     """Yield a table of microseconds, by release and by model or operation."""
     columns = [_times(series) for series in all_series]
-    return _by_release(history, [title(series) for series in all_series], columns)
+    return _by_release(history, [_title(series) for series in all_series], columns)
 
 
 def _times(series: SpeedSeries) -> Mapping[str, str]:
@@ -223,19 +244,20 @@ def instructions(history: SpeedHistory) -> Iterator[str]:
     if not history.background.counts:
         return iter(["Not counted; `mjbench history explain` counts them."])
     columns = [_instructions_by_release(history, series.name) for series in history.models]
-    return _by_release(history, [title(series) for series in history.models], columns)
+    return _by_release(history, [_title(series) for series in history.models], columns)
 
 
 def _instructions_by_release(history: SpeedHistory, model: str) -> Mapping[str, str]:
     """Return a model's thousands of instructions by release, changes marked."""
     counts = history.instructions(model)
     cells: dict[str, str] = {}
-    before = 0.0
-    for release in sorted(counts, key=version_key):
-        count = counts[release]
-        is_change = before and abs(count / before - 1) > COUNT_THRESHOLD
-        mark = _mark(count - before) if is_change else ""
-        cells[release] = tables.plain(count / 1000, 4) + mark
+    before: float | None = None
+    for release in history.releases():
+        count = counts.get(release)
+        if count is not None:
+            is_change = before is not None and abs(count / before - 1) > COUNT_THRESHOLD
+            mark = _mark(count - before) if before is not None and is_change else ""
+            cells[release] = tables.plain(count / 1000, 4) + mark
         before = count
     return cells
 
@@ -261,7 +283,7 @@ def work(history: SpeedHistory) -> Iterator[str]:
             changes = speed_history.work_changes(before, after)
             if changes:
                 changed.setdefault(after.release, []).append(
-                    f"{title(series)}: {', '.join(changes)}"
+                    f"{_title(series)}: {', '.join(changes)}"
                 )
     rows = [
         [release, "<br>".join(changed[release])]
@@ -269,6 +291,20 @@ def work(history: SpeedHistory) -> Iterator[str]:
         if release in changed and history.lists(release)
     ]
     return _table_or("None.", ["release", "what changed"], rows)
+
+
+def failures(history: SpeedHistory) -> Iterator[str]:
+    """Yield a table of what a release failed in."""
+    rows = [
+        [record.release, title(record), record.detail.replace("|", "\\|")]
+        for record in history.failures
+        if history.lists(record.release)
+    ]
+    return _table_or("None.", ["release", "model or operation", "how"], rows)
+
+
+def _title(series: SpeedSeries) -> str:
+    return title(series.measured[-1].record)
 
 
 def total_of(series: SpeedSeries) -> Ratio:

@@ -114,6 +114,11 @@ def rollout_threads_unavailable() -> str | None:
     return None if rollout_threads() else "mujoco.rollout has threads from MuJoCo 3.2.7 on"
 
 
+def spec_unavailable() -> str | None:
+    """Return why a model cannot be built in Python here, or None if it can."""
+    return None if hasattr(mujoco, "MjSpec") else "MjSpec exists from MuJoCo 3.2.0 on"
+
+
 def threadpool_unavailable() -> str | None:
     """Return why a simulation cannot have a thread pool of its own here, or None if it can."""
     if not hasattr(mujoco, "mju_threadpool"):

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -64,11 +63,6 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
     assert same.workload == step.workload != ""
 
 
-@dataclass(frozen=True)
-class Invented(RatioRecord):
-    """A record of an invented task."""
-
-
 class InventedTask(ReleaseTask):
     """A task that calls a function instead of timing anything."""
 
@@ -90,17 +84,7 @@ class InventedTask(ReleaseTask):
         return self._ready(len(self.launches))
 
     def record(self, problem: str, seconds: float) -> RatioRecord:
-        return Invented(
-            model=self.name,
-            release="1",
-            build="1",
-            reference="2",
-            status=self.status,
-            detail=self.detail,
-            launches=self.launches,
-            problem=problem,
-            seconds=seconds,
-        )
+        return self._common(self.name, problem, seconds)
 
     def close(self) -> None:
         self.closed = True

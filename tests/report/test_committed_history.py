@@ -2,28 +2,24 @@
 
 import math
 import statistics
-from importlib.util import find_spec
 
 import pytest
 from commands import ROOT
 
-from mjbench.cli import history as command
 from mjbench.paired.outcomes import Cause
-from mjbench.releases import bundle, known_causes, speed_history
+from mjbench.releases import bundle, changelog, speed_history
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
 from mjbench.releases.release import OLDEST, version_key
-from mjbench.report import speed_page
-from mjbench.report.speed_history import Listed, SpeedHistory, from_records, listed_changes
+from mjbench.report import history_files, speed_page
+from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes
 
 WRITE = "mjbench history --plots docs/history -o docs/history.md"
-FILES = sorted((ROOT / "results/history").glob("reference-*.jsonl"))
 
 
 @pytest.fixture(scope="module")
 def history() -> SpeedHistory:
-    machine, records = command.read_records(FILES)
-    causes = known_causes.load(ROOT / "benchmarks/causes.toml")
-    return from_records(records, command.installed_changelog(), causes, machine)
+    files = [f for f in history_files.run_files(ROOT / "results/history") if "reference-" in f.name]
+    return history_files.read(files, ROOT / "benchmarks/causes.toml")
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +85,7 @@ def test_releases_that_execute_the_same_instructions_hardly_differ(
 
 
 def test_the_page_is_what_the_command_writes(history: SpeedHistory) -> None:
-    if find_spec("mujoco") and command.installed_changelog() is None:
+    if changelog.installed() is None:
         pytest.skip("this MuJoCo ships no changelog, which the page quotes")
     text = "\n".join(speed_page.lines(history, plots="history"))
     committed = (ROOT / "docs/history.md").read_text()

@@ -1,11 +1,13 @@
 """The committed runs are readable and complete, and say what the documentation says of them."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import ROOT
 
+from benchmarks import history_repeats
 from mjbench.instrument import runs
 from mjbench.paired import selfcheck
 from mjbench.paired.judgement import judge
@@ -16,11 +18,13 @@ from mjbench.report.advice import advise
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
+from mjbench.status import ExitCode
 
 RUNS = ROOT / "results/runs"
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
 SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
 INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
+HISTORY_AGAIN = RUNS / "reference-history-again.jsonl"
 BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
 
 
@@ -29,7 +33,7 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert SELFCHECKS
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 3
-    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS}
+    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, HISTORY_AGAIN}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -116,3 +120,14 @@ def test_at_most_one_of_forty_no_change_pairs_is_called_different_by_code(file: 
     different = [trial for trial in trials if trial.verdict in (Verdict.SLOWER, Verdict.FASTER)]
     assert len(different) <= len(trials) / 40
     assert all(trial.placement is not None and trial.placement.averaged for trial in trials)
+
+
+def test_docs_say_how_far_changes_of_the_second_history_differ(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first = ROOT / "results/history/reference-ratios.jsonl"
+    assert history_repeats.main([str(first), str(HISTORY_AGAIN)]) == ExitCode.OK
+    (changes,) = [line for line in capsys.readouterr().out.splitlines() if " changes: " in line]
+    deviation, largest = re.findall(r"([0-9.]+ %)", changes)
+    page = " ".join((ROOT / "docs/method/history.md").read_text().split())
+    assert f"first run by {deviation} (root mean square), and by up to {largest}:" in page
