@@ -2,8 +2,8 @@
 //
 // Arrays are row by row: initial_state and final_state (nbatch, nstate) of mjSTATE_INTEGRATION,
 // control (nbatch, nstep, nu). If state is not NULL, the physics state after each step goes to state
-// (nbatch, nstep, nphysics) and its sensors to sensordata (nbatch, nstep, nsensordata), as
-// mujoco.rollout returns them; controls are then set as mujoco.rollout sets them, too.
+// (nbatch, nstep, nphysics) and, if sensordata is not NULL, its sensors to sensordata (nbatch, nstep,
+// nsensordata), as mujoco.rollout returns them; controls are then set as mujoco.rollout sets them.
 #include <mujoco/mujoco.h>
 
 void c_floor(const mjModel* m, mjData* d, int nbatch, int nstep, const mjtNum* initial_state,
@@ -23,8 +23,10 @@ void c_floor(const mjModel* m, mjData* d, int nbatch, int nstep, const mjtNum* i
       if (state) {
         mj_getState(m, d, state, mjSTATE_FULLPHYSICS);
         state += nphysics;
-        mju_copy(sensordata, d->sensordata, m->nsensordata);
-        sensordata += m->nsensordata;
+        if (sensordata) {
+          mju_copy(sensordata, d->sensordata, m->nsensordata);
+          sensordata += m->nsensordata;
+        }
       }
     }
     mj_getState(m, d, final_state + i * nstate, mjSTATE_INTEGRATION);

@@ -10,8 +10,8 @@ over launches, and their range. At 1.000 nothing is lost.
 Each launch is a process of its own: memory layout alone changes a speed by a percent or more, and
 stays the same for the life of a process. If final states are not bit-identical, the program stops.
 
-`rollout` is told to return nothing, like the C loop; `rollout+states` returns the state and the
-sensors after every step, and is compared with a C program that does the same.
+A C program returns what the path is asked for: final states, or, for `rollout+sensors`, the state
+and the sensor data of every step, too.
 """
 
 import argparse
@@ -52,19 +52,19 @@ class FloorCase:
       path: name of the path.
       options: of the path.
       hold: steps per control.
-      returns_states: whether the C program returns the state and sensors of every step, too.
+      returns: what the path and the C program return.
     """
 
     label: str
     path: str
     options: Mapping[str, Any]
     hold: int = 1
-    returns_states: bool = False
+    returns: workload.Product = workload.Product.FINAL
 
 
 CASES = (
-    FloorCase("rollout", "rollout", {"threads": 1, "returns": "nothing"}),
-    FloorCase("rollout+states", "rollout", {"threads": 1}, returns_states=True),
+    FloorCase("rollout", "rollout", {"threads": 1}),
+    FloorCase("rollout+sensors", "rollout", {"threads": 1}, returns=workload.Product.SENSORS),
     FloorCase("batch_rollout", "batch_rollout", {"threads": 1, "data": "shared"}),
     FloorCase("python_loop_hold", "python_loop_hold", {}, hold=LONG_HOLD),
 )
@@ -122,15 +122,14 @@ def build(folder: Path) -> Path:
 
 
 def c_loop(
-    library: Path, work: workload.Workload, data: mujoco.MjData, returns_states: bool = False
+    library: Path, work: workload.Workload, data: mujoco.MjData
 ) -> tuple[Callable[[], None], np.ndarray]:
     """Return the C program, ready to run a workload, and the array that it writes.
 
     Args:
       library: that `build` compiled.
-      work: the workload.
+      work: the workload, which says what is returned.
       data: to step in.
-      returns_states: whether the state and sensors of every step are returned, too.
 
     Returns:
       The function that runs it, and its (nbatch, nstate) final states.
@@ -138,9 +137,7 @@ def c_loop(
     model = work.model
     final_state = np.empty_like(work.initial_state)
     arrays = [work.initial_state, np.ascontiguousarray(work.step_control), final_state]
-    if returns_states:
-        nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
-        arrays += [np.empty((work.steps, size)) for size in (nphysics, model.nsensordata)]
+    arrays += workload.StepOutputs.empty(work).arrays
     pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
     pointers += [None] * (5 - len(pointers))
     addresses = ctypes.c_void_p(model._address), ctypes.c_void_p(data._address)
@@ -172,10 +169,11 @@ def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
     case = request.case
     model = models.load(request.source)
     sizes = choose_sizes(step_s(model), SizeRequest(hold=case.hold))
-    work = workload.make(model, sizes.nbatch, sizes.nstep, case.hold)
+    drawn = workload.make(model, sizes.nbatch, sizes.nstep, case.hold)
+    work = drawn.returning(case.returns)
     resources = paths.Resources(work)
     (data,) = resources.datas(1)
-    run_c, reference = c_loop(request.library, work, data, case.returns_states)
+    run_c, reference = c_loop(request.library, work, data)
     prepared = paths.find(case.path).prepare(work, case.options, resources)
     run_c()
     _compare(prepared.verified_states(), reference, model)

@@ -90,7 +90,12 @@ def drift(name: str) -> float:
 
 @functools.cache
 def prepared_run(
-    path: str, model: str, nbatch: int = NBATCH, nstep: int = NSTEP, **options: Any
+    path: str,
+    model: str,
+    nbatch: int = NBATCH,
+    nstep: int = NSTEP,
+    returns: workload.Product = workload.Product.FINAL,
+    **options: Any,
 ) -> paths.Prepared:
     """Return a path's run of a stored workload, verified against the reference run.
 
@@ -101,6 +106,7 @@ def prepared_run(
       model: name of the model.
       nbatch: simulations.
       nstep: steps per simulation.
+      returns: what the run returns.
       options: of the path; the others have their defaults.
 
     Raises:
@@ -112,7 +118,7 @@ def prepared_run(
     reason = stepping_path.unavailable()
     if reason:
         raise NotImplementedError(reason)
-    stored = stored_workload(model, nbatch, nstep)
+    stored = stored_workload(model, nbatch, nstep).returning(returns)
     reason = stepping_path.unsuited(stored, options)
     if reason:
         raise NotImplementedError(reason)

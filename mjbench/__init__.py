@@ -6,11 +6,15 @@ such as `mjbench.simulation.models` or `mjbench.paths`. docs/architecture.md is 
 
 __version__ = "0.1.0"
 
-__all__ = ["record"]
+__all__ = ["engine_clock", "record"]
 
 
 def __getattr__(name: str) -> object:
-    """Import `record` when it is first used: it needs MuJoCo."""
+    """Import a function when it is first used: each needs MuJoCo."""
+    if name == "engine_clock":
+        from mjbench.simulation.engine_clock import engine_clock
+
+        return engine_clock
     if name == "record":
         from mjbench.loop.recording import record
 

@@ -1,5 +1,6 @@
 """An accelerated path that is C under another name, for tests of the check of such paths."""
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -44,8 +45,8 @@ class Pretender(AcceleratedPath):
     """C itself under another name, with one fault, which the check must find.
 
     Attributes:
-      fault: `control`, `nan`, `many`, `step`, `still` or `start` spoil `advance`, `block` and
-        `idle` the timed run; empty for none.
+      fault: `control`, `nan`, `many`, `step`, `still`, `start`, `contactless` or `forceless` spoil
+        `advance`; `block`, `idle` and `memo` spoil the timed run; empty for none.
     """
 
     name = "pretender"
@@ -72,16 +73,22 @@ class Pretender(AcceleratedPath):
         ) -> StepOutcome:
             return StepOutcome(self._advance(work, fields, control, nstep), None)
 
+        results: list[States] = []
+
         def final_states() -> States:
+            if self.fault == "memo" and results:
+                return results[0]
             nstep = work.nstep - {"block": 1, "idle": work.nstep}.get(self.fault, 0)
             end = advance(start_fields(work), work.control, nstep)
-            return states_of_fields(work, end.fields)
+            results.append(states_of_fields(work, end.fields))
+            return results[-1]
 
         return Compiled(
             _nothing,
             _nothing,
             final_states,
             advance=advance,
+            reload=_nothing,
             device=CPU,
             trace_s=None,
             compile_s=0.0,
@@ -100,8 +107,15 @@ class Pretender(AcceleratedPath):
         """Return the fields after `nstep` steps in C, spoilt by the fault."""
         if self.fault == "control":
             control = np.roll(control, 1, axis=0) + 0.1
-        start = workload.states(work.model, fields)
-        stepped = workload.Workload(work.model, start, control, work.hold, 0)
+        model = work.model
+        if self.fault == "contactless":
+            model = copy.copy(model)
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        if self.fault == "forceless":
+            forces = ("xfrc_applied", "qfrc_applied")
+            fields = {n: 0 * v if n in forces and nstep else v for n, v in fields.items()}
+        start = workload.states(model, fields)
+        stepped = workload.Workload(model, start, control, work.hold, 0)
         states = trajectory.record_trajectory(with_steps(stepped, nstep), work.nbatch).states
         after = workload.fields(work.model, states[:, nstep])
         after.pop("ctrl", None)

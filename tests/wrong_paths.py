@@ -1,5 +1,7 @@
 """Paths that are wrong on purpose, each in one way; the comparison must find every one."""
 
+import contextlib
+import copy
 import dataclasses
 import os
 import signal
@@ -14,28 +16,32 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.paths.base import array_callbacks, make_simulate
+from mjbench.paths.base import make_simulate, prepared_arrays
 from mjbench.simulation import compat
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, Workload
 
 
 class _Wrong(paths.SteppingPath):
     summary = "wrong on purpose"
     closed_loop = True
+    products = tuple(Product)
 
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
-        start, control = self.spoiled(workload)
-        final = resources.final_state()
-        data = mujoco.MjData(workload.model)
-        simulate = make_simulate(workload.model, workload.hold)
-        n = len(start)
+        model = self.model(workload)
+        final, outputs = resources.final_state(), resources.step_outputs()
+        data = mujoco.MjData(model)
+        simulate = make_simulate(model, workload.hold, workload.returns)
 
         def run() -> None:
-            simulate(data, start, control, final[:n])
+            start, control = self.spoiled(workload)
+            simulate(data, start, control, final[: len(start)], outputs)
 
-        return paths.Prepared(run, *array_callbacks(final))
+        return prepared_arrays(run, final, outputs)
+
+    def model(self, workload: Workload) -> mujoco.MjModel:
+        return workload.model
 
     def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
         return workload.initial_state, workload.control
@@ -90,6 +96,125 @@ class LateError(_Wrong):
         return workload.initial_state, control
 
 
+class Memo(Right):
+    """Steps once, and returns that result ever after."""
+
+    name = "wrong_paths:Memo"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        prepared = super().prepare(workload, options, resources)
+        outputs = [resources.final_state(), *resources.step_outputs().arrays]
+        results: list[np.ndarray] = []
+
+        def run() -> None:
+            if not results:
+                prepared.run()
+                results.extend(array.copy() for array in outputs)
+            for array, result in zip(outputs, results, strict=True):
+                array[...] = result
+
+        return dataclasses.replace(prepared, run=run)
+
+
+class NoSensors(_Wrong):
+    """Steps a copy of the model that computes no sensors."""
+
+    name = "wrong_paths:NoSensors"
+
+    def model(self, workload: Workload) -> mujoco.MjModel:
+        model = copy.copy(workload.model)
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
+        return model
+
+
+class DropsInputs(_Wrong):
+    """Drops some inputs of the start states; see `fields`."""
+
+    fields: tuple[str, ...] = ()
+
+    def spoiled(self, workload: Workload) -> tuple[np.ndarray, np.ndarray]:
+        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+        start = workload.initial_state.copy()
+        for field in self.fields:
+            if field in columns:
+                start[:, columns[field]] = 0.0
+        return start, workload.control
+
+
+class DropsXfrc(DropsInputs):
+    name = "wrong_paths:DropsXfrc"
+    fields = ("xfrc_applied", "qfrc_applied", "userdata")
+
+
+class DropsUserdata(DropsInputs):
+    name = "wrong_paths:DropsUserdata"
+    fields = ("userdata",)
+
+
+class WrongMiddle(Right):
+    """Returns a wrong state after the third step, and right ones before and after."""
+
+    name = "wrong_paths:WrongMiddle"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        prepared = super().prepare(workload, options, resources)
+        state = resources.step_outputs().state
+
+        def run() -> None:
+            prepared.run()
+            if state is not None:
+                state[1, 2, -1] += 1e-9
+
+        return dataclasses.replace(prepared, run=run)
+
+
+class SharedModel(Right):
+    """Changes the model that all paths share."""
+
+    name = "wrong_paths:SharedModel"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        workload.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
+        return super().prepare(workload, options, resources)
+
+
+class SharedModelWhenTimed(Right):
+    """Changes the shared model in a timed block."""
+
+    name = "wrong_paths:SharedModelWhenTimed"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        def change() -> None:
+            workload.model.body_mass[-1] *= 1.01
+
+        return _with_late_fault(super().prepare(workload, options, resources), change)
+
+
+class ClaimsTrajectories(Right):
+    """Says that it returns states of every step, and does not."""
+
+    name = "wrong_paths:ClaimsTrajectories"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        prepared = super().prepare(workload, options, resources)
+        return dataclasses.replace(prepared, step_outputs=None)
+
+
+class FinalOnly(Right):
+    name = "wrong_paths:FinalOnly"
+    products = (Product.FINAL,)
+
+
 class WrongWhenTimed(Right):
     """Right when verified, wrong from the second timed block on."""
 
@@ -105,7 +230,7 @@ class WrongWhenTimed(Right):
             nonlocal calls
             calls += 1
             right()
-            if calls > 2:
+            if calls > 3:
                 resources.final_state()[0, 0] += 1.0
 
         return dataclasses.replace(prepared, run=run)
@@ -156,7 +281,7 @@ class Tells(Right):
 
 
 class CrashesWhenTimed(Right):
-    """Right when verified; its third run, the first of a timed round, crashes."""
+    """Right when verified; its fourth run, the first of a timed round, crashes."""
 
     name = "wrong_paths:CrashesWhenTimed"
 
@@ -167,7 +292,7 @@ class CrashesWhenTimed(Right):
 
 
 class HangsWhenTimed(Right):
-    """Right when verified; its third run, the first of a timed round, never ends."""
+    """Right when verified; its fourth run, the first of a timed round, never ends."""
 
     name = "wrong_paths:HangsWhenTimed"
 
@@ -193,7 +318,7 @@ def _with_late_fault(prepared: paths.Prepared, fault: Callable[[], None]) -> pat
     def run() -> None:
         nonlocal calls
         calls += 1
-        if calls > 2:
+        if calls > 3:
             fault()
         prepared.run()
 
@@ -201,7 +326,7 @@ def _with_late_fault(prepared: paths.Prepared, fault: Callable[[], None]) -> pat
 
 
 class RaisesWhenTimed(Right):
-    """Right when verified; its third run, the first of a timed round, raises."""
+    """Right when verified; its fourth run, the first of a timed round, raises."""
 
     name = "wrong_paths:RaisesWhenTimed"
 
@@ -278,8 +403,9 @@ class Untidy(Right):
     def prepare(
         self, workload: Workload, options: paths.Options, resources: paths.Resources
     ) -> paths.Prepared:
-        print("to the output")
-        os.write(1, b"to descriptor 1")
+        with contextlib.suppress(OSError):  # it is prepared more than once
+            print("to the output", flush=True)
+            os.write(1, b"to descriptor 1")
         os.chdir("/")
         os.closerange(0, 3)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)

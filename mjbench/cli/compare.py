@@ -1,5 +1,6 @@
 """`mjbench compare`: ways of stepping, on each model."""
 
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -13,12 +14,14 @@ import click
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
+    CODE,
     COUNT,
     HOLD,
     LIMIT,
     SEED,
     STARTS,
     STORING,
+    LargeCount,
     Names,
     Numbers,
     Seconds,
@@ -28,12 +31,15 @@ from mjbench.cli.shared import (
 )
 from mjbench.errors import MachineError
 from mjbench.instrument.limits import MAX_THREADS
-from mjbench.status import Status
+from mjbench.status import FINISHED, Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.instrument.runs import Record
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report.results import ModelResults
     from mjbench.simulation.models import ModelSource
 
 
@@ -48,10 +54,14 @@ class _Options:
     nbatch: list[int] | None
     nstep: int | None
     hold: int
+    returns: str
     seed: int
     settle_s: float | None
     states_file: Path | None
     budget: float | None
+    total_steps: int | None
+    confirm: bool
+    code: bool
     time_limit: float
     results: Path
     resume: Path | None
@@ -77,12 +87,20 @@ class _Options:
     "option_words",
     multiple=True,
     metavar="NAME=V,V",
-    help="Values of any other option of a path, such as pool=new or record=qpos.",
+    help="Values of any other option of a path, such as pool=new or checks=off.",
 )
 @click.option(
     "--nbatch",
     type=Numbers(),
     help="Simulations; several values are measured one after the other  [default: up to 64]",
+)
+@click.option(
+    "--returns",
+    type=click.Choice(("final", "trajectory", "sensors")),
+    default="final",
+    show_default=True,
+    help="What every path returns: final states; the state after every step, too; and sensor data"
+    " of every step, too.",
 )
 @click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 200]")
 @click.option(
@@ -90,14 +108,28 @@ class _Options:
     type=Seconds(zero=True),
     help="Time to spend on timing each model  [default: 8s]",
 )
+@click.option(
+    "--total-steps",
+    type=LargeCount(),
+    help="Steps that you will take in all: a path that compiles is advised only if that pays within"
+    " them  [default: those of one block]",
+)
+@click.option(
+    "--confirm/--no-confirm",
+    default=True,
+    show_default=True,
+    help="Compare the best paths again in fresh processes, up to 20 seconds each; without it, only"
+    " the plain loop is advised.",
+)
+@CODE
 @with_options(HOLD, SEED, *STARTS, LIMIT, *STORING)
 def compare(names: tuple[str, ...], **options: Any) -> None:
     """Compare ways of stepping MODELs (default: all C paths): do they agree, and how fast are they?
 
-    Final states are compared first, bit by bit; a path that disagrees gets no speed. Then blocks
-    of every path are timed in turns. MJX and Warp compile first; they are held to tolerances and
-    timed alone, each in a process of its own. Raw samples go to a run file in results/runs;
-    `mjbench show` prints it again.
+    What they return is compared first, bit by bit; a path that disagrees gets no speed. Then
+    blocks of every path are timed in turns. MJX and Warp compile first; they are held to
+    tolerances and timed alone, each in a process of its own. What is advised was compared again in
+    fresh processes. Raw samples go to a run file in results/runs; `mjbench show` prints it again.
 
     Without a MODEL: all shipped models.
     """
@@ -114,6 +146,7 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
     """Return one plan for each size of the sweep."""
     from mjbench.comparison import selection
     from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
+    from mjbench.simulation.workload import Product
 
     has_own_path = any(":" in name for name in options.path_names or ())
     if has_own_path:
@@ -131,10 +164,12 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
         hold=options.hold,
         seed=options.seed,
         starts=start_plan(options.settle_s, options.states_file),
+        returns=Product(options.returns),
         budget_s=BUDGET_S if options.budget is None else options.budget,
         limit_s=options.time_limit,
         import_from=str(Path.cwd()) if has_own_path else None,
         named=tuple(n for n in options.path_names or () if n != selection.USUAL_PATHS),
+        total_steps=options.total_steps,
     )
     return [dataclasses.replace(plan, nbatch=size) for size in sizes]
 
@@ -143,21 +178,20 @@ def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
     from mjbench.comparison import compare
-    from mjbench.comparison.records import finished
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
     from mjbench.report import comparison as report
     from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
-    from mjbench.report.results import PathResult, derive
+    from mjbench.report.results import ModelResults, confirmations_of, derive
 
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]
     nvariant = len(plans[0].variants)
     storage = Storage(
-        options.results, arguments, options.resume, lambda records: finished(records, nvariant)
+        options.results, arguments, options.resume, lambda records: _finished(records, nvariant)
     )
-    results: list[PathResult] = []
+    models: list[ModelResults] = []
     statuses: list[Status] = []
     failure: MachineError | None = None
     turns = list(itertools.product(sources, plans))
@@ -165,7 +199,8 @@ def _compare(
     files += user_module_files(variant.path for variant in plans[0].variants)
     files += [plans[0].starts.file] if plans[0].starts.file else []
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
-        with run.progress(len(turns)) as advance:
+        with run.progress(len(turns)) as advance, contextlib.ExitStack() as closing:
+            confirm = _Confirmation(run, closing)
             for number, (source, plan) in enumerate(turns):
                 records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
@@ -176,16 +211,70 @@ def _compare(
                             run.record(record)
                     except MachineError as error:
                         failure = error
-                model_results = derive(records.model, records.measurements)
-                report.print_model(run.out, model_results)
-                results += model_results.results
-                statuses += [records.model.status, *(r.status for r in model_results.results)]
-                if records.interrupted:
+                stored = confirmations_of(records.model, run.resumed_records)
+                results = derive(records.model, records.measurements, stored)
+                is_over = records.interrupted or failure is not None
+                if options.confirm and not is_over:
+                    results = confirm.all_of(source, plan, results)
+                report.print_model(run.out, results, options.code)
+                models.append(results)
+                statuses += [records.model.status, *(r.status for r in results.results)]
+                if records.interrupted or confirm.is_interrupted:
                     run.interrupt()
-                if records.interrupted or failure:
+                if is_over or confirm.is_interrupted:
                     break
-        report.print_crossovers(run.out, crossovers(results))
-        run.write(CompareDocument.of(run.machine, results))
+        report.print_crossovers(run.out, crossovers([r for m in models for r in m.results]))
+        if len(models) > 1:
+            report.print_summary(run.out, models)
+        if not options.code:
+            report.print_code_hint(run.out, models)
+        run.write(CompareDocument.of(run.machine, models))
     if failure:
         raise failure
     run.exit(statuses)
+
+
+def _finished(records: "Sequence[Record]", nvariant: int) -> "list[Record]":
+    """Return the records that need not be measured again: of models, and their confirmations."""
+    from mjbench.comparison.records import ModelRecord, finished
+    from mjbench.report.results import confirmations_of
+
+    done: list[Record] = []
+    for record in finished(records, nvariant):
+        done.append(record)
+        if isinstance(record, ModelRecord):
+            done += [c for c in confirmations_of(record, records) if c.status in FINISHED]
+    return done
+
+
+class _Confirmation:
+    """Compares again what advice needs, in processes that are started when the first is needed.
+
+    Attributes:
+      is_interrupted: whether the user stopped it.
+    """
+
+    def __init__(self, run: RunContext, closing: contextlib.ExitStack):
+        self.is_interrupted = False
+        self._run, self._closing = run, closing
+        self._pool: WorkerPool | None = None
+
+    def all_of(
+        self, source: "ModelSource", plan: "ComparisonPlan", results: "ModelResults"
+    ) -> "ModelResults":
+        """Return the results of a model with every confirmation that advice on it needs."""
+        from mjbench.paired.confirmation import compare_again
+        from mjbench.paired.worker_pool import WorkerPool
+        from mjbench.report.advice import next_pairing
+
+        while pairing := next_pairing(results):
+            if self._pool is None:
+                self._pool = self._closing.enter_context(WorkerPool())
+            variants = pairing.baseline, pairing.candidate
+            record = compare_again(self._pool, source, plan, variants, results.compared_sizes)
+            self._run.record(record)
+            results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
+            if record.status == Status.INTERRUPTED:
+                self.is_interrupted = True
+                break
+        return results

@@ -229,9 +229,21 @@ class RunContext:
         if not self.out.is_terminal:
             yield lambda number, name, share: None
             return
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
         # no refresh thread: it would take time from the blocks being timed
         with Progress(*columns, console=self.out, auto_refresh=False, transient=True) as bar:
             task = bar.add_task("starting", total=count)

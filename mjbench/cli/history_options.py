@@ -90,14 +90,22 @@ def _releases(names: Sequence[str], since: str | None, history: Path | None) -> 
       InputError: there is none, or `since` is not in the history.
     """
     from mjbench.releases import bundle, installs
+    from mjbench.releases.release import OLDEST, version_key
 
     if names and since:
         raise InputError("give RELEASEs or --since, not both")
     if names:
         return [installs.parse_release(name) for name in names]
     path = history or bundle.default_path()
-    versions = [release.version for release in bundle.read(path)]
+    versions = [
+        release.version
+        for release in bundle.read(path)
+        if version_key(release.version) >= OLDEST  # the history begins one release earlier, for asv
+    ]
     if since is not None and since not in versions:
-        raise InputError(f"{path} has no release {since}; it has {', '.join(versions)}")
+        raise InputError(
+            f"{path} has no release {since}; it has {len(versions)},"
+            f" from {versions[0]} to {versions[-1]}"
+        )
     first = versions.index(since) if since else 0
     return [installs.parse_release(version) for version in versions[first:]]

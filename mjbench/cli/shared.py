@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 RESULTS_FOLDER = Path("results/runs")
 # JSON documents hold integers of 64 bits.
 MAX_SEED = 2**63 - 1
+# The highest rate of paced steps.
+MAX_HERTZ = 1e6
+# Steps that somebody may take in all.
+MAX_LARGE_COUNT = 10**15
 # The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
 # compiler may take several times its limit.
 MAX_SECONDS = 86_400.0
@@ -45,6 +49,29 @@ class Numbers(click.ParamType[list[int]]):
         if max(numbers) > self.most:
             self.fail(f"{one_line(max(numbers), 30)} is above {self.most}", param, ctx)
         return list(dict.fromkeys(numbers))
+
+
+class LargeCount(click.ParamType[int]):
+    """A whole number, also written as `1e9`."""
+
+    name = "N"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> int:
+        """Return the number."""
+        if isinstance(value, int):
+            return value
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not 1 <= number <= MAX_LARGE_COUNT or number != int(number):
+            self.fail(
+                f"{_quoted(value)} is not a whole number from 1 to {MAX_LARGE_COUNT:.0e}, such as"
+                " 1000000 or 1e9",
+                param,
+                ctx,
+            )
+        return int(number)
 
 
 class Names(click.ParamType[list[str]]):
@@ -104,8 +131,12 @@ class Shares(click.ParamType[list[float]]):
         return list(dict.fromkeys(abs(share) for share in shares))  # abs: -0 is 0
 
 
+# By how a time ends; longer endings first.
+_SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
+
+
 class Seconds(click.ParamType[float]):
-    """A time such as `60s` or `0.5`, in seconds: at most a day, and above 0 unless `zero`."""
+    """A time such as `60s`, `1ms` or `0.5`, in seconds: at most a day, and above 0 unless `zero`."""
 
     name = "SECONDS"
 
@@ -114,8 +145,10 @@ class Seconds(click.ParamType[float]):
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Return a time in seconds."""
+        text = str(value).strip()
+        unit = next((unit for unit in _SECONDS_PER if text.endswith(unit)), "")
         try:
-            seconds = float(str(value).strip().removesuffix("s"))
+            seconds = float(text.removesuffix(unit)) * _SECONDS_PER.get(unit, 1.0)
         except ValueError:
             self.fail(f"{_quoted(value)} is not a time such as 60s", param, ctx)
         if not (0 < seconds <= MAX_SECONDS or (self.zero and seconds == 0)):
@@ -124,6 +157,27 @@ class Seconds(click.ParamType[float]):
                 f"{_quoted(value)} is not {least} and at most {MAX_SECONDS:.0f}s, a day", param, ctx
             )
         return abs(seconds)  # -0 is 0
+
+
+class Hertz(click.ParamType[float]):
+    """A number of times per second, such as `1000` or `500Hz`: above 0 and at most a million."""
+
+    name = "HZ"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """Return the times per second."""
+        try:
+            rate = float(str(value).strip().removesuffix("Hz"))
+        except ValueError:
+            rate = math.nan
+        if not 0 < rate <= MAX_HERTZ:
+            self.fail(
+                f"{_quoted(value)} is not a number of times per second, such as 1000, of at most"
+                f" {MAX_HERTZ:,.0f}",
+                param,
+                ctx,
+            )
+        return rate
 
 
 class Angles(click.ParamType[tuple[float, ...]]):
@@ -243,12 +297,15 @@ RESUME = click.option(
 WAIT = click.option(
     "--wait", is_flag=True, help="Wait until no other mjbench measures on this machine."
 )
+CODE = click.option(
+    "--code", is_flag=True, help="Print the Python code of the paths that are advised."
+)
 HOLD = click.option(
     "--hold",
     type=COUNT,
     default=1,
     show_default=True,
-    help="Steps for which each control is held.",
+    help="Steps for which each control is held: an environment's frame_skip.",
 )
 SEED = click.option(
     "--seed",

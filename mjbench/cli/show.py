@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import JSON, RESULTS, with_options
+from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 
 if TYPE_CHECKING:
     from mjbench.instrument.runs import Run
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 @cli.command()
 @click.argument("file", required=False, type=click.Path(path_type=Path))
+@CODE
 @with_options(RESULTS, JSON)
-def show(file: Path | None, results: Path, json_file: str | None) -> None:
+def show(file: Path | None, code: bool, results: Path, json_file: str | None) -> None:
     """Print a run FILE again; without one, the newest in results/runs."""
     from mjbench.counts.records import ExplainRecord
     from mjbench.instrument import runs
@@ -43,7 +44,7 @@ def show(file: Path | None, results: Path, json_file: str | None) -> None:
             print_changes(run.out, rows)
             run.write(ExplainDocument(results=rows))
         else:
-            _show_comparison(run, stored)
+            _show_comparison(run, stored, code)
 
 
 def _show_selfcheck(run: RunContext, stored: "Run") -> None:
@@ -92,7 +93,7 @@ def _show_release_ratios(run: RunContext, stored: "Run") -> None:
     run.write(HistoryDocument.of(stored.header.machine, records))
 
 
-def _show_comparison(run: RunContext, stored: "Run") -> None:
+def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:
     from mjbench.report import comparison as report
     from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
@@ -102,7 +103,11 @@ def _show_comparison(run: RunContext, stored: "Run") -> None:
     if not models:
         report_line("the run ended before anything was measured")
     for model_results in models:
-        report.print_model(run.out, model_results)
+        report.print_model(run.out, model_results, code)
     results = [result for model_results in models for result in model_results.results]
     report.print_crossovers(run.out, crossovers(results))
-    run.write(CompareDocument.of(stored.header.machine, results))
+    if len(models) > 1:
+        report.print_summary(run.out, models)
+    if not code:
+        report.print_code_hint(run.out, models)
+    run.write(CompareDocument.of(stored.header.machine, models))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjbench.paths.accelerated import Advance, Compiled, StepOutcome, start_fields
-from mjbench.simulation import accelerated_limits, agreement, trajectory
+from mjbench.simulation import accelerated_limits, agreement, compat, trajectory
 from mjbench.simulation import workload as workloads
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.trajectory import COMPARED, Contacts, SingleSteps, Trajectory
@@ -19,6 +19,9 @@ from mjbench.simulation.workload import Workload
 # Simulations followed step by step, spread over the batch, and the most single steps taken from
 # their states; these are taken again in every simulation that remains.
 FOLLOWED, MAX_SINGLE_STEPS = 32, 256
+
+# Contacts that change velocities by a smaller share than this are lost in float32.
+_LEAST_IMPULSE = 1e-4
 
 Fields = Mapping[str, np.ndarray]
 
@@ -64,9 +67,10 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
     rounded = precision == Precision.FLOAT32
     reference = trajectory.record_trajectory(workload, FOLLOWED)
     shadow = trajectory.record_trajectory(workload, FOLLOWED, rounded=True)
-    singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded)
-    outcome = _take_single_steps(advance, workload, singles)
     starts = start_fields(workload)
+    fields = advance(starts, workload.control, 0).fields
+    singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded, [*fields])
+    outcome = _take_single_steps(advance, workload, singles)
     final_fields = advance(starts, workload.control, workload.nstep).fields
     unconstrained_fields = final_fields
     if reference.unconstrained_nstep < workload.nstep:
@@ -80,12 +84,22 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
     compared = [final_fields[name] for name in COMPARED if name in final_fields]
     is_finite = np.isfinite(np.hstack(compared)).all(axis=1)
     steps = _judge_single_steps(workload, singles, outcome)
+    reached = trajectory.violation(
+        workload.model, _followed_states(reference, final_fields, workload)
+    )
+    in_c = trajectory.violation(workload.model, reference.states[:, -1])
     check = AcceleratedCheck(
         precision=precision,
         received=_received(workload, advance, starts, final_fields, rounded),
         still=steps.still,
         same_count=steps.same_count,
         normal_degrees=steps.normal_degrees,
+        contact_impulse=steps.contact_impulse,
+        penetration=reached.penetration,
+        penetration_in_c=in_c.penetration,
+        violation=reached.constraint,
+        violation_in_c=in_c.constraint,
+        mean_size=float(workload.model.stat.meansize),
         unconstrained_steps=steps.unconstrained.count,
         constrained_steps=steps.constrained.count,
         contact_steps=steps.contact.count,
@@ -102,6 +116,19 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
         lost=int((~is_finite).sum()),
     )
     return CheckedRun(check, final_fields)
+
+
+def _followed_states(reference: Trajectory, final_fields: Fields, workload: Workload) -> np.ndarray:
+    """Return (n, nstate) final states of the simulations that are followed, finite ones only.
+
+    Fields that the engine lacks are C's.
+    """
+    states: np.ndarray = reference.states[:, -1].copy()
+    columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+    for name, place in columns.items():
+        if name in final_fields:
+            states[:, place] = final_fields[name][reference.simulation]
+    return np.asarray(states[np.isfinite(states).all(axis=1)])
 
 
 def _run_error(
@@ -127,13 +154,40 @@ def timed_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRu
     farthest simulation where all motion is unconstrained. In contact some simulations diverge from
     each other after any difference, and which ones is chance: there the median counts.
     """
+    return _end_problem(
+        workload, compiled, checked, checked.final_fields, is_exact=compiled.is_deterministic
+    )
+
+
+def reordered_end_problem(workload: Workload, compiled: Compiled, checked: CheckedRun) -> str:
+    """Return how one more block of reordered simulations ends elsewhere; empty if it does not.
+
+    A path that replays the result of an earlier block does. The order may change how numbers are
+    rounded, on a CPU, too.
+    """
+    order = np.random.default_rng(workload.seed).permutation(workload.nbatch)
+    if workload.nbatch > 1 and np.array_equal(order, np.arange(workload.nbatch)):
+        order = np.roll(order, 1)
+    workload.reorder(order)
+    compiled.reload()
+    compiled.clear()
+    compiled.run()
+    expected = {name: values[order] for name, values in checked.final_fields.items()}
+    problem = _end_problem(workload, compiled, checked, expected, is_exact=False)
+    return f"once the simulations are reordered, {problem}" if problem else ""
+
+
+def _end_problem(
+    workload: Workload, compiled: Compiled, checked: CheckedRun, expected: Fields, is_exact: bool
+) -> str:
+    """Return how the last block ended elsewhere than expected; empty if it did not."""
     reached = workloads.fields(workload.model, compiled.final_states().values)
-    errors = agreement.max_relative_error(reached, checked.final_fields, COMPARED)
+    errors = agreement.max_relative_error(reached, expected, COMPARED)
     lost = int((errors > accelerated_limits.FINITE_LIMIT).sum())
     if lost:
         return f"in timed blocks {lost} simulations do not end in finite numbers"
     error, allowed = float(errors.max()), 0.0
-    if not compiled.is_deterministic:
+    if not is_exact:
         shadow = checked.check.final_shadow
         if checked.check.unconstrained_nstep < workload.nstep:
             error, shadow = float(np.median(errors)), checked.check.final_shadow_median
@@ -208,6 +262,7 @@ class _SingleStepErrors:
     still: bool
     same_count: float | None = None
     normal_degrees: float | None = None
+    contact_impulse: float | None = None
 
 
 def _judge_single_steps(
@@ -242,7 +297,37 @@ def _judge_single_steps(
         still=bool(c_moves.any() and engine_stays[c_moves].all()),
         same_count=same_count,
         normal_degrees=normal_degrees,
+        contact_impulse=_contact_impulse(
+            outcome.fields["qvel"][:count][is_contact[:count]],
+            expected["qvel"][:count][is_contact[:count]],
+            singles.qvel_without_contact[is_contact[:count]],
+        ),
     )
+
+
+def _contact_impulse(
+    reached: np.ndarray, expected: np.ndarray, without_contact: np.ndarray
+) -> float | None:
+    """Return the share of C's contact impulse that an engine's steps have, the median.
+
+    An impulse is the change of velocities that contacts make in one step. The engine's is projected
+    on that of C.
+
+    Args:
+      reached: (n, nv) velocities after steps in contact.
+      expected: (n, nv) velocities after the same steps in C.
+      without_contact: (n, nv) velocities after the same steps in C without contacts.
+
+    Returns:
+      The share; None where no contact changes a velocity by more than rounding in float32.
+    """
+    in_c, own = expected - without_contact, reached - without_contact
+    scale = np.maximum(1.0, np.abs(expected).max(axis=1, initial=0.0))
+    counts = np.abs(in_c).max(axis=1, initial=0.0) > _LEAST_IMPULSE * scale
+    if not counts.any():
+        return None
+    shares = (own * in_c).sum(axis=1)[counts] / (in_c * in_c).sum(axis=1)[counts]
+    return float(np.median(np.nan_to_num(shares, nan=0.0, posinf=0.0, neginf=0.0)))
 
 
 def _rows(workload: Workload, states: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.accelerated_check import check_run, timed_end_problem
+from mjbench.comparison.accelerated_check import (
+    check_run,
+    reordered_end_problem,
+    timed_end_problem,
+)
 from mjbench.comparison.messages import (
     AcceleratedRequest,
     AgreementReport,
@@ -152,6 +156,9 @@ def _check_and_time(case: _Case, channel: Channel) -> None:
     channel.doing(f"timing {case.request.variant}")
     _time(case.compiled, channel, limit_s)
     problem = timed_end_problem(case.workload, case.compiled, checked)
+    if not problem:
+        channel.doing(f"reordering the simulations of {case.request.variant}")
+        problem = reordered_end_problem(case.workload, case.compiled, checked)
     if problem:
         channel.send(
             dataclasses.replace(
@@ -190,7 +197,7 @@ def _reason_not_to_run(
     request: AcceleratedRequest,
 ) -> str | None:
     """Return why the path cannot run the workload, or is not worth trying unasked; else None."""
-    reason = path.unavailable()
+    reason = path.unavailable() or path.cannot_return(workload.returns)
     if reason:
         return reason
     device_kind = path.device_kind()

@@ -249,6 +249,7 @@ class _ModelMeasurement:
             nbatch_asked=self.plan.nbatch,
             usable_cores=machine.usable_cores(),
             cores_had=self.cores,
+            total_steps=self.plan.total_steps,
         )
         measurements = tuple(self._measurement(index, model, ended) for index in self.variants)
         return ModelRecords(model, measurements, interrupted=ended is None)
@@ -273,6 +274,7 @@ class _ModelMeasurement:
             nbatch=model.nbatch,
             nstep=model.nstep,
             hold=model.hold,
+            returns=model.returns,
             seed=model.seed,
             diverged=model.diverged,
             warnings=model.warnings,

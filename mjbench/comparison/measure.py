@@ -11,6 +11,8 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.comparison.messages import (
@@ -21,14 +23,15 @@ from mjbench.comparison.messages import (
 )
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
-from mjbench.comparison.verification import ReferenceCase, verify
-from mjbench.errors import MachineError, describe
+from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
+from mjbench.errors import MachineError, MjbenchError, describe
 from mjbench.instrument import machine, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
-from mjbench.simulation import agreement, models, sampling, starts, work
+from mjbench.simulation import agreement, compat, models, sampling, starts, work
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.model_digest import model_digest
+from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.sampling import Sample, SampleRequest
 
 # Timed rounds: half of the budget for all variants, in at least as many rounds as a 95 % interval
@@ -55,7 +58,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
         model_digest(model), functools.partial(sampling.settled_step_s, model)
     )
     sizes = choose_sizes(cost_s, size_request)
-    check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread)
+    check_memory(model, sizes.nbatch, sizes.nstep, size_request.nthread, plan.returns)
     max_nstep = starts.max_settling_nstep(cost_s)
     settling_nstep = min(starts.settling_nstep(model, plan.starts), max_nstep)
     patience_per_step_s = PATIENCE * work.step_s(model)
@@ -65,29 +68,38 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
         sizes.nbatch, sizes.nstep, plan.hold, plan.seed, plan.starts, max_nstep
     )
     sample = sampling.draw(model, sample_request)
-    workload, observation = sample.workload, sample.observation
+    workload, observation = sample.workload.returning(plan.returns), sample.observation
     if request.workload_file:
         save_workload(workload, observation.peaks, request.workload_file)
     case = ReferenceCase.create(workload, observation)
     channel.send(_model_ready(case, sizes, sample))
-    needs_contact = observation.start_contacts == 0
-    contact_case = ReferenceCase.in_contact(plan.hold, plan.seed) if needs_contact else None
+    further = FurtherCases.create(case, cost_s)
+    guard, has_clock = ModelGuard(model), compat.has_clock(model)
     prepared_by_index: dict[int, paths.Prepared] = {}
     for index, variant in enumerate(plan.variants):
         if index in request.exclude:
             continue
         channel.doing(f"preparing {variant} on {name}", index)
         channel.allow_silence(patience_s)
-        report, prepared = verify(index, variant, case, contact_case)
+        report, prepared = verify(index, variant, case, further)
+        _check_model(guard)
+        if compat.has_clock(model) != has_clock:
+            raise MachineError("leaves the engine without its clock, which other paths have")
         channel.send(report)
         if prepared is not None:
             prepared_by_index[index] = prepared
-    if contact_case:
-        contact_case.resources.close()
+    further.close()
     if prepared_by_index:
         channel.allow_silence(patience_s * len(prepared_by_index))
-        _time(prepared_by_index, case, plan, channel)
+        _time(prepared_by_index, case, guard, plan, channel)
     case.resources.close()
+
+
+def _check_model(guard: ModelGuard) -> None:
+    """Raise MachineError where the path of the moment has changed the model."""
+    field = guard.change()
+    if field:
+        raise MachineError(f"changes the model, which all paths share: {field}")
 
 
 def _model_ready(case: ReferenceCase, sizes: BlockSizes, sample: Sample) -> ModelReady:
@@ -97,6 +109,7 @@ def _model_ready(case: ReferenceCase, sizes: BlockSizes, sample: Sample) -> Mode
         nbatch=workload.nbatch,
         nstep=workload.nstep,
         hold=workload.hold,
+        returns=workload.returns,
         seed=workload.seed,
         reduced=sizes.reduced,
         diverged=sizes.nbatch - workload.nbatch,
@@ -114,11 +127,12 @@ def _model_ready(case: ReferenceCase, sizes: BlockSizes, sample: Sample) -> Mode
 def _time(
     prepared_by_index: Mapping[int, paths.Prepared],
     case: ReferenceCase,
+    guard: ModelGuard,
     plan: ComparisonPlan,
     channel: Channel,
 ) -> None:
     """Time the prepared variants in turns, comparing the final states of every block."""
-    timer = _RoundTimer(prepared_by_index, case, plan, channel)
+    timer = _RoundTimer(prepared_by_index, case, guard, plan, channel)
     round_s = timer.warm_up()
     end = time.perf_counter() + plan.budget_s
     timer.run(list(prepared_by_index), plan.budget_s / 2, MIN_ROUNDS, MAX_ROUNDS)
@@ -140,9 +154,12 @@ def _time(
 class _RoundTimer:
     """Times rounds of variants, with a calibration of the cores in each.
 
+    Simulations are reordered before each round, so that the output of an earlier one is wrong.
+
     Attributes:
       prepared_by_index: the variants that agree.
       case: that they run.
+      guard: of the model, which no path may change.
       plan: of the comparison.
       channel: to the parent.
       rounds: seconds by variant, a dictionary a round.
@@ -151,6 +168,7 @@ class _RoundTimer:
 
     prepared_by_index: Mapping[int, paths.Prepared]
     case: ReferenceCase
+    guard: ModelGuard
     plan: ComparisonPlan
     channel: Channel
     rounds: list[dict[int, float]] = field(default_factory=list)
@@ -161,6 +179,7 @@ class _RoundTimer:
         cores = min(machine.usable_cores(), nthread)
         self._calibration = machine.Calibration(cores) if cores > 1 else None
         self._patience_s = 0.0
+        self._rng = np.random.default_rng([self.plan.seed, 4])
         self._contenders = {
             index: timing.Contender(
                 prepared.run,
@@ -187,6 +206,7 @@ class _RoundTimer:
         seed = self.plan.seed + len(self.rounds)
         rounds = timing.rounds(contenders, budget_s, min_rounds, max_rounds, seed)
         while True:
+            self.case.reorder(self._rng)
             with _failures_reported():
                 seconds = next(rounds, None)
             if seconds is None:
@@ -213,7 +233,8 @@ class _RoundTimer:
         prepared.clear()
 
     def _after(self, index: int, prepared: paths.Prepared) -> None:
-        difference = self.case.difference(prepared.final_states())
+        _check_model(self.guard)
+        difference = self.case.difference(prepared.final_states(), prepared)
         if difference:
             self.differences.setdefault(index, difference)
 
@@ -223,6 +244,8 @@ def _failures_reported() -> Iterator[None]:
     """Report whatever a timed path raises as a failure, which costs its own row."""
     try:
         yield
+    except MjbenchError:
+        raise
     except BaseException as error:  # it may be SystemExit
         raise MachineError(describe(error)) from error
 

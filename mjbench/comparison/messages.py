@@ -13,6 +13,7 @@ from mjbench.simulation.accelerated_limits import AcceleratedCheck
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
+from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 
@@ -68,6 +69,7 @@ class ModelReady:
       nbatch: simulations that did not diverge.
       nstep: steps per simulation.
       hold: steps per control.
+      returns: what every run returns.
       seed: of start states and controls.
       reduced: whether the sizes were reduced to keep a block short.
       diverged: simulations left out because they diverged.
@@ -85,6 +87,7 @@ class ModelReady:
     nbatch: int
     nstep: int
     hold: int
+    returns: Product
     seed: int
     reduced: bool
     diverged: int

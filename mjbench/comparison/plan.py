@@ -7,6 +7,7 @@ from typing import Any
 from mjbench.comparison.sizes import SizeRequest
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
+from mjbench.simulation.workload import Product
 
 # Seconds of timing for each model.
 BUDGET_S = 8.0
@@ -47,10 +48,13 @@ class ComparisonPlan:
       hold: steps per control.
       seed: of start states and controls.
       starts: where start states are to come from.
+      returns: what every run returns.
       budget_s: seconds of timing per model.
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.
       named: paths that the user asked for by name; they are tried even where that is slow.
+      total_steps: steps that the user will take in all, within which compiling must pay; None for
+        those of one block.
     """
 
     variants: tuple[Variant, ...]
@@ -59,10 +63,12 @@ class ComparisonPlan:
     hold: int = 1
     seed: int = 0
     starts: StartPlan = DEFAULT_STARTS
+    returns: Product = Product.FINAL
     budget_s: float = BUDGET_S
     limit_s: float = LIMIT_S
     import_from: str | None = None
     named: tuple[str, ...] = ()
+    total_steps: int | None = None
 
     def size_request(self, has_accelerated: bool) -> SizeRequest:
         """Return what the plan asks of the sizes; `has_accelerated`: whether a path compiles."""

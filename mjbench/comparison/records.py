@@ -12,6 +12,7 @@ from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, Positive
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import ModelFacts, Work
+from mjbench.simulation.workload import Product
 from mjbench.status import FINISHED, Status
 
 # Keys of `check` in files that were written before motion without constraints had this name.
@@ -38,6 +39,7 @@ class ModelRecord:
       nbatch: simulations that were measured.
       nstep: steps of each.
       hold: steps per control.
+      returns: what every run returned.
       seed: of start states and controls.
       reduced: whether sizes were reduced to keep a block short.
       spread: factor on the spread of starts and controls; below 1 where more diverges.
@@ -52,6 +54,7 @@ class ModelRecord:
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       usable_cores: cores that this process may use.
       cores_had: cores that threads got, one calibration a round.
+      total_steps: steps that the user will take in all; None where they did not say.
     """
 
     record_type: ClassVar[str] = "model"
@@ -62,6 +65,7 @@ class ModelRecord:
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     hold: PositiveInt | None = None
+    returns: Product | None = None
     seed: int | None = None
     reduced: bool | None = None
     diverged: NonNegativeInt | None = None
@@ -76,6 +80,7 @@ class ModelRecord:
     nbatch_asked: PositiveInt | None = None
     usable_cores: PositiveInt = 1
     cores_had: Sequence[PositiveFloat] = ()
+    total_steps: PositiveInt | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +100,7 @@ class MeasurementRecord:
       nbatch: simulations.
       nstep: steps of each.
       hold: steps per control.
+      returns: what every run returned.
       seed: of start states and controls.
       diverged: simulations left out because they diverged.
       warnings: how many of the others raised each other warning.
@@ -125,6 +131,7 @@ class MeasurementRecord:
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     hold: PositiveInt | None = None
+    returns: Product | None = None
     seed: int | None = None
     diverged: NonNegativeInt | None = None
     warnings: Mapping[str, NonNegativeInt] | None = None
@@ -163,6 +170,9 @@ class MeasurementRecord:
     @staticmethod
     def upgrade(value: dict[str, Any]) -> dict[str, Any]:
         """Return a stored record with the keys of today."""
+        if "returns" not in value:  # a rollout used to return all that it can, others final states
+            product = Product.SENSORS if value.get("path") == "rollout" else Product.FINAL
+            value = {**value, "returns": product.value}
         if not isinstance(value.get("check"), dict):
             return value
         check = {_RENAMED.get(name, name): number for name, number in value["check"].items()}

@@ -9,7 +9,7 @@ import mujoco
 
 from mjbench.instrument import machine
 from mjbench.simulation import compat
-from mjbench.simulation.workload import whole_holds
+from mjbench.simulation.workload import Product, whole_holds
 
 # Sizes unless the user names them. Where a block of the plain loop would take longer than
 # LONG_BLOCK_S, they shrink until it takes about BLOCK_S: first the steps, then the simulations, to
@@ -76,7 +76,13 @@ def choose_sizes(step_s: float, request: SizeRequest) -> BlockSizes:
     return BlockSizes(nbatch, nstep, reduced=(nbatch, nstep) != usual)
 
 
-def check_memory(model: mujoco.MjModel, nbatch: int, nstep: int, nthread: int = 1) -> None:
+def check_memory(
+    model: mujoco.MjModel,
+    nbatch: int,
+    nstep: int,
+    nthread: int = 1,
+    returns: Product = Product.FINAL,
+) -> None:
     """Refuse sizes whose states, controls and outputs would not fit into memory.
 
     Args:
@@ -84,13 +90,17 @@ def check_memory(model: mujoco.MjModel, nbatch: int, nstep: int, nthread: int = 
       nbatch: simulations.
       nstep: steps of each.
       nthread: threads, which have an MjData each.
+      returns: what runs return.
 
     Raises:
       InputError: they would not.
     """
     nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
     nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
-    per_step = 2 * model.nu + nphysics + model.nsensordata
+    # of what is returned of every step: mujoco.rollout's; else also the reference's, those that
+    # paths share, those of worker processes, and a copy while two are compared
+    copies = 1 if returns == Product.FINAL else 4
+    per_step = 2 * model.nu + copies * (nphysics + model.nsensordata)
     # five copies of the start states: the workload's, the paths' inputs, and their outputs
     workload_bytes = 8 * nbatch * (5 * nstate + nstep * per_step)
     bytes_needed = workload_bytes + nthread * machine.data_bytes(model)

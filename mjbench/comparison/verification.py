@@ -1,20 +1,28 @@
-"""Does a path reach the reference run's final states, and if not, after which step does it show?"""
+"""Does a path return what the reference run does, and if not, after which step does it show?"""
 
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from mjbench import paths
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.errors import describe, one_line
-from mjbench.simulation import agreement, compat, models, work, workload
+from mjbench.errors import InputError, describe, one_line
+from mjbench.simulation import agreement, compat, inputs, models, work, workload
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.work import Observation
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, StepOutputs, Workload
 from mjbench.status import Status
 
 # The model that a path is verified on, too, where a model starts without contact: a path that loses
 # the warm-start differs in contact alone.
 CONTACT_MODEL, CONTACT_NBATCH, CONTACT_NSTEP = "cube_table", 4, 20
+# The case in which every input is set: simulations, most steps of each, and about how many seconds
+# a run of it takes where a step is slow.
+INPUTS_NBATCH, INPUTS_NSTEP, INPUTS_S = 4, 20, 0.02
 
 
 @dataclass(frozen=True)
@@ -24,15 +32,16 @@ class ReferenceCase:
     Attributes:
       workload: without diverged simulations.
       observation: of the reference run.
+      outputs: of the reference run, of every step, as the workload asks for.
       resources: MjData, arrays and pools.
-      columns: where each MjData field stands in a state.
-      label: of the model, where it is not the user's; empty for the user's own.
+      label: how it differs from what the user asked for, such as `with every input set`; empty for
+        the user's own.
     """
 
     workload: Workload
     observation: Observation
+    outputs: StepOutputs
     resources: paths.Resources
-    columns: dict[str, slice]
     label: str = ""
 
     @classmethod
@@ -40,8 +49,8 @@ class ReferenceCase:
         cls, workload: Workload, observation: Observation, label: str = ""
     ) -> "ReferenceCase":
         """Return the case of a workload and its reference run."""
-        columns = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
-        return cls(workload, observation, paths.Resources(workload), columns, label)
+        outputs = work.step_outputs(workload)
+        return cls(workload, observation, outputs, paths.Resources(workload), label)
 
     @classmethod
     def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
@@ -50,20 +59,73 @@ class ReferenceCase:
         nstep = workload.whole_holds(CONTACT_NSTEP, hold)
         contact_workload = workload.make(model, CONTACT_NBATCH, nstep, hold, seed)
         healthy, observation = work.observe_healthy(contact_workload)
-        return cls.create(healthy, observation, CONTACT_MODEL)
+        return cls.create(healthy, observation, f"in contact ({CONTACT_MODEL})")
 
-    def difference(self, states: paths.States) -> Difference | None:
-        """Return where `states` first differ from the reference run's final states, or None."""
-        return agreement.first_differing_entry(
-            states.values, self.observation.final_state, self.columns, states.mask
+    def difference(self, states: paths.States, prepared: paths.Prepared) -> Difference | None:
+        """Return where a run first differs from the reference run, or None.
+
+        Args:
+          states: that the run ended in.
+          prepared: the run, whose outputs of every step are compared where the workload asks for
+            them.
+        """
+        return self._output_difference(prepared) or agreement.first_differing_entry(
+            states.values, self.observation.final_state, self._columns("INTEGRATION"), states.mask
         )
 
+    def _output_difference(self, prepared: paths.Prepared) -> Difference | None:
+        """Return where the outputs of a run first differ in any step, or None."""
+        if self.outputs.state is None:
+            return None
+        outputs = StepOutputs(None, None)
+        if prepared.step_outputs is not None:
+            outputs = prepared.step_outputs()
+        sensors = {"sensordata": slice(0, self.workload.model.nsensordata)}
+        compared = (
+            ("state", outputs.state, self.outputs.state, self._columns("FULLPHYSICS")),
+            ("sensordata", outputs.sensordata, self.outputs.sensordata, sensors),
+        )
+        differences = []
+        for name, values, expected, columns in compared:
+            if expected is None:
+                continue
+            if values is None:
+                raise InputError(f"it returns no {name} of every step, although it says so")
+            differences.append(agreement.first_differing_step(values, expected, columns))
+        return min(filter(None, differences), key=lambda d: d.step or 0, default=None)
+
+    def _columns(self, spec: str) -> dict[str, slice]:
+        return compat.state_columns(self.workload.model, compat.state_spec(spec))
+
+    def reorder(self, rng: np.random.Generator) -> None:
+        """Reorder the simulations of the workload and of the reference run, in place."""
+        order = rng.permutation(self.workload.nbatch)
+        if np.array_equal(order, np.arange(len(order))):
+            order = np.roll(order, 1)
+        self.resources.reorder(order)
+        final_state = self.observation.final_state
+        final_state[...] = final_state[order]
+        self.outputs.reorder(order)
+
     def verify(self, variant: Variant) -> tuple[paths.Prepared, Difference | None]:
-        """Prepare a variant and run it once; return the run, and where it first differs."""
+        """Prepare a variant and run it; return the run, and where it first differs."""
         path = paths.find(variant.path)
         prepared = path.prepare(self.workload, variant.options, self.resources)
-        difference = self.difference(prepared.verified_states())
-        return prepared, self._locate_first_step(variant, difference) if difference else None
+        difference = self._check(prepared)
+        if difference is not None and difference.step is None:
+            difference = self._locate_first_step(variant, difference)
+        return prepared, difference
+
+    def _check(self, prepared: paths.Prepared) -> Difference | None:
+        """Run twice, the second time with reordered simulations; return the first difference."""
+        difference = self.difference(prepared.verified_states(), prepared)
+        if difference is not None or self.workload.nbatch == 1:
+            return difference
+        self.reorder(np.random.default_rng(self.workload.seed))
+        prepared.clear()
+        prepared.run()
+        difference = self.difference(prepared.final_states(), prepared)
+        return dataclasses.replace(difference, is_reordered=True) if difference else None
 
     def _locate_first_step(self, variant: Variant, at_end: Difference) -> Difference:
         """Return the difference after the first step at which a shorter run shows one.
@@ -74,12 +136,11 @@ class ReferenceCase:
 
         def difference_after(ncontrol: int) -> Difference | None:
             shorter = ReferenceCase.create(*work.observe_healthy(self.workload.first(ncontrol)))
-            try:
+            with _closing(shorter):
                 path = paths.find(variant.path)
-                prepared = path.prepare(shorter.workload, variant.options, shorter.resources)
-                return shorter.difference(prepared.verified_states())
-            finally:
-                shorter.resources.close()
+                return shorter._check(
+                    path.prepare(shorter.workload, variant.options, shorter.resources)
+                )
 
         good, bad, earliest = 0, 1, difference_after(1)
         while earliest is None:
@@ -97,8 +158,87 @@ class ReferenceCase:
         return earliest.at(bad * self.workload.hold)
 
 
+@contextlib.contextmanager
+def _closing(case: ReferenceCase) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        case.resources.close()
+
+
+@dataclass(frozen=True)
+class FurtherCases:
+    """Small cases in which a path must agree as well, though it is not timed on them.
+
+    Attributes:
+      contact: of a model that starts in contact; None where the user's does.
+      inputs: of the user's model with every input set, by what they return; empty where all of
+        their simulations diverge.
+    """
+
+    contact: ReferenceCase | None
+    inputs: Mapping[Product, ReferenceCase]
+
+    @classmethod
+    def create(cls, case: ReferenceCase, step_s: float) -> "FurtherCases":
+        """Return the further cases of the user's own.
+
+        Args:
+          case: the user's.
+          step_s: seconds that a step of it takes.
+        """
+        needs_contact = case.observation.start_contacts == 0
+        hold, seed = case.workload.hold, case.workload.seed
+        contact = ReferenceCase.in_contact(hold, seed) if needs_contact else None
+        return cls(contact, _input_cases(case.workload, step_s))
+
+    def of(self, path: paths.SteppingPath, options: paths.Options) -> list[ReferenceCase]:
+        """Return the cases of a path: inputs where it returns as much as it can."""
+        chosen = []
+        for product in reversed(Product):
+            inputs_case = self.inputs.get(product)
+            if inputs_case is None or product not in path.products:
+                continue
+            if path.unsuited(inputs_case.workload, options) is None:
+                chosen.append(inputs_case)
+                break
+        return [*chosen, *([self.contact] if self.contact else [])]
+
+    def close(self) -> None:
+        """Stop workers and pools, and release all memory."""
+        for case in (*self.inputs.values(), *([self.contact] if self.contact else [])):
+            case.resources.close()
+
+
+def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
+    """Return small cases of the user's model with every input set, one a product.
+
+    Simulations that raise any warning are left out: a rollout stops at the first.
+    """
+    rows = np.unique(np.linspace(0, own.nbatch - 1, INPUTS_NBATCH).astype(int))
+    affordable = int(INPUTS_S / (step_s * len(rows)))
+    ncontrol = max(1, min(INPUTS_NSTEP, affordable) // own.hold)
+    few = np.zeros(own.nbatch, dtype=bool)
+    few[rows] = True
+    small = inputs.with_every_input(own.only(few).first(ncontrol), own.seed)
+    observed = work.observe(small)
+    calm = observed.healthy & ~observed.warnings.any(axis=1)
+    if not calm.any():
+        return {}
+    healthy, observation = work.observe_healthy(small.only(calm))
+    label = "with every input set"
+    return {
+        product: ReferenceCase.create(
+            healthy.returning(product),
+            dataclasses.replace(observation, final_state=observation.final_state.copy()),
+            label,
+        )
+        for product in Product
+    }
+
+
 def verify(
-    index: int, variant: Variant, case: ReferenceCase, contact_case: ReferenceCase | None
+    index: int, variant: Variant, case: ReferenceCase, further: FurtherCases
 ) -> tuple[AgreementReport, paths.Prepared | None]:
     """Compare a variant with the reference run.
 
@@ -106,21 +246,25 @@ def verify(
       index: of the variant.
       variant: to prepare and run.
       case: that it is to be timed on.
-      contact_case: that it must agree on as well; None where `case` starts in contact.
+      further: cases in which it must agree as well.
 
     Returns:
       The report, and the prepared run if it may be timed.
     """
     try:
         path = paths.find(variant.path)
-        reason = path.unavailable() or path.unsuited(case.workload, variant.options)
+        reason = _reason_not_to_run(path, variant, case.workload)
         if reason:
             return AgreementReport(index, Status.UNAVAILABLE, one_line(reason)), None
         prepared, difference = case.verify(variant)
-        place = ""
-        if difference is None and contact_case is not None:
-            _, difference = contact_case.verify(variant)
-            place = f", on {contact_case.label}"
+        rules, place = ["bit-identical"], ""
+        for other in further.of(path, variant.options):
+            if difference is None:
+                _, difference = other.verify(variant)
+                place = f", {other.label}"
+                rules.append(f"also {other.label}")
+        if case.workload.model.nsensordata and Product.SENSORS not in path.products:
+            rules.append("sensor data not compared")
         snippet = str(path.snippet(case.workload, variant.options))
     except BaseException as error:  # a path's own failure costs its own row; it may be SystemExit
         return AgreementReport(index, Status.FAILED, describe(error)), None
@@ -128,7 +272,10 @@ def verify(
         detail = f"{difference}{place}"
         report = AgreementReport(index, Status.DISAGREES, detail, False, detail, snippet)
         return report, None
-    rule = "bit-identical"
-    if contact_case is not None:
-        rule += f", also in contact ({contact_case.label})"
-    return AgreementReport(index, Status.OK, "", True, rule, snippet), prepared
+    return AgreementReport(index, Status.OK, "", True, ", ".join(rules), snippet), prepared
+
+
+def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:
+    """Return why a path cannot run the user's workload, or None if it can."""
+    reason = path.unavailable() or path.cannot_return(own.returns)
+    return reason or path.unsuited(own, variant.options)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
-from mjbench.simulation.workload import whole_holds
+from mjbench.simulation.workload import Product, whole_holds
 
 # Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
 # blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
@@ -30,6 +30,7 @@ class Sizes:
       hold: steps for which each control is held.
       seed: of start states and controls.
       starts: where start states are to come from.
+      returns: what a run returns.
     """
 
     nbatch: int | None = None
@@ -37,6 +38,7 @@ class Sizes:
     hold: int = 1
     seed: int = 0
     starts: StartPlan = DEFAULT_STARTS
+    returns: Product = Product.FINAL
 
 
 class BlockSize(NamedTuple):

@@ -16,7 +16,7 @@ from mjbench import paths
 from mjbench.errors import UnavailableError
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, Workload
 
 _SEED = 0
 # Rays start this high above the origin, and lie within a cone of this slope.
@@ -166,19 +166,20 @@ _CALL_NSTEP = 5
 
 
 def _call_rollout(source: ModelSource, repeats: int) -> PreparedOperation:
-    return _call_path("rollout", {"threads": 1, "pool": "kept"}, source, repeats)
+    options = {"threads": 1, "pool": "kept"}
+    return _call_path("rollout", options, source, repeats, Product.SENSORS)
 
 
 def _call_batch(source: ModelSource, repeats: int) -> PreparedOperation:
-    return _call_path("batch_rollout", {"threads": 1}, source, repeats)
+    return _call_path("batch_rollout", {"threads": 1}, source, repeats, Product.FINAL)
 
 
 def _call_path(
-    name: str, options: Mapping[str, object], source: ModelSource, nbatch: int
+    name: str, options: Mapping[str, object], source: ModelSource, nbatch: int, returns: Product
 ) -> PreparedOperation:
     """Return one call of a path that steps `nbatch` simulations _CALL_NSTEP times."""
     model = models.load(source)
-    work = _deterministic_work(model, nbatch)
+    work = _deterministic_work(model, nbatch, returns)
     path = paths.find(name)
     complete = path.complete(options)
     reason = path.unavailable() or path.unsuited(work, complete)
@@ -193,7 +194,7 @@ def _call_path(
     return PreparedOperation(prepared.run, result)
 
 
-def _deterministic_work(model: mujoco.MjModel, nbatch: int) -> Workload:
+def _deterministic_work(model: mujoco.MjModel, nbatch: int, returns: Product) -> Workload:
     """Return simulations whose start is computed without a step: the same in all releases."""
     rng = np.random.default_rng(_SEED)
     data, spec = workload.start_data(model), compat.state_spec("INTEGRATION")
@@ -202,7 +203,7 @@ def _deterministic_work(model: mujoco.MjModel, nbatch: int) -> Workload:
         data.qvel[:] = rng.normal(0.0, workload.START_VELOCITY_SD, model.nv)
         compat.get_state(model, data, row, spec)
     control = workload.random_controls(model, nbatch, _CALL_NSTEP, 1, rng, 1.0)
-    return Workload(model, starts, control, hold=1, seed=_SEED)
+    return Workload(model, starts, control, 1, _SEED, returns)
 
 
 def _stepped_data(model: mujoco.MjModel) -> mujoco.MjData:

@@ -122,6 +122,8 @@ class TargetPair:
           OutOfTimeError: the limit does not allow a launch.
         """
         self._pool, self._targets = pool, (baseline, candidate)
+        sizes = sizes or Sizes()
+        self._returns = sizes.returns
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator: WorkerProcess | None = None
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
@@ -130,9 +132,7 @@ class TargetPair:
         # those of the first launch import MuJoCo while the work is prepared
         self._pairs = ProcessPairs(pool, releases, names, placements)
         try:
-            self._prepared = preparation.prepare(
-                pool, self._targets, sizes or Sizes(), self._time_limit
-            )
+            self._prepared = preparation.prepare(pool, self._targets, sizes, self._time_limit)
         except BaseException:
             self._pairs.close()
             raise
@@ -176,7 +176,7 @@ class TargetPair:
         for process, target, model, workload in zip(
             processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
         ):
-            process.ask(requests.Equip(model, workload, target.path))
+            process.ask(requests.Equip(model, workload, target.path, target.import_from))
 
     def _time_layout(
         self, processes: Sequence[WorkerProcess], core: int | None
@@ -194,6 +194,7 @@ class TargetPair:
                     simulations=rows,
                     callback=target.callback,
                     slowdown=target.slowdown,
+                    returns=self._returns,
                 )
             )
         if not self._has_timed:  # steps may have become heavier than those at the start

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan, Starts
     from mjbench.simulation.work import Work
     from mjbench.simulation.work_check import Followed
-    from mjbench.simulation.workload import PortableWorkload
+    from mjbench.simulation.workload import PortableWorkload, Product
 
 Answer = TypeVar("Answer")
 
@@ -160,12 +160,14 @@ class Equip(Request[None]):
       model_file: holds the model.
       workload_file: holds a pickled `PortableWorkload`.
       path: its name.
+      import_from: a folder that a path of the user's own may be imported from; None for none.
     """
 
     activity = "reading the workload"
     model_file: Path
     workload_file: Path
     path: str
+    import_from: str | None = None
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,7 @@ class Prepare(Request[int]):
       simulations: rows of the workload to do.
       callback: function of the engine that steps call (see `engine_callback`); empty for none.
       slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
+      returns: what the run returns; None for final states.
     """
 
     activity = "preparing a run"
@@ -188,6 +191,7 @@ class Prepare(Request[int]):
     simulations: Sequence[int]
     callback: str = ""
     slowdown: float = 0.0
+    returns: "Product | None" = None
 
 
 @dataclass(frozen=True)

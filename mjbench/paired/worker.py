@@ -18,6 +18,7 @@ import os
 import pickle
 import random
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -195,6 +196,8 @@ class Worker:
         from mjbench import paths
         from mjbench.simulation import models
 
+        if request.import_from:
+            sys.path.append(request.import_from)
         self.model = models.load(models.ModelSource("", request.model_file))
         self._read_workload(request.workload_file)
         paths.find(request.path)  # imports it
@@ -216,7 +219,7 @@ class Worker:
     def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths
         from mjbench.simulation import engine_callback
-        from mjbench.simulation.workload import Workload
+        from mjbench.simulation.workload import Product, Workload
 
         self._lay_out_memory(request.cores)
         model = copy.copy(self.model)
@@ -227,9 +230,11 @@ class Worker:
             workload.control[rows],
             workload.hold,
             workload.seed,
+            request.returns or Product.FINAL,
         )
         path = paths.find(request.path)
-        reason = path.unavailable() or path.unsuited(selected, request.options)
+        reason = path.unavailable() or path.cannot_return(selected.returns)
+        reason = reason or path.unsuited(selected, request.options)
         if reason:
             raise InputError(reason)
         if request.callback:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mjbench.errors import InputError, describe, one_line, suggestion
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.simulation.workload import Product
 
 # The path that every speed-up is relative to.
 BASE = "python_loop"
@@ -112,7 +113,8 @@ def _problem(path: SteppingPath) -> str:
     from mjbench.paths.accelerated import AcceleratedPath
     from mjbench.simulation.accelerated_limits import Precision
 
-    kinds = {"name": str, "summary": str, "closed_loop": bool, "compiles": bool, "options": tuple}
+    kinds = {"name": str, "summary": str, "closed_loop": bool, "compiles": bool}
+    kinds |= {"options": tuple, "products": tuple}
     if isinstance(path, AcceleratedPath):
         kinds["precision"] = Precision
     for attribute, kind in kinds.items():
@@ -122,6 +124,9 @@ def _problem(path: SteppingPath) -> str:
     for option in path.options:
         if not isinstance(option, Option):
             return f"its options must be of mjbench.paths.Option, not {one_line(repr(option), 80)}"
+    for product in path.products:
+        if not isinstance(product, Product):
+            return f"its products must be of Product, not {one_line(repr(product), 80)}"
     if path.compiles != isinstance(path, AcceleratedPath):
         return (
             "compiles must be True for a subclass of mjbench.paths.accelerated.AcceleratedPath,"

@@ -23,7 +23,14 @@ from mjbench.simulation import compat, work
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.trajectory import Contacts
 from mjbench.simulation.work import Peaks
-from mjbench.simulation.workload import PortableWorkload, Workload, fields, portable, restore
+from mjbench.simulation.workload import (
+    PortableWorkload,
+    Product,
+    Workload,
+    fields,
+    portable,
+    restore,
+)
 
 # JAX's and Warp's name of the processor, as a kind of device and as a device.
 CPU = "cpu"
@@ -53,6 +60,8 @@ class Compiled(Prepared):
 
     Attributes:
       advance: the same program as `run`, called with any states, controls and number of steps.
+      reload: puts the workload's start states and controls on the device again, after its
+        simulations were reordered; not timed.
       device: that it runs on, such as `cpu` or `NVIDIA H200`.
       trace_s: seconds from Python to the compiler's input; None where there is no such stage.
       compile_s: seconds that the compiler took.
@@ -64,6 +73,7 @@ class Compiled(Prepared):
     """
 
     advance: Advance
+    reload: Callable[[], None]
     device: str
     trace_s: float | None
     compile_s: float
@@ -164,18 +174,19 @@ class _SavedWorkload:
     """The content of a file that `save_workload` writes."""
 
     workload: PortableWorkload
+    returns: Product
     peaks: Peaks
 
 
 def save_workload(workload: Workload, peaks: Peaks, file: pathlib.Path) -> None:
     """Write a workload and the peaks of its reference run to a file, for another process."""
-    file.write_bytes(pickle.dumps(_SavedWorkload(portable(workload), peaks)))
+    file.write_bytes(pickle.dumps(_SavedWorkload(portable(workload), workload.returns, peaks)))
 
 
 def load_workload(model: mujoco.MjModel, file: pathlib.Path) -> tuple[Workload, Resources]:
     """Return the workload that `save_workload` wrote, and resources that hold its peaks."""
     saved: _SavedWorkload = pickle.loads(file.read_bytes())
-    workload = restore(model, saved.workload)
+    workload = restore(model, saved.workload).returning(saved.returns)
     resources = Resources(workload)
     resources.get_or_create("peaks", lambda: saved.peaks)
     return workload, resources

@@ -4,6 +4,9 @@ A `SteppingPath` has a name and options, says why it is unavailable here, and pr
 workload. `Prepared.run()` is exactly the timed region: it starts from the workload's start states,
 takes all steps, and leaves the final states where `final_states()` can read them afterwards.
 `prepare` makes every allocation and starts every thread and worker.
+
+Before each timed round the simulations are reordered in place (`Resources.reorder`), so a run must
+read the workload's arrays, and keep a copy of its own only with `Resources.at_change`.
 """
 
 import itertools
@@ -20,7 +23,7 @@ from mjbench.errors import InputError, one_line
 from mjbench.instrument.limits import MAX_COUNT, MAX_THREADS
 from mjbench.paths.parallelism import PARALLEL_OPTIONS
 from mjbench.simulation import compat
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 Options = Mapping[str, Any]
 
@@ -95,6 +98,7 @@ class Resources:
         self.workload = workload
         self._shared: dict[Hashable, Any] = {}
         self._datas: list[mujoco.MjData] = []
+        self._at_change: list[Callable[[], None]] = []
         self._closing = ExitStack()
 
     def datas(self, count: int) -> list[mujoco.MjData]:
@@ -115,6 +119,31 @@ class Resources:
             "final_state", lambda: np.empty_like(self.workload.initial_state)
         )
 
+    def step_outputs(self) -> StepOutputs:
+        """Return the arrays that runs write what they return of every step to."""
+        return self.get_or_create(  # type: ignore[no-any-return]
+            "step outputs", lambda: StepOutputs.empty(self.workload)
+        )
+
+    def at_change(self, callback: Callable[[], None]) -> None:
+        """Call `callback` whenever the workload's arrays were changed in place."""
+        self._at_change.append(callback)
+
+    def reorder(self, order: np.ndarray) -> None:
+        """Reorder the simulations of the workload, in place, for all prepared runs.
+
+        Args:
+          order: (nbatch,) a permutation of the simulations.
+        """
+        self.workload.reorder(order)
+        self.changed()
+
+    def changed(self) -> None:
+        """Let prepared runs follow a change of the workload's arrays in place."""
+        self.workload.update_step_control()
+        for callback in self._at_change:
+            callback()
+
     def at_close(self, callback: Callable[[], Any]) -> None:
         """Call `callback` when these resources are closed."""
         self._closing.callback(callback)
@@ -122,6 +151,7 @@ class Resources:
     def close(self) -> None:
         """Stop workers and pools, and release all memory."""
         self._closing.close()
+        self._at_change.clear()
         self._shared.clear()
         self._datas.clear()
 
@@ -137,12 +167,15 @@ class Prepared:
       final_states: reads the states that `run` ended in; not timed.
       verify: runs, and returns every entry of the final states, with further calls for the entries
         that `run` does not return; None where `run` returns all. Not timed.
+      step_outputs: reads what `run` returned of every step, as the workload asks for; None where a
+        workload asks for final states alone. Not timed.
     """
 
     run: Callable[[], None]
     clear: Callable[[], None]
     final_states: Callable[[], States]
     verify: Callable[[], States] | None = None
+    step_outputs: Callable[[], StepOutputs] | None = None
 
     def verified_states(self) -> States:
         """Run once, and return as many entries of the final states as the path can."""
@@ -162,6 +195,7 @@ class SteppingPath(ABC):
       closed_loop: whether a feedback policy can choose each control from the state before it.
       compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
       usual: whether `--paths usual` includes it beside the C paths, where it is available.
+      products: what its runs can return.
       options: what can be varied.
     """
 
@@ -170,6 +204,7 @@ class SteppingPath(ABC):
     closed_loop: ClassVar[bool]
     compiles: ClassVar[bool] = False
     usual: ClassVar[bool] = False
+    products: ClassVar[tuple[Product, ...]] = (Product.FINAL,)
     options: ClassVar[tuple[Option, ...]] = ()
 
     def unavailable(self) -> str | None:
@@ -179,6 +214,12 @@ class SteppingPath(ABC):
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """Return why this path cannot run this workload, in one line, or None if it can."""
         return None
+
+    def cannot_return(self, returns: Product) -> str | None:
+        """Return why runs of this path cannot return a product, or None if they can."""
+        if returns in self.products:
+            return None
+        return f"returns {' or '.join(self.products)}, not {returns} (--returns)"
 
     @abstractmethod
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -220,26 +261,44 @@ class SteppingPath(ABC):
         return {name: value for name, value in options.items() if value is not None}
 
 
-def array_callbacks(array: np.ndarray) -> tuple[Callable[[], None], Callable[[], States]]:
-    """Return `clear` and `final_states` of a run that writes its final states to `array`."""
-    return lambda: array.fill(np.nan), lambda: States(array)
+def prepared_arrays(
+    run: Callable[[], None], final_state: np.ndarray, outputs: StepOutputs
+) -> Prepared:
+    """Return a prepared run that writes all that it returns to arrays."""
+
+    def clear() -> None:
+        final_state.fill(np.nan)
+        outputs.clear()
+
+    return Prepared(
+        run,
+        clear,
+        lambda: States(final_state),
+        step_outputs=None if outputs.state is None else lambda: outputs,
+    )
 
 
-# (data, initial_state (n, nstate), control (n, ncontrol, nu), final_state (n, nstate));
-# the last is the output
-Simulate = Callable[[mujoco.MjData, np.ndarray, np.ndarray, np.ndarray], None]
+# (data, initial_state (n, nstate), control (n, ncontrol, nu), final_state (n, nstate), outputs);
+# the last two are written
+Simulate = Callable[[mujoco.MjData, np.ndarray, np.ndarray, np.ndarray, StepOutputs], None]
 
 
-def make_simulate(model: mujoco.MjModel, hold: int) -> Simulate:
+def make_simulate(model: mujoco.MjModel, hold: int, returns: Product) -> Simulate:
     """Return a function that steps simulations one after the other in one MjData.
 
-    It calls `mj_step` once per control, with `nstep=hold`. What it needs to know of the model is
-    looked up here, so that a timed call does nothing but step.
+    For final states it calls `mj_step` once per control, with `nstep=hold`; otherwise once per
+    step. What it needs to know of the model is looked up here, so that a timed call does nothing
+    but step and record.
     """
     spec, has_reset = compat.state_spec("INTEGRATION"), needs_reset(model)
+    physics = compat.state_spec("FULLPHYSICS")
 
     def simulate(
-        data: mujoco.MjData, initial_state: np.ndarray, control: np.ndarray, final_state: np.ndarray
+        data: mujoco.MjData,
+        initial_state: np.ndarray,
+        control: np.ndarray,
+        final_state: np.ndarray,
+        outputs: StepOutputs,
     ) -> None:
         mj_step, ctrl = mujoco.mj_step, data.ctrl
         for start, controls, end in zip(initial_state, control, final_state, strict=True):
@@ -251,7 +310,32 @@ def make_simulate(model: mujoco.MjModel, hold: int) -> Simulate:
                 mj_step(model, data, hold)
             mujoco.mj_getState(model, data, end, spec)
 
-    return simulate
+    def record(
+        data: mujoco.MjData,
+        initial_state: np.ndarray,
+        control: np.ndarray,
+        final_state: np.ndarray,
+        outputs: StepOutputs,
+    ) -> None:
+        mj_step, mj_getState, ctrl = mujoco.mj_step, mujoco.mj_getState, data.ctrl  # noqa: N806
+        sensordata = data.sensordata
+        for i, (start, controls) in enumerate(zip(initial_state, control, strict=True)):
+            states, sensors = outputs.rows(i)
+            if has_reset:
+                mujoco.mj_resetData(model, data)
+            mujoco.mj_setState(model, data, start, spec)
+            step = 0
+            for values in controls:
+                ctrl[:] = values
+                for _ in range(hold):
+                    mj_step(model, data)
+                    mj_getState(model, data, states[step], physics)
+                    if sensors is not None:
+                        sensors[step] = sensordata
+                    step += 1
+            mujoco.mj_getState(model, data, final_state[i], spec)
+
+    return simulate if returns == Product.FINAL else record
 
 
 def needs_reset(model: mujoco.MjModel) -> bool:

@@ -1,6 +1,5 @@
 """`mujoco.batch.Batch`: many simulations on the engine's threads, stepped or rolled out."""
 
-import functools
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -9,9 +8,17 @@ import mujoco
 import numpy as np
 
 from mjbench.instrument import machine
-from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
+from mjbench.paths import snippets
+from mjbench.paths.base import (
+    Option,
+    Options,
+    Prepared,
+    Resources,
+    SteppingPath,
+    prepared_arrays,
+)
 from mjbench.simulation import compat
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch
@@ -30,6 +37,8 @@ _SHARE_OF_MEMORY = 0.5
 
 class _BatchPath(SteppingPath):
     """The base class of stepping and of rolling out a Batch."""
+
+    products = tuple(Product)
 
     def unavailable(self) -> str | None:
         """See `SteppingPath.unavailable`."""
@@ -69,7 +78,7 @@ class _BatchPath(SteppingPath):
             batch.warning[:] = 0
             step_all()
 
-        return Prepared(run, lambda: state.fill(np.nan), lambda: States(state))
+        return prepared_arrays(run, state, resources.step_outputs())
 
     @abstractmethod
     def make_step_all(
@@ -102,12 +111,18 @@ class BatchStep(_BatchPath):
             options = {**options, "stage": None}
         return super().simplified(options)
 
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """See `SteppingPath.unsuited`."""
+        if options.get("stage") == "vel" and workload.returns == Product.SENSORS:
+            return "stage=vel leaves the sensor data of the state after the step"
+        return super().unsuited(workload, options)
+
     def make_step_all(
         self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         """See `_BatchPath.make_step_all`."""
         by_control = resources.get_or_create(
-            "control by step", lambda: np.ascontiguousarray(workload.control.swapaxes(0, 1))
+            "control by step", lambda: _control_by_step(workload, resources)
         )
         ctrl, hold, step = batch.bind("ctrl"), workload.hold, batch.step
         keywords = {}
@@ -119,14 +134,38 @@ class BatchStep(_BatchPath):
                 ctrl[:] = values
                 step(nstep=hold, **keywords)
 
-        return step_all
+        if workload.returns == Product.FINAL:
+            return step_all
+        record = _recorder(batch, workload, resources.step_outputs())
+
+        def step_and_record() -> None:
+            k = 0
+            for values in by_control:
+                ctrl[:] = values
+                for _ in range(hold):
+                    step(**keywords)
+                    record(k)
+                    k += 1
+
+        return step_and_record
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        arguments = [f"nstep={workload.hold}"] if workload.hold > 1 else []
+        is_final = workload.returns == Product.FINAL
+        bind = 'b.bind("sensordata")\n' if workload.returns == Product.SENSORS else ""
+        arguments = [f"nstep={workload.hold}"] if workload.hold > 1 and is_final else []
         if options.get("stage") == "vel":
             arguments.append("stage=mujoco.mjtStage.mjSTAGE_VEL.value")
-        return _STEP.format(constructor=_constructor(options), arguments=", ".join(arguments))
+        step = f"b.step({', '.join(arguments)})"
+        record = ("state[:, k] = b.state[:, columns]", "sensordata[:, k] = b.sensordata")
+        return _STEP.format(
+            constructor=_constructor(options),
+            imports="" if is_final else "import numpy as np\n",
+            allocate="" if is_final else snippets.allocation(workload) + _COLUMNS + bind,
+            step=f"    {step}\n"
+            if is_final
+            else snippets.recorded_steps(workload, 4, step, record),
+        )
 
 
 class BatchRollout(_BatchPath):
@@ -135,52 +174,44 @@ class BatchRollout(_BatchPath):
     name = "batch_rollout"
     summary = "mujoco.batch rollout(), open loop"
     closed_loop = False
-    options: ClassVar[tuple[Option, ...]] = (
-        _THREADS,
-        _DATA,
-        Option(
-            "record",
-            "recorded after every step: nothing, qpos, or the state",
-            ("none",),
-            str,
-            ("none", "qpos", "state"),
-        ),
-    )
-
-    def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
-        """See `SteppingPath.simplified`."""
-        if options["record"] == "none":
-            options = {**options, "record": None}
-        return super().simplified(options)
+    options: ClassVar[tuple[Option, ...]] = (_THREADS, _DATA)
 
     def make_step_all(
         self, batch: "Batch", workload: Workload, options: Options, resources: Resources
     ) -> Callable[[], None]:
         """See `_BatchPath.make_step_all`."""
         control = workload.step_control if workload.model.nu else None
-        items = _record_items(options)
-        out = {
-            item: resources.get_or_create(
-                ("batch record", item), functools.partial(_buffer, workload, item)
-            )
-            for item in items
-        }
-        return lambda: batch.rollout(workload.nstep, control, record=items, out=out)
+        outputs = resources.step_outputs()
+        items = dict(zip(_record_items(workload.returns), outputs.arrays, strict=True))
+        return lambda: batch.rollout(workload.nstep, control, record=tuple(items), out=items)
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
         record = {
-            "none": "()",
-            "qpos": "('qpos',)",
-            "state": "(mujoco.mjtState.mjSTATE_FULLPHYSICS.value,)",
-        }[options.get("record", "none")]
-        hold = workload.hold
-        repeat = f"control = np.repeat(control, {hold}, axis=1)\n" if hold > 1 else ""
-        imports = "import numpy as np\n" if hold > 1 else ""
-        if options.get("record") == "state":
+            Product.FINAL: "()",
+            Product.TRAJECTORY: "(physics,)",
+            Product.SENSORS: "(physics, 'sensordata')",
+        }[workload.returns]
+        hold, repeat, imports = workload.hold, "", ""
+        if hold > 1:
+            repeat, imports = (
+                f"control = np.repeat(control, {hold}, axis=1)\n",
+                "import numpy as np\n",
+            )
+        if workload.returns != Product.FINAL:
             imports = "import mujoco\n" + imports
+            repeat += "physics = mujoco.mjtState.mjSTATE_FULLPHYSICS.value\n"
         return _ROLLOUT.format(
-            constructor=_constructor(options), imports=imports, repeat=repeat, record=record
+            constructor=_constructor(options),
+            imports=imports,
+            repeat=repeat,
+            record=record,
+            assign="" if workload.returns == Product.FINAL else "recorded = ",
+            read={
+                Product.FINAL: "",
+                Product.TRAJECTORY: "state = recorded[physics]\n",
+                Product.SENSORS: "state, sensordata = recorded[physics], recorded['sensordata']\n",
+            }[workload.returns],
         )
 
 
@@ -195,19 +226,42 @@ def _batch(workload: Workload, options: Options, resources: Resources) -> "Batch
     )
 
 
-def _record_items(options: Options) -> tuple[str | int, ...]:
-    """Return what `Batch.rollout` records: field names or state specifications."""
-    record = options.get("record", "none")
-    if record == "none":
-        return ()
-    return ("qpos",) if record == "qpos" else (compat.state_spec("FULLPHYSICS"),)
+def _control_by_step(workload: Workload, resources: Resources) -> np.ndarray:
+    """Return (ncontrol, nbatch, nu) controls, which follow when simulations are reordered."""
+    by_control = np.ascontiguousarray(workload.control.swapaxes(0, 1))
+
+    def follow() -> None:
+        by_control[...] = workload.control.swapaxes(0, 1)
+
+    resources.at_change(follow)
+    return by_control
 
 
-def _buffer(workload: Workload, item: str | int) -> np.ndarray:
-    """Return an (nbatch, nstep, size) array for what is recorded of an item."""
-    model = workload.model
-    size = model.nq if isinstance(item, str) else compat.state_size(model, item)
-    return np.empty((workload.nbatch, workload.nstep, size))
+def _recorder(batch: "Batch", workload: Workload, outputs: StepOutputs) -> Callable[[int], None]:
+    """Return a function that copies what a step leaves to row `k` of each simulation's outputs."""
+    physics = compat.physics_entries(workload.model)
+    groups = np.split(np.arange(len(physics)), np.flatnonzero(np.diff(physics) != 1) + 1)
+    columns = [
+        (slice(group[0], group[-1] + 1), slice(physics[group[0]], physics[group[-1]] + 1))
+        for group in groups
+    ]
+    rows, state, sensordata = batch.state, outputs.state, outputs.sensordata
+    assert state is not None, "a run that records has arrays to record to"
+    sensors = None if sensordata is None else batch.bind("sensordata")
+
+    def record(k: int) -> None:
+        for to, source in columns:
+            state[:, k, to] = rows[:, source]
+        if sensordata is not None:
+            sensordata[:, k] = sensors
+
+    return record
+
+
+def _record_items(returns: Product) -> tuple[str | int, ...]:
+    """Return what `Batch.rollout` records: state specifications and field names."""
+    items = (compat.state_spec("FULLPHYSICS"), "sensordata")
+    return items[: list(Product).index(returns)]
 
 
 def _constructor(options: Options) -> str:
@@ -217,15 +271,23 @@ def _constructor(options: Options) -> str:
 
 _STEP = """\
 import mujoco
-from mujoco import batch
+{imports}from mujoco import batch
 
 b = {constructor}
 b.state[:] = initial_state
 ctrl = b.bind("ctrl")
-for k in range(control.shape[1]):
-    ctrl[:] = control[:, k]  # or ctrl[:] = policy(b.bind("qpos"), b.bind("qvel"))
-    b.step({arguments})
-final_state = b.state
+{allocate}for i in range(control.shape[1]):
+    ctrl[:] = control[:, i]  # or one policy for all: ctrl[:] = policy(b.qpos, b.qvel)
+{step}final_state = b.state
+"""
+
+_COLUMNS = """\
+# where the full physics state stands in a row of b.state
+data, columns = mujoco.MjData(model), np.empty(state.shape[2])
+everything = mujoco.mjtState.mjSTATE_INTEGRATION.value
+mujoco.mj_setState(model, data, np.arange(b.nstate, dtype=float), everything)
+mujoco.mj_getState(model, data, columns, physics)
+columns, k = columns.astype(int), 0
 """
 
 _ROLLOUT = """\
@@ -233,6 +295,6 @@ _ROLLOUT = """\
 
 {repeat}b = {constructor}
 b.state[:] = initial_state
-b.rollout(control.shape[1], control if control.size else None, record={record})
-final_state = b.state
+{assign}b.rollout(control.shape[1], control if control.size else None, record={record})
+{read}final_state = b.state
 """

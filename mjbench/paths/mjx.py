@@ -88,6 +88,7 @@ class Mjx(AcceleratedPath):
             compiled.clear,
             compiled.final_states,
             advance=compiled.advance,
+            reload=compiled.reload,
             device=device.platform if is_cpu else device.device_kind,
             trace_s=compiled.trace_s,
             compile_s=compiled.compile_s + first_call_s,

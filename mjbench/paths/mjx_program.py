@@ -50,9 +50,13 @@ class Program:
         """
         self.workload, self._model, self._empty = workload, model, empty
         self._arrays = {n: v for n, v in vars(empty).items() if hasattr(v, "dtype")}
-        self.start = self.fields_on_device(start_fields(workload))
-        self.control = self.control_on_device(workload.control)
+        self.reload()
         self.nstep = self.count_on_device(workload.nstep)
+
+    def reload(self) -> None:
+        """Put the workload's start states and controls on the device."""
+        self.start = self.fields_on_device(start_fields(self.workload))
+        self.control = self.control_on_device(self.workload.control)
 
     @property
     def dtype(self) -> np.dtype:
@@ -173,6 +177,10 @@ class CompiledProgram:
         """Drop the output of the last run, and copy the start for the next: a run overwrites it."""
         self._start = self._end = None
         self._start = self._block_until_ready(self._copy_of_start())
+
+    def reload(self) -> None:
+        """Put the workload's start states and controls on the device again."""
+        self._program.reload()
 
     def run(self) -> None:
         """Run the timed program; each run needs a `clear` before it."""

@@ -6,6 +6,7 @@ waits for one byte back. Workers end when the parent does, however it ends.
 
 import contextlib
 import multiprocessing
+import textwrap
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -15,17 +16,18 @@ import mujoco
 import numpy as np
 
 from mjbench.instrument import child
+from mjbench.paths import snippets
 from mjbench.paths.base import (
     Option,
     Options,
     Prepared,
     Resources,
     SteppingPath,
-    array_callbacks,
     make_simulate,
+    prepared_arrays,
 )
 from mjbench.paths.threads import shares
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 _START_LIMIT_S = 60.0
 
@@ -40,6 +42,7 @@ class Processes(SteppingPath):
     name = "processes"
     summary = "worker processes, each a Python loop over its share"
     closed_loop = True
+    products = tuple(Product)
     options = (Option("processes", "worker processes", (), int),)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -47,11 +50,20 @@ class Processes(SteppingPath):
         count = options["processes"]
         pool = resources.get_or_create(("workers", count), lambda: _WorkerPool(workload, count))
         resources.at_close(pool.close)
-        return Prepared(pool.run, *array_callbacks(pool.final_state))
+        resources.at_change(pool.share_inputs)
+        return prepared_arrays(pool.run, pool.final_state, pool.outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        return _SNIPPET.format(processes=options["processes"], hold=workload.hold)
+        names = ("final_state", *snippets.output_names(workload))
+        allocate = snippets.allocation(workload)
+        return _SNIPPET.format(
+            processes=options["processes"],
+            allocate=textwrap.indent(allocate, "    "),
+            count=snippets.counter(workload, indent=8),
+            step=snippets.data_steps(workload, indent=12, row="i"),
+            names=", ".join(names) + ("," if len(names) == 1 else ""),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +86,22 @@ class _SharedArray:
 
 @dataclass(frozen=True, eq=False)
 class _SharedWorkload:
-    """A workload in shared memory, as it is sent to the workers."""
+    """A workload in shared memory, as it is sent to the workers, and what they return."""
 
     model: mujoco.MjModel
     hold: int
+    returns: Product
     initial_state: _SharedArray
     control: _SharedArray
     final_state: _SharedArray
+    state: _SharedArray | None
+    sensordata: _SharedArray | None
+
+    def outputs(self) -> StepOutputs:
+        return StepOutputs(
+            None if self.state is None else self.state.as_array(),
+            None if self.sensordata is None else self.sensordata.as_array(),
+        )
 
 
 class _WorkerPool:
@@ -88,15 +109,22 @@ class _WorkerPool:
 
     def __init__(self, workload: Workload, count: int):
         context = multiprocessing.get_context("spawn")
+        outputs = [_SharedArray.copy_of(context, a) for a in StepOutputs.empty(workload).arrays]
+        state, sensordata = (*outputs, None, None)[:2]
+        self._workload = workload
         # referenced here for as long as the workers use it: the allocator reuses free memory
         self._shared = _SharedWorkload(
             workload.model,
             workload.hold,
+            workload.returns,
             _SharedArray.copy_of(context, workload.initial_state),
             _SharedArray.copy_of(context, workload.control),
             _SharedArray.copy_of(context, np.full_like(workload.initial_state, np.nan)),
+            state,
+            sensordata,
         )
         self.final_state = self._shared.final_state.as_array()
+        self.outputs = self._shared.outputs()
         self.pipes: list[Connection] = []
         self.processes: list[SpawnProcess] = []
         for part in shares(workload.nbatch, count):
@@ -113,6 +141,11 @@ class _WorkerPool:
         theirs.close()
         self.pipes.append(ours)
         self.processes.append(process)
+
+    def share_inputs(self) -> None:
+        """Copy the workload's start states and controls to the memory that workers read."""
+        self._shared.initial_state.as_array()[...] = self._workload.initial_state
+        self._shared.control.as_array()[...] = self._workload.control
 
     def run(self) -> None:
         """Let every worker step its share; return when all have."""
@@ -136,14 +169,15 @@ class _WorkerPool:
 def _serve(pipe: Connection, shared: _SharedWorkload, part: slice) -> None:
     """Be a worker: step the simulations of `part` for each byte, until the pipe closes."""
     child.die_with_parent()
-    simulate = make_simulate(shared.model, shared.hold)
+    simulate = make_simulate(shared.model, shared.hold, shared.returns)
     data = mujoco.MjData(shared.model)
     arrays = (shared.initial_state, shared.control, shared.final_state)
     initial_state, control, final_state = (array.as_array()[part] for array in arrays)
+    outputs = shared.outputs().part(part)
     with contextlib.suppress(EOFError, BrokenPipeError, KeyboardInterrupt):
         pipe.send_bytes(_READY)
         while pipe.recv_bytes():
-            simulate(data, initial_state, control, final_state)
+            simulate(data, initial_state, control, final_state, outputs)
             pipe.send_bytes(_DONE)
 
 
@@ -153,24 +187,24 @@ import multiprocessing
 import mujoco
 import numpy as np
 
-def start(model):
-    global _model, _data
-    _model, _data = model, mujoco.MjData(model)
+def start(its_model):
+    global model, data
+    model, data = its_model, mujoco.MjData(its_model)
 
 def work(job):
-    full, ends = int(mujoco.mjtState.mjSTATE_INTEGRATION), []
-    for row, controls in zip(*job):
-        mujoco.mj_setState(_model, _data, row, full)
-        for u in controls:  # or u = policy(_data)
-            _data.ctrl[:] = u
-            mujoco.mj_step(_model, _data, nstep={hold})
-        ends.append(np.empty_like(row))
-        mujoco.mj_getState(_model, _data, ends[-1], full)
-    return ends
+    initial_state, control = job
+    full = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+    final_state = np.empty_like(initial_state)
+{allocate}    for i, row in enumerate(initial_state):
+        mujoco.mj_setState(model, data, row, full)
+{count}        for u in control[i]:  # or u = policy(data), of which each process needs its own
+            data.ctrl[:] = u
+{step}        mujoco.mj_getState(model, data, final_state[i], full)
+    return {names}
 
 if __name__ == "__main__":
     spawn = multiprocessing.get_context("spawn")
     with spawn.Pool({processes}, initializer=start, initargs=(model,)) as pool:
         jobs = zip(np.array_split(initial_state, {processes}), np.array_split(control, {processes}))
-        final_state = np.concatenate(pool.map(work, jobs))
+        {names} = map(np.concatenate, zip(*pool.map(work, jobs)))
 """

@@ -1,20 +1,26 @@
 """The plain Python loop: one `mj_step` call per step, or one per control."""
 
+from typing import Any
+
 import mujoco
 
+from mjbench.paths import snippets
 from mjbench.paths.base import (
     Option,
     Options,
     Prepared,
     Resources,
     SteppingPath,
-    array_callbacks,
     make_simulate,
     needs_reset,
+    prepared_arrays,
 )
 from mjbench.simulation import compat
 from mjbench.simulation.compat import state_spec
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.engine_clock import engine_clock
+from mjbench.simulation.workload import Product, Workload
+
+_ON_OFF = ("on", "off")
 
 
 class PythonLoop(SteppingPath):
@@ -23,13 +29,28 @@ class PythonLoop(SteppingPath):
     name = "python_loop"
     summary = "for loop over mj_step, one call per step"
     closed_loop = True
+    products = tuple(Product)
+    options = (
+        Option("clock", "the engine's own clock, which only timers need", ("on",), str, _ON_OFF),
+    )
+
+    def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
+        """See `SteppingPath.simplified`."""
+        return {} if options["clock"] == "on" else options
+
+    def unsuited(self, workload: Workload, options: Options) -> str | None:
+        """See `SteppingPath.unsuited`."""
+        if options.get("clock") == "off" and not compat.has_clock(workload.model):
+            return "this release of MuJoCo has no clock to turn off"
+        return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
         """See `SteppingPath.prepare`."""
         model, hold = workload.model, workload.hold
         (data,) = resources.datas(1)
-        final_state = resources.final_state()
+        final_state, outputs = resources.final_state(), resources.step_outputs()
         spec, has_reset = state_spec("INTEGRATION"), needs_reset(model)
+        record = make_simulate(model, hold, workload.returns)
 
         def run() -> None:
             mj_step, ctrl = mujoco.mj_step, data.ctrl
@@ -45,14 +66,25 @@ class PythonLoop(SteppingPath):
                         mj_step(model, data)
                 mujoco.mj_getState(model, data, end, spec)
 
-        return Prepared(run, *array_callbacks(final_state))
+        def run_recorded() -> None:
+            record(data, workload.initial_state, workload.control, final_state, outputs)
+
+        step_all = run if workload.returns == Product.FINAL else run_recorded
+
+        def run_without_clock() -> None:
+            with engine_clock(False):
+                step_all()
+
+        is_off = options.get("clock") == "off"
+        return prepared_arrays(run_without_clock if is_off else step_all, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        if workload.hold == 1:
-            return _LOOP.format(step="        mujoco.mj_step(model, data)\n")
+        before = _CLOCK_OFF if options.get("clock") == "off" else ""
+        if workload.hold == 1 or workload.returns != Product.FINAL:
+            return before + _loop(workload)
         repeat = f"        for _ in range({workload.hold}):\n"
-        return _LOOP.format(step=repeat + "            mujoco.mj_step(model, data)\n")
+        return before + _loop(workload, repeat + "            mujoco.mj_step(model, data)\n")
 
 
 class PythonLoopHold(SteppingPath):
@@ -61,6 +93,7 @@ class PythonLoopHold(SteppingPath):
     name = "python_loop_hold"
     summary = "for loop over mj_step(nstep=hold), one call per control"
     closed_loop = True
+    products = tuple(Product)
     options = (
         Option(
             "engine_threads",
@@ -72,6 +105,8 @@ class PythonLoopHold(SteppingPath):
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
+        if workload.returns != Product.FINAL and workload.hold > 1:
+            return "returns no state between the steps of a control"
         return compat.threadpool_unavailable() if options.get("engine_threads") else None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -83,17 +118,17 @@ class PythonLoopHold(SteppingPath):
             )
         else:
             (data,) = resources.datas(1)
-        final_state = resources.final_state()
-        simulate = make_simulate(model, workload.hold)
+        final_state, outputs = resources.final_state(), resources.step_outputs()
+        simulate = make_simulate(model, workload.hold, workload.returns)
 
         def run() -> None:
-            simulate(data, workload.initial_state, workload.control, final_state)
+            simulate(data, workload.initial_state, workload.control, final_state, outputs)
 
-        return Prepared(run, *array_callbacks(final_state))
+        return prepared_arrays(run, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        code = _LOOP.format(step=f"        mujoco.mj_step(model, data, nstep={workload.hold})\n")
+        code = _loop(workload)
         threads = options.get("engine_threads")
         if threads:
             create = "data = mujoco.MjData(model)\n"
@@ -107,17 +142,32 @@ def _data_with_threadpool(model: mujoco.MjModel, threads: int) -> mujoco.MjData:
     return data
 
 
+def _loop(workload: Workload, step: str | None = None) -> str:
+    """Return the snippet of a loop, with these lines to take the steps of one control."""
+    return _LOOP.format(
+        allocate=snippets.allocation(workload),
+        count=snippets.counter(workload, indent=4),
+        step=step or snippets.data_steps(workload, indent=8, row="i"),
+    )
+
+
+_CLOCK_OFF = """\
+import mjbench
+
+mjbench.engine_clock(False)  # only mjData.timer needs it
+"""
+
 _LOOP = """\
 import mujoco
 import numpy as np
 
-full = mujoco.mjtState.mjSTATE_INTEGRATION
+full = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 data = mujoco.MjData(model)
 ctrl = data.ctrl
 final_state = np.empty_like(initial_state)
-for i in range(len(initial_state)):
-    mujoco.mj_setState(model, data, initial_state[i], int(full))
-    for u in control[i]:  # or u = policy(data)
+{allocate}for i in range(len(initial_state)):
+    mujoco.mj_setState(model, data, initial_state[i], full)
+{count}    for u in control[i]:  # or u = policy(data)
         ctrl[:] = u
-{step}    mujoco.mj_getState(model, data, final_state[i], int(full))
+{step}    mujoco.mj_getState(model, data, final_state[i], full)
 """

@@ -9,14 +9,15 @@ import numpy as np
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
 from mjbench.paths.rollout_inputs import RolloutInputs, changed_inputs, make_inputs
 from mjbench.simulation import compat
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, StepOutputs, Workload
 
 
 class Rollout(SteppingPath):
     """`mujoco.rollout.rollout` into arrays allocated beforehand.
 
-    By default it returns the full-physics states after every step. With `returns=nothing` the
-    MjData of each thread holds the last state of the simulation that the thread ran last.
+    It returns the full-physics states after every step, also to a caller who wants the last ones.
+    Where nobody asks for sensor data, its checks are skipped: with them it returns sensor data,
+    too.
 
     No output holds the warm-start. A timed call is therefore compared on everything that it returns
     and on the states that its MjData hold. `verify` runs every simulation alone, so that its whole
@@ -26,6 +27,7 @@ class Rollout(SteppingPath):
     name = "rollout"
     summary = "mujoco.rollout, open loop, states of every step returned"
     closed_loop = False
+    products = tuple(Product)
     options = (
         Option("threads", "threads, an MjData each", (), int),
         Option("chunk", "simulations a thread takes at a time", (None,), int),
@@ -36,13 +38,12 @@ class Rollout(SteppingPath):
             str,
             ("kept", "new"),
         ),
-        Option("checks", "shapes and types checked by each call", ("on",), str, ("on", "off")),
         Option(
-            "returns",
-            "states and sensors of every step, or nothing (implies checks=off)",
-            ("states",),
+            "checks",
+            "shapes and types checked by each call; only where it returns sensor data",
+            ("on",),
             str,
-            ("states", "nothing"),
+            ("on", "off"),
         ),
     )
 
@@ -58,10 +59,8 @@ class Rollout(SteppingPath):
         """See `SteppingPath.simplified`: one thread has neither pool nor chunks."""
         if options["threads"] == 1:
             options = {**options, "pool": None, "chunk": None}
-        if options["checks"] == "on" or options["returns"] == "nothing":
+        if options["checks"] == "on":
             options = {**options, "checks": None}
-        if options["returns"] == "states":
-            options = {**options, "returns": None}
         return super().simplified(options)
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -70,13 +69,13 @@ class Rollout(SteppingPath):
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        hold = workload.hold
+        hold, returns = workload.hold, workload.returns
         arguments = []
         if options.get("chunk"):
             arguments.append(f"chunk_size={options['chunk']}")
         if options.get("pool") == "kept":
             arguments.append("persistent_pool=True")
-        prepare = _SNIPPET_NOTHING if options.get("returns") == "nothing" else ""
+        prepare = ""
         if hold > 1:
             prepare += f"control = np.repeat(control, {hold}, axis=1)\n"
         inputs = changed_inputs(workload)
@@ -84,37 +83,56 @@ class Rollout(SteppingPath):
             bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
             prepare += _SNIPPET_INPUTS.format(bits=bits)
             arguments.append("control_spec=int(spec)")
-        extra = "".join(f", {argument}" for argument in arguments)
-        return _SNIPPET.format(threads=options["threads"], extra=extra, prepare=prepare)
+        skips_checks = options.get("checks") == "off" or returns != Product.SENSORS
+        if skips_checks:
+            prepare += _SNIPPET_STATE
+            arguments += ["state=state", "skip_checks=True"]
+        if skips_checks and returns == Product.SENSORS:
+            prepare += _SNIPPET_SENSORDATA
+            arguments.append("sensordata=sensordata")
+        call = "rollout.rollout" if skips_checks else "state, sensordata = rollout.rollout"
+        return _SNIPPET.format(
+            threads=options["threads"],
+            model="[model] * len(start)" if skips_checks else "model",
+            call=call,
+            extra="".join(f", {argument}" for argument in arguments),
+            prepare=prepare,
+        )
 
 
 class _RolloutRun:
-    """The arrays and MjData of one variant, and how to read its final states."""
+    """The arrays and MjData of one variant, and how to read what it returns."""
 
     def __init__(self, workload: Workload, options: Options, resources: Resources):
         self.workload, self.model = workload, workload.model
         self.spec = compat.state_spec("INTEGRATION")
         self.physics = compat.physics_entries(self.model)
         self.inputs: RolloutInputs = resources.get_or_create(
-            "rollout inputs", lambda: make_inputs(workload, self.physics)
+            "rollout inputs", lambda: _inputs(workload, self.physics, resources)
         )
-        shape = (workload.nbatch, workload.nstep)
-        self.state = resources.get_or_create(
-            "rollout state", lambda: np.empty((*shape, len(self.physics)))
-        )
-        self.sensordata = resources.get_or_create(
-            "rollout sensordata", lambda: np.empty((*shape, self.model.nsensordata))
-        )
+        self.state, self.sensordata = self._output_arrays(resources)
         self.datas = resources.datas(options["threads"])
         self.final_state = resources.final_state()
-        self.returns_states = options.get("returns") != "nothing"
-        # (nbatch, nstate) final states of the last `verify`; none before it
-        self.verified = np.empty((0, self.final_state.shape[1]))
         self.run = self._timed_call(options, resources)
 
     def prepared(self) -> Prepared:
         """Return the run."""
-        return Prepared(self.run, self.clear, self.final_states, self.verify)
+        is_final = self.workload.returns == Product.FINAL
+        return Prepared(
+            self.run,
+            self.clear,
+            self.final_states,
+            self.verify,
+            step_outputs=None if is_final else self._step_outputs,
+        )
+
+    def _output_arrays(self, resources: Resources) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the arrays for states and for sensor data; None where nobody asks for those."""
+        outputs = resources.step_outputs()
+        if outputs.state is not None:
+            return outputs.state, outputs.sensordata
+        shape = (self.workload.nbatch, self.workload.nstep, len(self.physics))
+        return resources.get_or_create("rollout state", lambda: np.empty(shape)), None
 
     def _timed_call(self, options: Options, resources: Resources) -> Callable[[], None]:
         """Return the function whose one call is the timed region."""
@@ -123,11 +141,11 @@ class _RolloutRun:
             "control_spec": self.inputs.control_spec,
             "nstep": self.workload.nstep,
             "initial_warmstart": self.inputs.warmstart,
-            "state": self.state if self.returns_states else None,
-            "sensordata": self.sensordata if self.returns_states else None,
+            "state": self.state,
+            "sensordata": self.sensordata,
         }
         model: mujoco.MjModel | list[mujoco.MjModel] = self.model
-        if options.get("checks") == "off" or not self.returns_states:
+        if options.get("checks") == "off" or self.sensordata is None:
             keywords["skip_checks"] = True
             if compat.rollout_threads():
                 model = [self.model] * self.workload.nbatch
@@ -143,38 +161,17 @@ class _RolloutRun:
         return run
 
     def clear(self) -> None:
-        """Invalidate the states that an earlier call returned, or left in the MjData."""
-        if self.returns_states:
+        """Invalidate the states and sensor data that an earlier call returned."""
+        if self.workload.returns == Product.FINAL:
             self.state[:, -1] = np.nan
         else:
-            for data in self.datas:
-                mujoco.mj_resetData(self.model, data)
+            self._step_outputs().clear()
+
+    def _step_outputs(self) -> StepOutputs:
+        return StepOutputs(self.state, self.sensordata)
 
     def final_states(self) -> States:
         """Return the returned states, and the whole state of each thread's last simulation."""
-        return self._returned_states() if self.returns_states else self._states_in_data()
-
-    def _states_in_data(self) -> States:
-        """Return the whole state of each thread's last simulation.
-
-        Nothing says which simulation that was, so each state is attributed to the verified state
-        that equals it. A state that equals none is attributed to the last simulation, where the
-        comparison with the reference then fails.
-        """
-        values, mask = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
-        row = np.empty(values.shape[1])
-        for data in self.datas:
-            if data.time == 0.0:  # unchanged since `clear`: the thread ran no simulation
-                continue
-            compat.get_state(self.model, data, row, self.spec)
-            matches = np.flatnonzero(_equal_rows(self.verified, row))
-            simulation = int(matches[-1]) if len(matches) else self.workload.nbatch - 1
-            values[simulation], mask[simulation] = row, True
-        if not mask.any():
-            values[-1], mask[-1] = np.nan, True
-        return States(values, mask)
-
-    def _returned_states(self) -> States:
         values, mask = self.final_state, np.zeros(self.final_state.shape, dtype=bool)
         values[:, self.physics] = self.state[:, -1]
         mask[:, self.physics] = True
@@ -188,17 +185,18 @@ class _RolloutRun:
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
-        self.verified = self._one_by_one()
+        alone = self._one_by_one()
         self.clear()
         self.run()
         timed = self.final_states()
-        return States(np.where(np.asarray(timed.mask), timed.values, self.verified))
+        return States(np.where(np.asarray(timed.mask), timed.values, alone))
 
     def _one_by_one(self) -> np.ndarray:
         """Return (nbatch, nstate) whole final states of simulations that run alone."""
         from mujoco import rollout
 
         values = np.empty_like(self.final_state)
+        sensordata = np.empty((1, self.workload.nstep, self.model.nsensordata))
         data = self.datas[0]
         for i in range(self.workload.nbatch):
             inputs = self.inputs.only(i)
@@ -211,10 +209,17 @@ class _RolloutRun:
                 nstep=self.workload.nstep,
                 initial_warmstart=inputs.warmstart,
                 state=self.state[i : i + 1],
-                sensordata=self.sensordata[i : i + 1],
+                sensordata=sensordata,
             )
             compat.get_state(self.model, data, values[i], self.spec)
         return values
+
+
+def _inputs(workload: Workload, physics: np.ndarray, resources: Resources) -> RolloutInputs:
+    """Return the inputs of a workload's rollout, which follow its changes."""
+    inputs, follow = make_inputs(workload, physics)
+    resources.at_change(follow)
+    return inputs
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
@@ -249,9 +254,12 @@ inputs[:, :, : model.nu] = control
 control = inputs
 """
 
-_SNIPPET_NOTHING = """\
-# timed without outputs: skip_checks=True and neither state= nor sensordata=; data keeps the last
+_SNIPPET_STATE = """\
+# skip_checks=True leaves out sensor data, unless there is an array for them
+state = np.empty((*control.shape[:2], mujoco.mj_stateSize(model, int(physics))))
 """
+
+_SNIPPET_SENSORDATA = "sensordata = np.empty((*control.shape[:2], model.nsensordata))\n"
 
 _SNIPPET = """\
 import mujoco
@@ -267,8 +275,8 @@ for row in initial_state:
     start.append(np.empty(mujoco.mj_stateSize(model, int(physics))))
     mujoco.mj_getState(model, data[0], start[-1], int(physics))
     warmstart.append(data[0].qacc_warmstart.copy())
-{prepare}state, sensordata = rollout.rollout(
-    model, data, np.array(start), control if control.size else None,
+{prepare}{call}(
+    {model}, data, np.array(start), control if control.size else None,
     initial_warmstart=np.array(warmstart), nstep=control.shape[1]{extra})
 final_state = state[:, -1]  # (nbatch, nphysics)
 """

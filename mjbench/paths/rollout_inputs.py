@@ -4,6 +4,7 @@ A rollout resets mocap poses and applied forces, unless they are part of the con
 are sent along with every step's control.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -46,21 +47,30 @@ class RolloutInputs:
         return RolloutInputs(self.start[row], self.warmstart[row], self.control_spec, control)
 
 
-def make_inputs(workload: Workload, physics: np.ndarray) -> RolloutInputs:
-    """Return the inputs of a workload's rollout.
+def make_inputs(
+    workload: Workload, physics: np.ndarray
+) -> tuple[RolloutInputs, Callable[[], None]]:
+    """Return the inputs of a workload's rollout, and a function by which they follow its changes.
 
     Args:
       workload: to roll out.
       physics: (nphysics,) the entries of mjSTATE_INTEGRATION that form mjSTATE_FULLPHYSICS.
     """
     warmstart = _columns(workload)["qacc_warmstart"]
-    spec, control = _control(workload)
-    return RolloutInputs(
+    spec, control, write_control = _control(workload)
+    inputs = RolloutInputs(
         np.ascontiguousarray(workload.initial_state[:, physics]),
         np.ascontiguousarray(workload.initial_state[:, warmstart]),
         spec,
         control,
     )
+
+    def follow() -> None:
+        np.take(workload.initial_state, physics, axis=1, out=inputs.start)
+        inputs.warmstart[...] = workload.initial_state[:, warmstart]
+        write_control()
+
+    return inputs, follow
 
 
 def changed_inputs(workload: Workload) -> list[str]:
@@ -76,22 +86,33 @@ def changed_inputs(workload: Workload) -> list[str]:
     return changed
 
 
-def _control(workload: Workload) -> tuple[int, np.ndarray | None]:
-    """Return the control specification and (nbatch, nstep, ncontrol) controls of a rollout."""
+def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], None]]:
+    """Return the control specification of a rollout, its controls, and how they are written.
+
+    Returns:
+      The specification; (nbatch, nstep, ncontrol) controls, which are the workload's own where they
+      are all that is sent; and a function that writes them where they are not.
+    """
     spec = compat.state_spec("CTRL")
     inputs = changed_inputs(workload)
     if not inputs:
-        return spec, np.ascontiguousarray(workload.step_control) if workload.model.nu else None
+        return spec, workload.step_control if workload.model.nu else None, lambda: None
     for name in inputs:
         spec |= compat.state_spec(name)
     columns = _columns(workload)
-    parts = [
-        workload.step_control
-        if field == "ctrl"
-        else np.repeat(workload.initial_state[:, None, columns[field]], workload.nstep, axis=1)
-        for field in compat.state_columns(workload.model, spec)
-    ]
-    return spec, np.concatenate(parts, axis=2)
+    places = compat.state_columns(workload.model, spec)
+    size = compat.state_size(workload.model, spec)
+    control = np.empty((workload.nbatch, workload.nstep, size))
+
+    def write() -> None:
+        for field, place in places.items():
+            if field == "ctrl":
+                control[:, :, place] = workload.step_control
+            else:
+                control[:, :, place] = workload.initial_state[:, None, columns[field]]
+
+    write()
+    return spec, control, write
 
 
 def _columns(workload: Workload) -> dict[str, slice]:

@@ -2,16 +2,17 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
+from mjbench.paths import snippets
 from mjbench.paths.base import (
     Option,
     Options,
     Prepared,
     Resources,
     SteppingPath,
-    array_callbacks,
     make_simulate,
+    prepared_arrays,
 )
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Product, Workload
 
 
 class Threads(SteppingPath):
@@ -20,6 +21,7 @@ class Threads(SteppingPath):
     name = "threads"
     summary = "ThreadPoolExecutor, each thread a Python loop with its own MjData"
     closed_loop = True
+    products = tuple(Product)
     options = (
         Option("threads", "Python threads", (), int),
         Option(
@@ -33,15 +35,19 @@ class Threads(SteppingPath):
         pool = resources.get_or_create(("executor", threads), lambda: ThreadPoolExecutor(threads))
         resources.at_close(pool.shutdown)
         idle = resources.datas(threads)[:]  # list.pop and append are atomic
-        final_state = resources.final_state()
-        simulate = make_simulate(workload.model, workload.hold)
+        final_state, outputs = resources.final_state(), resources.step_outputs()
+        simulate = make_simulate(workload.model, workload.hold, workload.returns)
         parts = shares(workload.nbatch, threads, options.get("chunk"))
 
         def work(part: slice) -> None:
             data = idle.pop()
             try:
                 simulate(
-                    data, workload.initial_state[part], workload.control[part], final_state[part]
+                    data,
+                    workload.initial_state[part],
+                    workload.control[part],
+                    final_state[part],
+                    outputs.part(part),
                 )
             finally:
                 idle.append(data)
@@ -50,13 +56,17 @@ class Threads(SteppingPath):
             for _ in pool.map(work, parts):
                 pass
 
-        return Prepared(run, *array_callbacks(final_state))
+        return prepared_arrays(run, final_state, outputs)
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
         parts = shares(workload.nbatch, options["threads"], options.get("chunk"))
         return _SNIPPET.format(
-            threads=options["threads"], hold=workload.hold, size=parts[0].stop - parts[0].start
+            threads=options["threads"],
+            size=parts[0].stop - parts[0].start,
+            allocate=snippets.allocation(workload),
+            count=snippets.counter(workload, indent=8),
+            step=snippets.data_steps(workload, indent=12, row="i"),
         )
 
 
@@ -81,15 +91,14 @@ import numpy as np
 full = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 free = [mujoco.MjData(model) for _ in range({threads})]
 final_state = np.empty_like(initial_state)
-
+{allocate}
 def work(first):
     data = free.pop()
     for i in range(first, min(first + {size}, len(initial_state))):
         mujoco.mj_setState(model, data, initial_state[i], full)
-        for u in control[i]:  # or u = policy(data)
+{count}        for u in control[i]:  # or u = policy(data), which all threads call at the same time
             data.ctrl[:] = u
-            mujoco.mj_step(model, data, nstep={hold})
-        mujoco.mj_getState(model, data, final_state[i], full)
+{step}        mujoco.mj_getState(model, data, final_state[i], full)
     free.append(data)
 
 with ThreadPoolExecutor({threads}) as pool:

@@ -71,6 +71,7 @@ class Warp(AcceleratedPath):
             graph.clear,
             graph.final_states,
             advance=graph.advance,
+            reload=graph.reload,
             device=CPU if device.is_cpu else device.name,
             trace_s=graph.trace_s,
             compile_s=graph.compile_s,
@@ -119,15 +120,18 @@ class _StepGraph:
         self._model = model  # the graph reads its arrays
         self._data, self._capture = data, capture
         self._arrays = {n: v for n, v in vars(data).items() if isinstance(v, wp.array)}
-        self._start = self._fields_on_device(start_fields(workload))
-        self._controls = self._controls_on_device(workload.control)
+        self.reload()
         self._rollout = self._make_rollout()
+
+    def reload(self) -> None:
+        """Put the workload's start states and controls on the device."""
+        self._start = self._fields_on_device(start_fields(self._workload))
+        self._controls = self._controls_on_device(self._workload.control)
 
     def timed_call(self) -> Callable[[], None]:
         """Return the timed region."""
-        rollout, start, controls = self._rollout, self._start, self._controls
-        nstep = self._workload.nstep
-        return lambda: rollout(start, controls, nstep)
+        rollout, nstep = self._rollout, self._workload.nstep
+        return lambda: rollout(self._start, self._controls, nstep)
 
     def clear(self) -> None:
         """Invalidate the output of the last run."""

@@ -1,14 +1,31 @@
-"""Which path to use on a model: the fastest for open loop, and the fastest for closed loop."""
+"""Which path to use on a model: for open loop, and for closed loop.
+
+Blocks of one process show which paths may be the fastest; two of them are then compared again in
+fresh processes (`paired.confirmation`). `next_pairing` names the comparison that advice still
+needs, `advise` the path that follows from those there are.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from mjbench.report.results import PathResult
+from mjbench.comparison.plan import Variant
+from mjbench.paired.confirmation import MIN_EFFECT, ConfirmationRecord
+from mjbench.paired.records import Ratio
+from mjbench.paths import BASE
+from mjbench.report.results import ModelResults, PathResult
+from mjbench.status import Status
 
-# Of paths this close to the fastest, advice prefers the one listed first: the simpler one.
-CLOSE_ENOUGH = 0.99
+# Paths whose speed in one process is at least this share of the fastest's may be as fast.
+MAY_BE_AS_FAST = 0.95
+
+
+# The engine's clock is mentioned from this gain on.
+MIN_CLOCK_GAIN = 0.01
+# The options of the plain loop with the clock off, and how a program turns it off.
+CLOCK_OFF = {"clock": "off"}
+CLOCK_SNIPPET = "import mjbench\n\nmjbench.engine_clock(False)  # only mjData.timer needs it"
 
 
 class Loop(StrEnum):
@@ -18,6 +35,21 @@ class Loop(StrEnum):
     """They are known before the run."""
     CLOSED = "closed"
     """A policy chooses each from the state before it."""
+
+
+class Reason(StrEnum):
+    """Why a path is advised."""
+
+    FASTER = "faster"
+    """It is certainly faster than the plain loop."""
+    SIMPLER = "simpler"
+    """It is simpler than the fastest path, which gains less than 3 % over it."""
+    NO_GAIN = "no gain"
+    """It is the plain loop, and no path is certainly faster."""
+    UNCONFIRMED = "unconfirmed"
+    """It is the plain loop; the path that seems faster was not compared again."""
+    PAYS = "pays"
+    """It compiles, and what that takes pays within the steps asked for."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +62,14 @@ class Advice:
       loop: for which the advice holds.
       path: the way of stepping.
       options: of the path.
-      speedup: over the plain loop; None where that was not timed.
+      speedup: over the plain loop; None for the plain loop itself.
+      low: lower end of its 95 % interval, from process to process; None where it has none.
+      high: upper end.
+      reason: why.
+      rival: path and options that seem faster, or hardly are; empty without one.
+      detail: more about the rival, in one line: why it was not compared again, or when it would
+        pay; empty without.
+      realtime_factor: simulated seconds per second, all simulations together.
       snippet: Python that does what the path does.
     """
 
@@ -40,40 +79,223 @@ class Advice:
     path: str
     options: Mapping[str, Any]
     speedup: float | None
+    low: float | None
+    high: float | None
+    reason: Reason
+    rival: str
+    detail: str
+    realtime_factor: float | None
     snippet: str
 
 
-def advise(results: Sequence[PathResult]) -> list[Advice]:
-    """Return the advice for each model and size.
+@dataclass(frozen=True)
+class ClockAdvice:
+    """What turning the engine's clock off gains on one model, for every path and both loops.
+
+    Attributes:
+      model: its name.
+      nbatch: simulations.
+      speedup: of the plain loop.
+      low: lower end of its 95 % interval, from process to process.
+      high: upper end.
+      snippet: Python that turns it off.
+    """
+
+    model: str
+    nbatch: int | None
+    speedup: float
+    low: float
+    high: float
+    snippet: str = CLOCK_SNIPPET
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Two paths to compare again.
+
+    Attributes:
+      baseline: the simpler one.
+      candidate: the one that seems faster.
+    """
+
+    baseline: Variant
+    candidate: Variant
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """A path that follows from what is known, or the comparison that is missing.
+
+    Attributes:
+      result: of the path.
+      reason: why.
+      ratio: its time over the plain loop's, in fresh processes; None without.
+      rival: a path that seems faster.
+      detail: more about it.
+    """
+
+    result: PathResult
+    reason: Reason
+    ratio: Ratio | None = None
+    rival: PathResult | None = None
+    detail: str = ""
+
+
+def next_pairing(model_results: ModelResults) -> Pairing | None:
+    """Return the next comparison that advice on a model needs; None where it has all."""
+    facts, is_confirmed = model_results.model.facts, map(_is_of_clock, model_results.confirmations)
+    has_clock = facts is not None and bool(facts.has_clock)
+    if has_clock and _able(model_results) and not any(is_confirmed):
+        return Pairing(Variant(BASE, {}), Variant(BASE, CLOCK_OFF))
+    for able in _able(model_results).values():
+        choice = _choose(able, model_results.confirmations)
+        if isinstance(choice, Pairing):
+            return choice
+    return None
+
+
+def advise(model_results: ModelResults) -> list[Advice]:
+    """Return the advice on a model at one size, for open and for closed loop.
 
     Candidates are paths that were timed to the end: those that could not be the fastest were left
-    out of the last rounds. Paths whose steps could not be judged are no candidates.
+    out of the last rounds. Paths whose steps could not be judged are no candidates. There is no
+    advice where the plain loop was not timed.
     """
     advice = []
-    for group in dict.fromkeys(map(_group, results)):
-        timed = [r for r in results if _group(r) == group and r.step_ns and r.is_judged]
-        for loop in Loop:
-            able = [r for r in timed if loop == Loop.OPEN or r.closed_loop]
-            max_rounds = max((r.rounds for r in able if not r.is_accelerated), default=0)
-            able = [r for r in able if r.is_accelerated or r.rounds == max_rounds]
-            if able:
-                advice.append(_advice(loop, able))
+    for loop, able in _able(model_results).items():
+        choice = _choose(able, model_results.confirmations)
+        if isinstance(choice, Pairing):
+            base = next(result for result in able if result.path == BASE)
+            rival = next(r for r in able if _variant(r) == choice.candidate)
+            choice = _Choice(base, Reason.UNCONFIRMED, rival=rival)
+        accelerated = [r for r in model_results.results if r.is_accelerated and _is_able(r)]
+        choice = _with_accelerated(choice, accelerated, model_results.total_steps)
+        advice.append(_advice(loop, choice))
     return advice
 
 
-def _advice(loop: Loop, able: Sequence[PathResult]) -> Advice:
-    fastest = max(result.rate for result in able)
-    best = next(result for result in able if result.rate >= CLOSE_ENOUGH * fastest)
+def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
+    """Return what turning the engine's clock off gains, where that is certain."""
+    for record in filter(_is_of_clock, model_results.confirmations):
+        ratio = record.ratio
+        if ratio is None or not _is_certain(ratio, 1 / (1 + MIN_CLOCK_GAIN)):
+            continue
+        assert ratio.low and ratio.high, "what is certain has an interval"
+        model = model_results.model
+        return ClockAdvice(
+            model.model, model.nbatch, 1 / ratio.estimate, 1 / ratio.high, 1 / ratio.low
+        )
+    return None
+
+
+def _is_of_clock(record: ConfirmationRecord) -> bool:
+    return (record.baseline, record.candidate) == (BASE, BASE)
+
+
+def _able(model_results: ModelResults) -> dict[Loop, list[PathResult]]:
+    """Return the C paths that may be advised, by loop; without a plain loop there are none."""
+    timed = [r for r in model_results.results if _is_able(r) and not r.is_accelerated]
+    timed = [r for r in timed if (r.path, r.options) != (BASE, CLOCK_OFF)]
+    if not any(result.path == BASE for result in timed):
+        return {}
+    able = {}
+    for loop in Loop:
+        of_loop = [r for r in timed if loop == Loop.OPEN or r.closed_loop or r.path == BASE]
+        max_rounds = max(r.rounds for r in of_loop)
+        able[loop] = [r for r in of_loop if r.rounds == max_rounds or r.path == BASE]
+    return able
+
+
+def _is_able(result: PathResult) -> bool:
+    return result.step_ns is not None and result.is_judged
+
+
+def _choose(
+    able: Sequence[PathResult], confirmations: Sequence[ConfirmationRecord]
+) -> _Choice | Pairing:
+    """Return the path to use of those that are able, or the comparison that this needs."""
+    base = next(result for result in able if result.path == BASE)
+    fastest = max(able, key=lambda result: result.rate)
+    # paths are listed from the simplest on
+    simplest = next(r for r in able if r.rate >= MAY_BE_AS_FAST * fastest.rate)
+    chosen, rival = fastest, None
+    if simplest is not fastest:
+        again = _confirmation(simplest, fastest, confirmations)
+        if again is None:
+            return Pairing(_variant(simplest), _variant(fastest))
+        if again.status != Status.OK:
+            return _Choice(base, Reason.UNCONFIRMED, rival=fastest, detail=again.detail)
+        if not _is_certain(again.ratio, 1 / (1 + MIN_EFFECT)):
+            chosen, rival = simplest, fastest
+    if chosen is base:
+        return _Choice(base, Reason.SIMPLER if rival else Reason.NO_GAIN, rival=rival)
+    again = _confirmation(base, chosen, confirmations)
+    if again is None:
+        return Pairing(_variant(base), _variant(chosen))
+    if again.status != Status.OK:
+        return _Choice(base, Reason.UNCONFIRMED, rival=chosen, detail=again.detail)
+    if not _is_certain(again.ratio, 1.0):
+        return _Choice(base, Reason.NO_GAIN, rival=chosen)
+    return _Choice(chosen, Reason.SIMPLER if rival else Reason.FASTER, again.ratio, rival)
+
+
+def _is_certain(ratio: Ratio | None, most: float) -> bool:
+    """Return whether a time is certainly shorter, and its estimate no more than a share."""
+    if ratio is None or ratio.high is None:
+        return False
+    return ratio.high < 1.0 and ratio.estimate <= most
+
+
+def _with_accelerated(
+    choice: _Choice, accelerated: Sequence[PathResult], total_steps: int | None
+) -> _Choice:
+    """Return an accelerated path instead where compiling it pays; otherwise say when it would."""
+    faster = [r for r in accelerated if r.rate > (1 + MIN_EFFECT) * choice.result.rate]
+    if not faster or total_steps is None:
+        return choice
+    best = max(faster, key=lambda result: result.rate)
+    pays_after = best.overtakes_after_steps
+    if pays_after is not None and pays_after <= total_steps:
+        return _Choice(best, Reason.PAYS, detail=f"pays after {pays_after:,.0f} steps")
+    if pays_after is None:
+        return choice
+    detail = f"would pay after {pays_after:,.0f} steps; --total-steps says how many you will take"
+    return _Choice(choice.result, choice.reason, choice.ratio, best, detail)
+
+
+def _confirmation(
+    baseline: PathResult, candidate: PathResult, confirmations: Sequence[ConfirmationRecord]
+) -> ConfirmationRecord | None:
+    """Return the comparison of two paths, if there is one."""
+    sides = _variant(baseline), _variant(candidate)
+    for record in confirmations:
+        if sides == (
+            Variant(record.baseline, record.baseline_options),
+            Variant(record.candidate, record.candidate_options),
+        ):
+            return record
+    return None
+
+
+def _advice(loop: Loop, choice: _Choice) -> Advice:
+    result, ratio = choice.result, choice.ratio
+    speedup = result.speedup.median if result.speedup and result.path != BASE else None
     return Advice(
-        model=best.model,
-        nbatch=best.nbatch,
+        model=result.model,
+        nbatch=result.nbatch,
         loop=loop,
-        path=best.path,
-        options=best.options,
-        speedup=best.speedup.median if best.speedup else None,
-        snippet=best.snippet,
+        path=result.path,
+        options=result.options,
+        speedup=1 / ratio.estimate if ratio else speedup,
+        low=1 / ratio.high if ratio and ratio.high else None,
+        high=1 / ratio.low if ratio and ratio.low else None,
+        reason=choice.reason,
+        rival=str(_variant(choice.rival)) if choice.rival else "",
+        detail=choice.detail,
+        realtime_factor=result.realtime_factor,
+        snippet=result.snippet,
     )
 
 
-def _group(result: PathResult) -> tuple[str, int | None]:
-    return result.model, result.nbatch_asked
+def _variant(result: PathResult) -> Variant:
+    return Variant(result.path, result.options)

@@ -10,12 +10,13 @@ from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import ModelRecord
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
-from mjbench.report.advice import Advice, Loop, advise
+from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason, advise, advise_clock
 from mjbench.report.crossovers import Crossover
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.simulation import accelerated_limits
 from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 # Below this share of the usable cores, threaded figures say more about the machine's other
@@ -23,21 +24,79 @@ from mjbench.status import Status
 POOR_CORES = 0.85
 
 
-def print_model(out: Console, model_results: ModelResults) -> None:
-    """Print one model's heading, table, warnings and advice."""
+# A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
+_FALLING_CONTACTS = 0.05
+_FALLING = (
+    "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
+    " settle (--settle 3s), or give states of your own (--states)."
+)
+
+
+def print_model(out: Console, model_results: ModelResults, code: bool = False) -> None:
+    """Print one model's heading, table, warnings and advice.
+
+    Args:
+      out: where to.
+      model_results: of the model.
+      code: whether to print the Python of the paths that are advised.
+    """
     model, results = model_results.model, model_results.results
     out.print()
     for line in _heading(model):
         out.print(line, soft_wrap=True)
     if model.status != Status.OK and not any(r.step_ns or r.agrees is False for r in results):
         return
-    out.print(_path_table(results))
-    if any(result.compile_s is not None for result in results):
-        out.print(_compile_table(results))
+    shown = [result for result in results if not _is_unavailable(result)]
+    out.print(_path_table(shown))
+    if any(result.compile_s is not None for result in shown):
+        out.print(_compile_table(shown))
     for line in _notes(model_results):
         out.print(line, soft_wrap=True)
-    for advice in advise(results):
+    all_advice = advise(model_results)
+    clock = advise_clock(model_results)
+    if clock is not None:
+        _print_clock(out, clock)
+    for advice in all_advice:
         _print_advice(out, advice)
+    if code:
+        _print_code(out, all_advice)
+
+
+def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
+    """Print what is advised on every model, one row a model and loop."""
+    advice = [row for model_results in models for row in advise(model_results)]
+    if not advice:
+        return
+    sizes = {(row.model, row.nbatch) for row in advice}
+    has_sizes = len({name for name, _ in sizes}) < len(sizes)
+    headings = ["model", *(["simulations"] if has_sizes else []), "loop", "advised"]
+    table = tables.plain_table(
+        [*headings, "speed-up", "95 %", "× real time"],
+        right=range(len(headings), len(headings) + 3),
+    )
+    for row in advice:
+        size = [f"{row.nbatch:,}"] if has_sizes else []
+        interval = (
+            f"{tables.factor(row.low)}–{tables.factor(row.high)}" if row.low and row.high else ""
+        )
+        table.add_row(
+            row.model,
+            *size,
+            row.loop,
+            str(Variant(row.path, row.options)),
+            tables.factor(row.speedup) if row.speedup else "1",
+            interval,
+            _times_real_time(row.realtime_factor),
+        )
+    out.print()
+    out.print(tables.headed("Advice", " (speed-ups over the plain loop, in fresh processes)"))
+    out.print(table)
+
+
+def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
+    """Print which flag prints the code of what is advised, where anything is."""
+    if any(advise(model_results) for model_results in models):
+        out.print("--code prints the Python code of the paths that are advised.", soft_wrap=True)
 
 
 def print_crossovers(out: Console, crossovers: Sequence[Crossover]) -> None:
@@ -82,15 +141,17 @@ def _heading(model: ModelRecord) -> list[str | Text]:
         return [tables.headed(model.model, f": {model.status}: {detail}")]
     sizes = f": {model.nbatch} simulations × {model.nstep} steps"
     if model.hold and model.hold > 1:
-        sizes += f", each control held {model.hold} steps"
+        sizes += f", each control held {model.hold} steps (frame_skip {model.hold})"
+    if model.returns:
+        sizes += f", returns {_RETURNS[model.returns]}"
     if model.reduced:
         sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
     work = model.work
     lines: list[str | Text] = [
         tables.headed(model.model, sizes),
         f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}; per step"
-        f" {work.contacts:.1f} contacts, {work.constraints:.1f} constraints,"
-        f" {work.solver_iterations:.1f} solver iterations",
+        f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
+        f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
     ]
     if model.spread is not None and model.spread != 1.0:
         lines.append(
@@ -98,6 +159,8 @@ def _heading(model: ModelRecord) -> list[str | Text]:
             " with more, most simulations diverge"
         )
     lines += tables.starts_lines(model.starts)
+    if model.facts.can_fall and not model.start_contacts and work.contacts < _FALLING_CONTACTS:
+        lines.append(Text(_FALLING, style="yellow"))
     if model.diverged:
         lines.append(f"{model.diverged} simulations diverged and are left out ({model.divergence})")
     lines += tables.warning_lines(model.warnings)
@@ -108,46 +171,45 @@ def _heading(model: ModelRecord) -> list[str | Text]:
     return lines
 
 
+_RETURNS = {
+    Product.FINAL: "final states",
+    Product.TRAJECTORY: "the state after every step",
+    Product.SENSORS: "state and sensor data of every step",
+}
+
+
 def _path_table(results: Sequence[PathResult]) -> Table:
     table = tables.plain_table(
-        ["path", "options", "steps/s", "ns/step", "min", "speed-up", "95 %", "× real time",
-         "loop", "agrees"],
-        right=range(2, 8),
-    )  # fmt: skip
+        ["path", "ns/step", "speed-up", "× real", "loop", "agrees"], right=range(1, 4)
+    )
     for result in results:
-        cells = [
-            result.path,
-            describe_options(result.options),
+        table.add_row(
+            str(Variant(result.path, result.options)),
             *_speed_cells(result),
             Loop.CLOSED if result.closed_loop else Loop.OPEN,
             _agrees(result),
-        ]
-        table.add_row(*cells)
+        )
     return table
 
 
 def _speed_cells(result: PathResult) -> list[str]:
     if result.step_ns is None:
-        return [""] * 6
-    interval, factor = "", ""
-    if result.speedup:
-        factor = tables.factor(result.speedup.median)
-        if result.speedup.low is not None and result.speedup.high is not None:
-            low, high = tables.factor(result.speedup.low), tables.factor(result.speedup.high)
-            interval = f"{low}–{high}"
-    realtime = result.realtime_factor
-    if realtime is None:
-        simulated = ""
-    else:
-        simulated = f"{realtime:,.0f}" if realtime >= 10 else tables.plain(realtime, 2)
+        return [""] * 3
     return [
-        f"{result.steps_per_s:,.0f}",
         f"{result.step_ns.median:,.0f}",
-        f"{result.step_ns.min:,.0f}",
-        factor,
-        interval,
-        simulated,
+        tables.factor(result.speedup.median) if result.speedup else "",
+        _times_real_time(result.realtime_factor),
     ]
+
+
+def _times_real_time(factor: float | None) -> str:
+    if factor is None:
+        return ""
+    return f"{factor:,.0f}" if factor >= 10 else tables.plain(factor, 2)
+
+
+def _is_unavailable(result: PathResult) -> bool:
+    return result.status == Status.UNAVAILABLE
 
 
 def _agrees(result: PathResult) -> str:
@@ -197,8 +259,11 @@ def _notes(model_results: ModelResults) -> list[str | Text]:
     lines = [
         f"{Variant(r.path, r.options)}: {r.status}: {r.detail}"
         for r in results
-        if r.detail and (r.status, r.detail) != (model.status, model.detail)
+        if r.detail
+        and not _is_unavailable(r)
+        and (r.status, r.detail) != (model.status, model.detail)
     ]
+    lines += _unavailable_lines(results)
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
     lines += _error_causes(results)
     return [*lines, *_cores_note(model_results)]
@@ -225,12 +290,63 @@ def _error_causes(results: Sequence[PathResult]) -> list[str]:
     return [f"MJX differs from C because of {accelerated_limits.error_cause(coarse, fine)}"]
 
 
+def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
+    """Return why some paths were not compared, a line for each reason."""
+    paths_by_reason: dict[str, list[str]] = {}
+    for result in filter(_is_unavailable, results):
+        names = paths_by_reason.setdefault(result.detail, [])
+        if result.path not in names:
+            names.append(result.path)
+    return [
+        f"Not compared: {', '.join(names)}: {reason}" for reason, names in paths_by_reason.items()
+    ]
+
+
+def _print_clock(out: Console, clock: ClockAdvice) -> None:
+    low, high = tables.factor(clock.low), tables.factor(clock.high)
+    gain = f"{tables.factor(clock.speedup)}× the plain loop ({low} to {high} in fresh processes)"
+    line = f", {gain}: mjbench.engine_clock(False)"
+    out.print(tables.headed("Any path: turn off the engine's clock", line), soft_wrap=True)
+
+
+_LOOPS = {Loop.OPEN: "Open loop", Loop.CLOSED: "Closed loop"}
+
+
 def _print_advice(out: Console, advice: Advice) -> None:
-    variant = str(Variant(advice.path, advice.options))
-    gain = f", {tables.factor(advice.speedup)}× the plain loop" if advice.speedup else ""
-    loop = "Open loop"
-    if advice.loop == Loop.CLOSED:
-        loop = "Closed loop (a policy chooses controls)"
-    out.print(tables.headed(f"{loop}: {variant}", gain), soft_wrap=True)
-    for line in advice.snippet.splitlines():
-        out.print(f"    {line}", soft_wrap=True)
+    heading = f"{_LOOPS[advice.loop]}: {Variant(advice.path, advice.options)}"
+    out.print(tables.headed(heading, f", {_why(advice)}"), soft_wrap=True)
+
+
+def _why(advice: Advice) -> str:
+    """Return why a path is advised, in a clause."""
+    gain = ""
+    if advice.speedup:
+        gain = f"{tables.factor(advice.speedup)}× the plain loop"
+        if advice.low and advice.high:
+            low, high = tables.factor(advice.low), tables.factor(advice.high)
+            gain += f" ({low} to {high} in fresh processes)"
+    match advice.reason:
+        case Reason.FASTER | Reason.PAYS:
+            text = gain
+        case Reason.SIMPLER:
+            text = f"{gain + '; ' if gain else ''}{advice.rival} gains less than 3 % over it"
+        case Reason.NO_GAIN:
+            text = "no path is certainly faster"
+        case Reason.UNCONFIRMED:
+            text = f"{advice.rival} seems faster, but was not compared again in fresh processes"
+    if advice.reason in (Reason.UNCONFIRMED, Reason.PAYS) and advice.detail:
+        return f"{text}: {advice.detail}"
+    if advice.detail:
+        return f"{text}; {advice.rival} {advice.detail}"
+    return text
+
+
+def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:
+    """Print the Python of the paths that are advised, each once."""
+    for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
+        loops = [_LOOPS[advice.loop].lower() for advice in all_advice if advice.snippet == snippet]
+        path = next(str(Variant(a.path, a.options)) for a in all_advice if a.snippet == snippet)
+        out.print()
+        out.print(tables.headed(path, f" ({' and '.join(loops)}):"), soft_wrap=True)
+        for line in snippet.splitlines():
+            out.print(f"    {line}", soft_wrap=True)

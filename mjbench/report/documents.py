@@ -16,22 +16,25 @@ import msgspec
 
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
+from mjbench.comparison.planning_run import PlanningRow
 from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
+from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
+from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
-from mjbench.report.advice import Advice, advise
+from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
-from mjbench.report.results import PathResult
+from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.status import Status
 
@@ -40,6 +43,7 @@ SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
+    ConfirmationRecord.record_type: ConfirmationRecord,
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
@@ -57,15 +61,18 @@ class CompareDocument:
     machine: Machine
     results: Sequence[PathResult]
     advice: Sequence[Advice]
+    clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
 
     @classmethod
-    def of(cls, machine: Machine, results: Sequence[PathResult]) -> "CompareDocument":
+    def of(cls, machine: Machine, models: Sequence[ModelResults]) -> "CompareDocument":
         """Return the document of a comparison's results."""
+        results = [result for model_results in models for result in model_results.results]
         return cls(
             machine=machine,
             results=results,
-            advice=advise(results),
+            advice=[advice for model_results in models for advice in advise(model_results)],
+            clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
         )
 
@@ -183,6 +190,24 @@ class ProfileDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LatencyDocument:
+    """What `mjbench latency --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[LatencyRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanDocument:
+    """What `mjbench plan --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[PlanningRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class FallsDocument:
     """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
 
@@ -236,6 +261,8 @@ DOCUMENTS: Mapping[str, type] = {
     "explain": ExplainDocument,
     "overhead": OverheadDocument,
     "profile": ProfileDocument,
+    "latency": LatencyDocument,
+    "plan": PlanDocument,
     "falls": FallsDocument,
     "lint": LintDocument,
     "releases": ReleasesDocument,

@@ -13,10 +13,12 @@ from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.instrument import stats
 from mjbench.instrument.runs import Record
 from mjbench.instrument.stats import Estimate
+from mjbench.paired.confirmation import ComparedSizes, ConfirmationRecord
 from mjbench.paths import BASE
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
+from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 
@@ -44,13 +46,15 @@ class PathResult:
       nbatch: simulations.
       nstep: steps of each.
       hold: steps per control.
+      returns: what every run returned.
       starts: where start states came from.
       diverged: simulations left out because they diverged.
       warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
       step_ns: nanoseconds of one step of one simulation.
       realtime_factor: simulated seconds per second, all simulations together.
-      speedup: over the plain Python loop, with its 95 % interval.
+      speedup: over the plain Python loop, in this process; what differs from process to process is
+        in the intervals of `advice` alone, so this one has none.
       work: contacts, constraints and solver iterations per step.
       rounds: blocks that were timed.
       snippet: Python that does what the path does.
@@ -77,6 +81,7 @@ class PathResult:
     nbatch: int | None = None
     nstep: int | None = None
     hold: int | None = None
+    returns: Product | None = None
     starts: Starts | None = None
     diverged: int | None = None
     warnings: Mapping[str, int] | None = None
@@ -136,24 +141,44 @@ class ModelResults:
     Attributes:
       model: the model's record.
       results: one a variant.
+      confirmations: comparisons of two variants in fresh processes.
     """
 
     model: ModelRecord
     results: tuple[PathResult, ...]
+    confirmations: tuple[ConfirmationRecord, ...] = ()
 
     @property
     def cores_had(self) -> float | None:
         """The cores that threads got: the median of the calibrations; None without any."""
         return statistics.median(self.model.cores_had) if self.model.cores_had else None
 
+    @property
+    def compared_sizes(self) -> ComparedSizes:
+        """The sizes of the comparison, in which the plain loop was timed."""
+        nbatch, nstep = self.model.nbatch, self.model.nstep
+        base = next(result for result in self.results if result.path == BASE)
+        assert nbatch and nstep and base.step_ns, "the plain loop was timed"
+        return ComparedSizes(nbatch, nstep, 1e-9 * base.step_ns.median)
 
-def derive(model: ModelRecord, measurements: Sequence[MeasurementRecord]) -> ModelResults:
+    @property
+    def total_steps(self) -> int | None:
+        """The steps that the user will take: those asked for, or one block; None if unknown."""
+        if self.model.total_steps or self.model.nbatch is None or self.model.nstep is None:
+            return self.model.total_steps
+        return self.model.nbatch * self.model.nstep
+
+
+def derive(
+    model: ModelRecord,
+    measurements: Sequence[MeasurementRecord],
+    confirmations: Sequence[ConfirmationRecord] = (),
+) -> ModelResults:
     """Return the results of one model at one size from its records."""
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
     timestep = model.facts.timestep if model.facts else 0.0
-    return ModelResults(
-        model, tuple(replace(_result(m, base, timestep), starts=model.starts) for m in measurements)
-    )
+    results = [replace(_result(m, base, timestep), starts=model.starts) for m in measurements]
+    return ModelResults(model, tuple(results), tuple(confirmations))
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
@@ -163,7 +188,20 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
       records: of a run file; those of other types are ignored.
     """
     models = [record for record in records if isinstance(record, ModelRecord)]
-    return [derive(model, of_model(model, records)) for model in models]
+    return [
+        derive(model, of_model(model, records), confirmations_of(model, records))
+        for model in models
+    ]
+
+
+def confirmations_of(model: ModelRecord, records: Sequence[object]) -> list[ConfirmationRecord]:
+    """Return the confirmations of a model at one size, from the records of a run."""
+    return [
+        record
+        for record in records
+        if isinstance(record, ConfirmationRecord)
+        and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
+    ]
 
 
 def _result(
@@ -196,12 +234,11 @@ def steps_per_block(record: MeasurementRecord) -> int:
 def _speedup(record: MeasurementRecord, base: MeasurementRecord) -> Estimate:
     """Return the speed-up over the base: paired by rounds for C, unpaired for accelerated paths."""
     if record.is_accelerated:
-        return stats.unpaired(
-            stats.TimedBlocks(base.samples_s, {}), stats.TimedBlocks(record.samples_s, {})
-        )
-    count = min(len(base.samples_s), len(record.samples_s))
-    estimate = stats.speedup(base.samples_s[:count], record.samples_s[:count])
-    return Estimate(estimate.median, None, None) if record is base else estimate
+        median = statistics.median(base.samples_s) / statistics.median(record.samples_s)
+    else:
+        count = min(len(base.samples_s), len(record.samples_s))
+        median = stats.speedup(base.samples_s[:count], record.samples_s[:count]).median
+    return Estimate(median, None, None)
 
 
 def _break_even_steps(record: MeasurementRecord, base: MeasurementRecord) -> float | None:

@@ -84,6 +84,8 @@ def _difference(
     try:
         if new.workload_digest != old.workload_digest:
             raise InputError("not comparable: their workloads differ")
+        if new.returns != old.returns:
+            raise InputError(f"not comparable: one returns {old.returns}, the other {new.returns}")
         # how many times faster the old one is: new time over old
         speedup = stats.unpaired(
             TimedBlocks(_step_s(new), identity(new, new_run.header.machine)),

@@ -12,7 +12,7 @@ from mjbench.errors import printable
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.status import ExitCode
 
-_PLAIN_WIDTH, _MIN_WIDTH = 160, 116
+_PLAIN_WIDTH, _MIN_WIDTH = 160, 80
 # Values of mjtWarning by which MuJoCo says that memory was full and it left something out.
 _MEMORY_WARNINGS = ("CONTACTFULL", "CNSTRFULL", "VGEOMFULL")
 

@@ -32,6 +32,10 @@ SHADOW_FACTOR = 10.0
 UNCONSTRAINED_RUN_LIMIT = 1e-10
 # Errors in float32 and float64 that differ by less than this factor are not due to precision.
 PRECISION_FACTOR = 10.0
+# Impulses of contacts, and violations of constraints, must be of C's order: within this factor of
+# C's. Violations may also be this share of the model's mean size (`stat.meansize`).
+ORDER = 3.0
+VIOLATION_SHARE = 0.1
 # A larger error stands for NaN or infinity (see `agreement.max_relative_error`).
 FINITE_LIMIT = 1e300
 
@@ -51,6 +55,14 @@ class AcceleratedCheck:
         was none, or if the engine does not report contacts.
       normal_degrees: largest angle between contact normals of the engine and C (see
         `normal_angle`), in degrees; None likewise.
+      contact_impulse: share of C's impulse of all contacts that the engine's single steps have, the
+        median over steps in contact; None without any.
+      penetration: depth of the deepest contact at the end of the run, in m, over the simulations
+        that are followed, evaluated by C; None in files that do not have it.
+      penetration_in_c: the same at the end of C's run.
+      violation: largest residual of an equality, or excess over a limit, likewise, in m or rad.
+      violation_in_c: the same at the end of C's run.
+      mean_size: of the model's parts, in m (`stat.meansize`).
       unconstrained_steps: number of single steps on which no constraint acted.
       constrained_steps: number of single steps without contact on which a constraint acted.
       contact_steps: number of single steps in contact.
@@ -72,6 +84,12 @@ class AcceleratedCheck:
     still: bool
     same_count: float | None = None
     normal_degrees: float | None = None
+    contact_impulse: float | None = None
+    penetration: float | None = None
+    penetration_in_c: float | None = None
+    violation: float | None = None
+    violation_in_c: float | None = None
+    mean_size: float | None = None
     unconstrained_steps: int
     constrained_steps: int
     contact_steps: int
@@ -104,6 +122,22 @@ def failures(check: AcceleratedCheck) -> list[str]:
         )
     if check.lost:
         failed.append(f"{check.lost} simulations do not end in finite numbers")
+    return failed + _constraint_failures(check)
+
+
+def _constraint_failures(check: AcceleratedCheck) -> list[str]:
+    """Return in what contacts and constraints are not of C's order, a phrase each."""
+    failed = []
+    share = check.contact_impulse
+    if share is not None and not 1 / ORDER <= share <= ORDER:
+        failed.append(f"contacts have {share:.2g} times the impulse that they have in C")
+    least = VIOLATION_SHARE * (check.mean_size or 0.0)
+    for name, value, in_c in (
+        ("penetrate", check.penetration, check.penetration_in_c),
+        ("violate constraints", check.violation, check.violation_in_c),
+    ):
+        if value is not None and in_c is not None and not value <= ORDER * in_c + least:
+            failed.append(f"final states {name} by {value:.2g}, those of C by {in_c:.2g}")
     return failed
 
 
@@ -140,6 +174,8 @@ def summary(check: AcceleratedCheck) -> str:
         parts.append(f"as many contacts as C in {100 * check.same_count:.0f} % of those")
     if check.normal_degrees is not None:
         parts.append(f"normals within {check.normal_degrees:.2g}°")
+    if check.contact_impulse is not None:
+        parts.append(f"{check.contact_impulse:.2f} times C's contact impulse")
     parts.append(
         f"after {check.final_nstep} steps a difference of {check.final_difference:.1g}"
         f" (C with float32 states: {check.final_shadow:.1g})"

@@ -36,6 +36,8 @@ class Difference:
       got: the value.
       expected: the reference's value.
       step: number of steps after which the difference first shows; None if unknown.
+      is_reordered: whether the simulations had been reordered since the run was prepared, and no
+        difference showed before.
     """
 
     field: str
@@ -44,6 +46,7 @@ class Difference:
     got: float
     expected: float
     step: int | None = None
+    is_reordered: bool = False
 
     def at(self, step: int) -> "Difference":
         """Return the same difference, with the step after which it first shows."""
@@ -55,7 +58,8 @@ class Difference:
         if np.isnan(self.got):
             values = "never written"
         entry = f"{self.field}[{self.index}] of simulation {self.simulation}"
-        return f"{entry} differs {when}: {values}"
+        order = " once the simulations are reordered" if self.is_reordered else ""
+        return f"{entry} differs {when}{order}: {values}"
 
 
 def first_differing_entry(
@@ -95,6 +99,34 @@ def first_differing_entry(
         float(values[simulation, column]),
         float(reference[simulation, column]),
     )
+
+
+def first_differing_step(
+    values: np.ndarray, reference: np.ndarray, columns: Mapping[str, slice]
+) -> Difference | None:
+    """Return the first entry of a step's output that differs in any bit, or None.
+
+    First means the earliest step, then the lowest simulation, then the first entry of its row.
+
+    Args:
+      values: (nbatch, nstep, size) float64 states or sensor data.
+      reference: (nbatch, nstep, size) float64, to compare with.
+      columns: of each field in a row.
+
+    Raises:
+      ValueError: the shapes differ.
+    """
+    if values.shape != reference.shape:
+        raise ValueError(f"outputs of shape {values.shape} against {reference.shape}")
+    differs = _bits(values) != _bits(reference)
+    if not differs.any():
+        return None
+    step = int(np.argmax(differs.any(axis=(0, 2))))
+    difference = first_differing_entry(
+        np.ascontiguousarray(values[:, step]), np.ascontiguousarray(reference[:, step]), columns
+    )
+    assert difference is not None, "this step differs"
+    return difference.at(step + 1)
 
 
 def digest(states: np.ndarray) -> str:

@@ -5,7 +5,8 @@ or another constraint acted. The *shadow* is the same run with every state round
 engine that computes in float32 is expected to differ from C by about as much as the shadow does.
 """
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mjbench.simulation import compat
+from mjbench.simulation.inputs import set_inputs
 from mjbench.simulation.workload import Workload
 
 # Fields by which states are compared: the physics, without warm-starts and time.
@@ -68,6 +70,7 @@ class SingleSteps:
       state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
       control: (n, nu) controls of the step.
       after: (n, nstate) states that the steps lead to.
+      qvel_without_contact: (n, nv) velocities that the steps would lead to without any contact.
       contacts: of the steps, by row.
       constraints: (n,) scalar constraints of the steps.
     """
@@ -75,6 +78,7 @@ class SingleSteps:
     state: np.ndarray
     control: np.ndarray
     after: np.ndarray
+    qvel_without_contact: np.ndarray
     contacts: Contacts
     constraints: np.ndarray
 
@@ -125,21 +129,31 @@ def record_trajectory(workload: Workload, nsim: int, rounded: bool = False) -> T
 
 
 def single_steps(
-    workload: Workload, trajectory: Trajectory, most: int, rounded: bool
+    workload: Workload,
+    trajectory: Trajectory,
+    most: int,
+    rounded: bool,
+    inputs_to_set: Collection[str] = (),
 ) -> SingleSteps:
     """Take single steps in C from states of a run, evenly spread over it.
+
+    In every second of them the inputs that other engines have, too, get non-trivial values (see
+    `inputs`): an engine that drops one takes another step.
 
     Args:
       workload: that was run.
       trajectory: the run.
       most: number of steps; fewer if the run has fewer.
       rounded: round states and controls to float32 first, as an engine in float32 does.
+      inputs_to_set: MjData fields of the inputs to set.
     """
     nstep = workload.nstep
     chosen = _spread(len(trajectory.states) * nstep, most)
     row, step = chosen // nstep, chosen % nstep
     state = trajectory.states[row, step]
     control = workload.control[trajectory.simulation[row], step // workload.hold]
+    if inputs_to_set:
+        state[1::2] = set_inputs(workload.model, state[1::2], workload.seed, inputs_to_set)
     if rounded:
         state, control = as_float32(state), as_float32(control)
     return _take_steps(workload.model, np.ascontiguousarray(state), control)
@@ -148,7 +162,9 @@ def single_steps(
 def _take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
     """Take one step in C from each row of `state`, with its row of `control`."""
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
-    after = np.empty_like(state)
+    contactless = copy.copy(model)
+    contactless.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    after, qvel = np.empty_like(state), np.empty((len(state), model.nv))
     constraints = np.zeros(len(state), dtype=int)
     rows: list[int] = []
     geoms: list[np.ndarray] = []
@@ -164,7 +180,53 @@ def _take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -
             rows.append(i)
             geoms.append(np.array([contact.geom1, contact.geom2]))
             normals.append(np.array(contact.frame[:3]))
-    return SingleSteps(state, control, after, Contacts.of(rows, geoms, normals), constraints)
+        mujoco.mj_resetData(contactless, data)
+        compat.set_state(contactless, data, state[i], spec)
+        data.ctrl[:] = control[i]
+        mujoco.mj_step(contactless, data)
+        qvel[i] = data.qvel
+    contacts = Contacts.of(rows, geoms, normals)
+    return SingleSteps(state, control, after, qvel, contacts, constraints)
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far states violate what constraints demand, evaluated by C.
+
+    Attributes:
+      penetration: depth of the deepest contact, in m.
+      constraint: largest residual of an equality, or excess over a limit, in m or rad.
+    """
+
+    penetration: float
+    constraint: float
+
+
+def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
+    """Return how far states violate constraints: the largest violations of any of them.
+
+    Args:
+      model: of the states.
+      states: (n, nstate) rows of mjSTATE_INTEGRATION.
+    """
+    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    penetration = constraint = 0.0
+    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    limits = (
+        int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT),
+        int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON),
+    )
+    for row in states:
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, row, spec)
+        mujoco.mj_fwdPosition(model, data)
+        penetration = max(penetration, *(-c.dist for c in data.contact[: data.ncon]), 0.0)
+        kind, residual = np.asarray(data.efc_type), np.asarray(data.efc_pos)
+        excess = np.concatenate(
+            [np.abs(residual[kind == equality]), -residual[np.isin(kind, limits)], [0.0]]
+        )
+        constraint = max(constraint, float(excess.max()))
+    return Violation(float(penetration), constraint)
 
 
 def _spread(count: int, most: int) -> np.ndarray:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from mjbench.simulation import compat
-from mjbench.simulation.workload import Workload, start_data
+from mjbench.simulation.workload import StepOutputs, Workload, start_data
 
 # How long to measure the time of a step: at most this many times, and about this long in seconds.
 _COST_CALLS, _COST_S = 50, 0.05
@@ -107,6 +107,8 @@ class ModelFacts:
       integrator: its name, such as `euler`.
       solver: its name, such as `newton`.
       cone: the name of the friction cone, such as `pyramidal`.
+      can_fall: whether gravity acts on a free body; None in files that do not say.
+      has_clock: whether the engine reads a clock in every step; None likewise.
     """
 
     nq: int
@@ -119,6 +121,8 @@ class ModelFacts:
     integrator: str
     solver: str
     cone: str
+    can_fall: bool | None = None
+    has_clock: bool | None = None
 
 
 def observe(workload: Workload) -> Observation:
@@ -215,6 +219,26 @@ def states_after(workload: Workload, nsteps: Sequence[int]) -> np.ndarray:
     return states
 
 
+def step_outputs(workload: Workload) -> StepOutputs:
+    """Return what the plain loop returns of every step, as the workload asks for."""
+    outputs = StepOutputs.empty(workload)
+    if outputs.state is None:
+        return outputs
+    model, data = workload.model, mujoco.MjData(workload.model)
+    full, physics = compat.state_spec("INTEGRATION"), compat.state_spec("FULLPHYSICS")
+    for i, start in enumerate(workload.initial_state):
+        states, sensors = outputs.rows(i)
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, start, full)
+        for k in range(workload.nstep):
+            data.ctrl[:] = workload.control[i, k // workload.hold]
+            mujoco.mj_step(model, data)
+            compat.get_state(model, data, states[k], physics)
+            if sensors is not None:
+                sensors[k] = data.sensordata
+    return outputs
+
+
 def one_step(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
     """Return qpos, qvel and act, each (nstate, size), one step after each of `states`.
 
@@ -248,7 +272,16 @@ def describe(model: mujoco.MjModel) -> ModelFacts:
         integrator=compat.enum_name(mujoco.mjtIntegrator, model.opt.integrator, "mjINT_"),
         solver=compat.enum_name(mujoco.mjtSolver, model.opt.solver, "mjSOL_"),
         cone=compat.enum_name(mujoco.mjtCone, model.opt.cone, "mjCONE_"),
+        can_fall=_can_fall(model),
+        has_clock=compat.has_clock(model),
     )
+
+
+def _can_fall(model: mujoco.MjModel) -> bool:
+    """Return whether gravity acts on a free body."""
+    is_free = np.asarray(model.jnt_type) == int(mujoco.mjtJoint.mjJNT_FREE)
+    no_gravity = int(model.opt.disableflags) & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    return bool(is_free.any() and np.any(model.opt.gravity) and not no_gravity)
 
 
 def _count_steps(

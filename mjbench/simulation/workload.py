@@ -5,6 +5,7 @@ reach the same final states; two releases that run it take the same steps.
 """
 
 import dataclasses
+import enum
 import functools
 import hashlib
 from collections.abc import Mapping
@@ -28,6 +29,17 @@ CONTROL_SHARE = 0.25
 CONTROL_UNLIMITED_SD = 0.1
 
 
+class Product(enum.StrEnum):
+    """What a run returns to its caller; each product includes the ones before it."""
+
+    FINAL = "final"
+    """The last state of each simulation."""
+    TRAJECTORY = "trajectory"
+    """The state after every step, too."""
+    SENSORS = "sensors"
+    """The sensor data of every step, too."""
+
+
 @dataclass(frozen=True, eq=False)
 class Workload:
     """nbatch simulations of one model, each stepped nstep = ncontrol * hold times.
@@ -38,6 +50,7 @@ class Workload:
       control: (nbatch, ncontrol, nu) controls in the actuators' units.
       hold: steps for which each control is held (an RL user's frame_skip).
       seed: that starts and controls were drawn with.
+      returns: what a run returns.
     """
 
     model: mujoco.MjModel
@@ -45,6 +58,7 @@ class Workload:
     control: np.ndarray
     hold: int
     seed: int
+    returns: Product = Product.FINAL
 
     @property
     def nbatch(self) -> int:
@@ -73,6 +87,21 @@ class Workload:
             return self.control
         return np.repeat(self.control, self.hold, axis=1)
 
+    def reorder(self, order: np.ndarray) -> None:
+        """Reorder the simulations, in place: row i becomes what row `order[i]` was.
+
+        Args:
+          order: (nbatch,) a permutation of the simulations.
+        """
+        for array in (self.initial_state, self.control):
+            array[...] = array[order]
+        self.update_step_control()
+
+    def update_step_control(self) -> None:
+        """Follow a change of `control` in place, where `step_control` is an array of its own."""
+        if self.hold > 1 and "step_control" in vars(self):
+            self.step_control[...] = np.repeat(self.control, self.hold, axis=1)
+
     def digest(self) -> str:
         """Return 16 hexadecimal digits that identify the start states, controls and hold."""
         content = hashlib.blake2b(digest_size=8)
@@ -91,9 +120,77 @@ class Workload:
             control=np.ascontiguousarray(self.control[keep]),
         )
 
+    def returning(self, returns: Product) -> "Workload":
+        """Return a copy whose runs return `returns`."""
+        return dataclasses.replace(
+            self,
+            initial_state=self.initial_state.copy(),
+            control=self.control.copy(),
+            returns=returns,
+        )
+
     def first(self, ncontrol: int) -> "Workload":
-        """Return the same workload, ending after its first `ncontrol` controls."""
-        return dataclasses.replace(self, control=np.ascontiguousarray(self.control[:, :ncontrol]))
+        """Return a copy that ends after its first `ncontrol` controls."""
+        return dataclasses.replace(
+            self,
+            initial_state=self.initial_state.copy(),
+            control=self.control[:, :ncontrol].copy(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StepOutputs:
+    """What a run returns of every step.
+
+    Attributes:
+      state: (nbatch, nstep, nphysics) rows of mjSTATE_FULLPHYSICS after each step; None where a
+        run returns final states alone.
+      sensordata: (nbatch, nstep, nsensordata) as each step leaves it; None where it is not
+        returned.
+    """
+
+    state: np.ndarray | None
+    sensordata: np.ndarray | None
+
+    @classmethod
+    def empty(cls, workload: Workload) -> "StepOutputs":
+        """Return new arrays for what runs of a workload return."""
+        if workload.returns == Product.FINAL:
+            return cls(None, None)
+        model, shape = workload.model, (workload.nbatch, workload.nstep)
+        nphysics = compat.state_size(model, compat.state_spec("FULLPHYSICS"))
+        state = np.empty((*shape, nphysics))
+        if workload.returns == Product.TRAJECTORY:
+            return cls(state, None)
+        return cls(state, np.empty((*shape, model.nsensordata)))
+
+    @property
+    def arrays(self) -> list[np.ndarray]:
+        """The arrays that there are."""
+        return [array for array in (self.state, self.sensordata) if array is not None]
+
+    def rows(self, i: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return state and sensor data of one simulation; there must be states."""
+        assert self.state is not None, "a run that records has arrays to record to"
+        return self.state[i], None if self.sensordata is None else self.sensordata[i]
+
+    def part(self, rows: slice) -> "StepOutputs":
+        """Return the arrays of some simulations, which share their memory with these."""
+        state, sensordata = self.state, self.sensordata
+        return StepOutputs(
+            None if state is None else state[rows],
+            None if sensordata is None else sensordata[rows],
+        )
+
+    def clear(self) -> None:
+        """Invalidate all entries."""
+        for array in self.arrays:
+            array.fill(np.nan)
+
+    def reorder(self, order: np.ndarray) -> None:
+        """Reorder the simulations in place: row i becomes what row `order[i]` was."""
+        for array in self.arrays:
+            array[...] = array[order]
 
 
 def make(

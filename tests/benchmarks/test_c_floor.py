@@ -20,14 +20,14 @@ needs_compiler = pytest.mark.skipif(
 
 
 @needs_compiler
-@pytest.mark.parametrize("returns_states", [False, True])
+@pytest.mark.parametrize("returns", list(workload.Product))
 def test_the_c_program_reaches_the_same_states(
-    tmp_path: Path, returns_states: bool, model: mujoco.MjModel
+    tmp_path: Path, returns: workload.Product, model: mujoco.MjModel
 ) -> None:
-    random_workload = workload.make(model, nbatch=4, nstep=12, hold=3)
+    random_workload = workload.make(model, nbatch=4, nstep=12, hold=3).returning(returns)
     library = c_floor.build(tmp_path)
     data = mujoco.MjData(model)
-    run, final_state = c_floor.c_loop(library, random_workload, data, returns_states)
+    run, final_state = c_floor.c_loop(library, random_workload, data)
     run()
     np.testing.assert_array_equal(final_state, work.observe(random_workload).final_state)
 

@@ -16,7 +16,7 @@ from mjbench.comparison.compare import ModelRecords
 from mjbench.status import Status
 
 # Small enough to be quick; what is tested is what the command says, not how fast it is.
-QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--results", "runs"]
+QUICK = ["--nbatch", "6", "--nstep", "40", "--budget", "0", "--no-confirm", "--results", "runs"]
 
 
 def compare(cwd: Path, *words: str) -> tuple["subprocess.CompletedProcess[str]", Any]:
@@ -40,6 +40,57 @@ def test_compare_gives_speed_agreement_and_advice(tmp_path: Path, contact_file: 
     assert [a["loop"] for a in document["advice"]] == ["open", "closed"]
     assert "Open loop:" in done.stdout
     assert "Closed loop" in done.stdout
+
+
+def test_what_is_advised_was_compared_again_in_fresh_processes(
+    tmp_path: Path, contact_file: str
+) -> None:
+    words = ["--paths", "python_loop_hold", *QUICK, "--confirm", "--json", "out.json"]
+    done = mjbench("compare", contact_file, *words, "--hold", "2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "out.json").read_text())
+    assert {a["reason"] for a in document["advice"]} <= {"faster", "simpler", "no gain"}
+    (file,) = (tmp_path / "runs").glob("*.jsonl")
+    records = [json.loads(line) for line in file.read_text().splitlines()]
+    confirmations = {r["candidate"]: r for r in records if r["type"] == "confirmation"}
+    assert set(confirmations) <= {"python_loop", "python_loop_hold"}
+    confirmation = confirmations["python_loop_hold"]
+    assert confirmation["baseline"] == "python_loop"
+    assert confirmation["status"] == "ok"
+    assert confirmation["ratio"]["low"] < confirmation["ratio"]["high"]
+    again = mjbench("show", str(file), "--json", "-", cwd=tmp_path)
+    assert json.loads(again.stdout) == document
+
+
+def test_without_confirmation_only_the_plain_loop_is_advised(
+    tmp_path: Path, contact_file: str
+) -> None:
+    _, document = compare(tmp_path, contact_file)
+    assert {a["path"] for a in document["advice"]} == {"python_loop"}
+
+
+@pytest.mark.parametrize("returns", ["trajectory", "sensors"])
+def test_paths_are_compared_by_what_they_return(
+    tmp_path: Path, contact_file: str, returns: str
+) -> None:
+    words = ("--returns", returns, "--threads", "1,2", "--hold", "2")
+    done, document = compare(tmp_path, contact_file, *words)
+    assert done.returncode == 0, done.stderr
+    statuses = {r["path"]: r["status"] for r in document["results"]}
+    assert statuses.pop("python_loop_hold") == "unavailable"
+    assert set(statuses.values()) <= {"ok", "unavailable"}
+    assert {r["returns"] for r in document["results"]} == {returns}
+    assert "Not compared: python_loop_hold: returns no state between" in done.stdout
+
+
+def test_the_code_of_what_is_advised_is_printed_once_and_only_if_asked_for(
+    tmp_path: Path, contact_file: str
+) -> None:
+    done, _ = compare(tmp_path, contact_file, "--paths", "python_loop")
+    assert "import mujoco" not in done.stdout
+    assert "--code prints" in done.stdout
+    done, _ = compare(tmp_path, contact_file, "--paths", "python_loop", "--code")
+    assert done.stdout.count("import mujoco") == 1
 
 
 def test_the_run_file_holds_raw_samples_and_show_prints_it_again(
@@ -175,7 +226,17 @@ def test_some_diverging_simulations_are_left_out_and_counted(tmp_path: Path) -> 
         "<keyframe><key qpos='0 -.0003'/></keyframe></mujoco>"
     )
     (tmp_path / "edge.xml").write_text(xml)
-    words = ["--nbatch", "64", "--nstep", "30", "--budget", "0", "--results", "runs"]
+    words = [
+        "--nbatch",
+        "64",
+        "--nstep",
+        "30",
+        "--budget",
+        "0",
+        "--no-confirm",
+        "--results",
+        "runs",
+    ]
     done = mjbench("compare", "edge.xml", *words, "--json", "out.json", cwd=tmp_path)
     document = json.loads((tmp_path / "out.json").read_text())
     result = row(document, "python_loop")

@@ -132,10 +132,19 @@ def test_without_releases_those_of_the_git_history_are_measured(
     assert targets == [("pile", release) for release in ("3.16.0", "3.17.0", "4.0.0")]
 
 
+def test_without_any_selection_every_release_that_can_be_measured_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    targets = measured(monkeypatch)
+    assert invoke("measure", "--model", "pile").exit_code == 0
+    assert targets[0] == ("pile", "2.3.7")
+    assert targets[-1] == ("pile", "4.0.0")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("measure", "--since", "9.9"), "has no release 9.9"),
+        (("measure", "--since", "9.9"), "has no release 9.9; it has 42, from 2.3.7 to 4.0.0"),
         (("measure", "3.3.0", "--since", "3.3.0"), "give RELEASEs or --since, not both"),
         (("measure", "tea"), "'tea' is not a release"),
         (("measure", "3.3.0", "--model", "tea"), "no model 'tea'"),

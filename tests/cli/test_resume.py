@@ -21,7 +21,7 @@ COMPARE = ("compare", "cartpole", "linkage", "--paths", "python_loop", "--nbatch
 
 
 def test_a_torn_comparison_is_continued_where_it_ended(tmp_path: Path) -> None:
-    words = (*COMPARE, "20", "--budget", "0.01")
+    words = (*COMPARE, "20", "--budget", "0.01", "--no-confirm")
     assert mjbench(*words, cwd=tmp_path).returncode == 0
     (file,) = (tmp_path / "results/runs").glob("*.jsonl")
     complete = file.read_text().splitlines()
@@ -39,7 +39,10 @@ def test_a_torn_comparison_is_continued_where_it_ended(tmp_path: Path) -> None:
 
 
 def test_a_run_is_not_continued_with_other_start_states(tmp_path: Path) -> None:
-    file, words = tmp_path / "states.npz", ("--states", "states.npz", "--budget", "0.01")
+    file, words = (
+        tmp_path / "states.npz",
+        ("--states", "states.npz", "--budget", "0.01", "--no-confirm"),
+    )
     np.savez(file, qpos=np.zeros((3, 2)))
     compare = ("compare", "cartpole", "--paths", "python_loop", "--nbatch", "2", "--nstep", "20")
     done = mjbench(*compare, *words, "--json", "out.json", cwd=tmp_path)
@@ -54,7 +57,7 @@ def test_a_run_is_not_continued_with_other_start_states(tmp_path: Path) -> None:
 
 
 def test_a_finished_run_is_shown_and_left_as_it_is(tmp_path: Path) -> None:
-    words = (*COMPARE, "20", "--budget", "0.01")
+    words = (*COMPARE, "20", "--budget", "0.01", "--no-confirm")
     mjbench(*words, cwd=tmp_path)
     (file,) = (tmp_path / "results/runs").glob("*.jsonl")
     before = file.read_text()
@@ -63,7 +66,7 @@ def test_a_finished_run_is_shown_and_left_as_it_is(tmp_path: Path) -> None:
     assert "linkage" in done.stdout
     assert file.read_text() == before
     for other, message in (
-        ((*COMPARE, "30", "--budget", "0.01"), "nstep 20, and this command 30"),
+        ((*COMPARE, "30", "--budget", "0.01", "--no-confirm"), "nstep 20, and this command 30"),
         (("ab", "path=rollout", "path=rollout"), "the command compare"),
         ((*words, "--json", str(file)), "choose another"),
     ):

@@ -12,8 +12,12 @@ from hypothesis import strategies as st
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     MAX_COUNT,
+    MAX_HERTZ,
+    MAX_LARGE_COUNT,
     MAX_SECONDS,
     Angles,
+    Hertz,
+    LargeCount,
     Names,
     Numbers,
     Seconds,
@@ -37,6 +41,10 @@ from mjbench.instrument.limits import MAX_THREADS
         (Shares(), "150", [1.5]),
         (Seconds(), "60s", 60.0),
         (Seconds(), "0.5", 0.5),
+        (Seconds(), "1ms", 0.001),
+        (Seconds(), "500us", 0.0005),
+        (LargeCount(), "1e9", 10**9),
+        (Hertz(), "500Hz", 500.0),
         (Seconds(), 600.0, 600.0),
         (Seconds(zero=True), "0", 0.0),
         (Angles(), "0,-0,0.1", (0.0, 0.1)),
@@ -144,6 +152,8 @@ TEXTS = st.one_of(
     [
         (Numbers(), 1, MAX_COUNT),
         (Numbers(MAX_THREADS), 1, MAX_THREADS),
+        (LargeCount(), 1, MAX_LARGE_COUNT),
+        (Hertz(), 0, MAX_HERTZ),
         (Share(), 0, 1),
         (Share(below=100.0), 0, 100),
         (Shares(), 0, 10),

@@ -5,7 +5,12 @@ import dataclasses
 import pytest
 from pretender import Pretender, make_workload
 
-from mjbench.comparison.accelerated_check import CheckedRun, check_run, timed_end_problem
+from mjbench.comparison.accelerated_check import (
+    CheckedRun,
+    check_run,
+    reordered_end_problem,
+    timed_end_problem,
+)
 from mjbench.instrument.runs import to_json
 from mjbench.paths.accelerated import Compiled
 from mjbench.simulation import accelerated_limits
@@ -35,6 +40,7 @@ def failures(workload: Workload, wrong: str = "") -> list[str]:
         ("start", "start states or controls"),
         ("nan", "finite"),
         ("step", "unconstrained steps differ"),
+        ("forceless", "unconstrained step differs"),
     ],
 )
 def test_a_wrong_engine_is_refused(wrong: str, reason: str) -> None:
@@ -45,6 +51,13 @@ def test_a_wrong_engine_is_refused(wrong: str, reason: str) -> None:
 @pytest.mark.parametrize("wrong", ["still", "nan", "start"])
 def test_a_wrong_engine_is_refused_in_contact_too(wrong: str) -> None:
     assert failures(make_workload("humanoid"), wrong)
+
+
+@pytest.mark.parametrize("model", ["humanoid", "cube_table"])
+def test_an_engine_that_finds_no_contact_is_refused(model: str) -> None:
+    lines = failures(make_workload(model, nstep=100), "contactless")
+    assert any("times the impulse that they have in C" in line for line in lines), lines
+    assert any("final states penetrate" in line for line in lines), lines
 
 
 @pytest.mark.parametrize("wrong", ["", "many"])
@@ -71,6 +84,19 @@ def test_a_timed_block_that_ends_elsewhere_than_the_checked_run_is_reported(
     reported = timed_end_problem(workload, compiled, checked_run(workload, compiled))
     assert reported.startswith(problem)
     assert bool(reported) == bool(problem)
+
+
+@pytest.mark.parametrize("model", ["cartpole", "humanoid"])
+@pytest.mark.parametrize("wrong", ["", "memo"])
+def test_a_block_that_replays_an_earlier_one_is_reported_once_simulations_are_reordered(
+    wrong: str, model: str
+) -> None:
+    workload = make_workload(model, nbatch=8)
+    compiled = compiled_run(workload, wrong)
+    checked = checked_run(workload, compiled)
+    assert timed_end_problem(workload, compiled, checked) == ""
+    problem = reordered_end_problem(workload, compiled, checked)
+    assert problem.startswith("once the simulations are reordered, ") == bool(wrong), problem
 
 
 @pytest.mark.parametrize("model", ["cartpole", "humanoid"])

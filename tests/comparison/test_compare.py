@@ -31,6 +31,8 @@ def measured(contact_file: str, *names: str, limit_s: float = 60.0) -> dict[str,
     [
         ("CrashesWhenTimed", Status.CRASHED, "SIGSEGV) while timing wrong_paths:CrashesWhenTimed"),
         ("HangsWhenTimed", Status.TIMEOUT, "while timing wrong_paths:HangsWhenTimed"),
+        ("SharedModel", Status.FAILED, "which all paths share: opt.disableflags while preparing"),
+        ("SharedModelWhenTimed", Status.FAILED, "which all paths share: body_mass while timing"),
         ("Crashes", Status.CRASHED, "SIGSEGV) while preparing wrong_paths:Crashes"),
         ("Exits", Status.CRASHED, "exit code 0 while preparing wrong_paths:Exits"),
         ("RaisesWhenTimed", Status.FAILED, "SystemExit: enough while timing wrong_paths:Raises"),

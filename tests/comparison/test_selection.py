@@ -55,7 +55,7 @@ def test_an_option_that_would_be_ignored_is_bad_input() -> None:
     argument=st.one_of(
         st.text(max_size=12),
         st.tuples(
-            st.sampled_from(["pool", "chunk", "threads", "record", "data", "stage"]),
+            st.sampled_from(["pool", "chunk", "threads", "data", "stage"]),
             st.one_of(st.text(max_size=8), st.integers().map(str), st.floats().map(str)),
         ).map("=".join),
     )

@@ -42,7 +42,7 @@ def test_option_names_a_field_of_mjoption_too() -> None:
         ("threads", "'threads' is not KEY=VALUE"),
         ("=2", "'=2' is not KEY=VALUE"),
         ("solver=", "'solver=' is not KEY=VALUE"),
-        ("speed=1", "no 'speed'; path python_loop has no options"),
+        ("speed=1", "no 'speed'; path python_loop has clock"),
         ("path=nothing", "no path 'nothing'"),
         ("path=rollout,threads=none", "threads"),
         ("path=mjx", "cannot alternate"),

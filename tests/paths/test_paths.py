@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,13 @@ from mjbench.errors import InputError
 from mjbench.paths.parallelism import nthread
 from mjbench.paths.threads import shares
 from mjbench.simulation import agreement, compat, work, workload
+from mjbench.simulation.workload import Product, StepOutputs
 
 SWEEP: dict[str, list[Any]] = {
     "threads": [1, 2],
     "processes": [2],
     "chunk": [None, 2],
-    "record": ["none", "qpos", "state"],
     "checks": ["on", "off"],
-    "returns": ["states", "nothing"],
     "stage": ["none", "vel"],
     "data": ["shared", "persistent"],
     "engine_threads": [None, 2],
@@ -44,11 +43,18 @@ class Case:
 
     workload: workload.Workload
     reference: work.Observation
+    outputs: StepOutputs
     resources: paths.Resources
 
     @classmethod
-    def of(cls, case_workload: workload.Workload) -> "Case":
-        return cls(case_workload, work.observe(case_workload), paths.Resources(case_workload))
+    def of(cls, own: workload.Workload) -> "Case":
+        return cls(own, work.observe(own), work.step_outputs(own), paths.Resources(own))
+
+    def reorder(self, order: np.ndarray) -> None:
+        self.resources.reorder(order)
+        final_state = self.reference.final_state
+        final_state[...] = final_state[order]
+        self.outputs.reorder(order)
 
     def difference(self, states: paths.States) -> agreement.Difference | None:
         columns = compat.state_columns(self.workload.model, compat.state_spec("INTEGRATION"))
@@ -57,7 +63,8 @@ class Case:
         )
 
     def skip_unless_possible(self, path: paths.SteppingPath, options: dict[str, Any]) -> None:
-        reason = path.unavailable() or path.unsuited(self.workload, options)
+        reason = path.unavailable() or path.cannot_return(self.workload.returns)
+        reason = reason or path.unsuited(self.workload, options)
         if reason:
             pytest.skip(reason)
 
@@ -68,6 +75,17 @@ def case() -> Iterator[Case]:
     case = Case.of(workload.make(model, 7, 12, hold=3, seed=2))
     yield case
     case.resources.close()
+
+
+@pytest.fixture(scope="module")
+def cases() -> Iterator[Mapping[Product, Case]]:
+    """Return a case for each product, of one step per control."""
+    model = mujoco.MjModel.from_xml_string(CONTACT_XML)
+    own = workload.make(model, 7, 6, seed=2)
+    cases = {product: Case.of(own.returning(product)) for product in Product}
+    yield cases
+    for case in cases.values():
+        case.resources.close()
 
 
 @pytest.mark.parametrize(("path", "options"), VARIANTS)
@@ -83,6 +101,53 @@ def test_a_path_reaches_the_reference_states_to_the_last_bit(
         prepared.clear()
         prepared.run()
         assert case.difference(prepared.final_states()) is None
+
+
+@pytest.mark.parametrize("product", [Product.TRAJECTORY, Product.SENSORS])
+@pytest.mark.parametrize(("path", "options"), VARIANTS)
+def test_a_path_returns_every_step_to_the_last_bit_in_any_order_of_simulations(
+    cases: Mapping[Product, Case],
+    path: paths.SteppingPath,
+    options: dict[str, Any],
+    product: Product,
+) -> None:
+    case = cases[product]
+    case.skip_unless_possible(path, options)
+    prepared = path.prepare(case.workload, options, case.resources)
+    assert prepared.step_outputs is not None
+    for order in (np.arange(7), np.array([3, 0, 6, 1, 2, 5, 4])):
+        case.reorder(order)
+        prepared.clear()
+        prepared.run()
+        assert case.difference(prepared.final_states()) is None
+        expected, returned = case.outputs, prepared.step_outputs()
+        assert len(returned.arrays) == len(expected.arrays)
+        for values, want in zip(returned.arrays, expected.arrays, strict=True):
+            np.testing.assert_array_equal(values, want)
+
+
+@pytest.mark.parametrize("product", [Product.TRAJECTORY, Product.SENSORS])
+@pytest.mark.parametrize(
+    ("path", "options"),
+    [v for v in VARIANTS if v.values[0].name != "processes"],  # type: ignore[attr-defined]
+)
+def test_a_snippet_returns_what_its_path_does(
+    cases: Mapping[Product, Case],
+    path: paths.SteppingPath,
+    options: dict[str, Any],
+    product: Product,
+) -> None:
+    case = cases[product]
+    case.skip_unless_possible(path, options)
+    names = {
+        "model": case.workload.model,
+        "initial_state": case.workload.initial_state.copy(),
+        "control": case.workload.control.copy(),
+    }
+    exec(compile(path.snippet(case.workload, options), path.name, "exec"), names)
+    np.testing.assert_array_equal(names["state"], case.outputs.state)
+    if product == Product.SENSORS:
+        np.testing.assert_array_equal(names["sensordata"], case.outputs.sensordata)
 
 
 @pytest.mark.parametrize(("path", "options"), VARIANTS)

@@ -48,7 +48,7 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
         variants = [[result.path, result.options] for result in group.results]
         assert variants == run.header.arguments["variants"], group.model.model
         assert all(result.agrees and result.step_ns for result in group.results)
-        assert {advice.loop.value for advice in advise(group.results)} == {"open", "closed"}
+        assert {advice.loop.value for advice in advise(group)} == {"open", "closed"}
 
 
 @pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)

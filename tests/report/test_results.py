@@ -39,7 +39,7 @@ def test_a_stored_timestep_by_which_no_time_passes_gives_no_real_time_factor(
     assert model_results.results[0].realtime_factor is None
     out = Console(file=io.StringIO(), width=200)
     comparison.print_model(out, model_results)
-    assert "1,000,000" in out.file.getvalue()  # type: ignore[attr-defined]
+    assert "1,000" in out.file.getvalue()  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,147 @@
+"""How much slower is what `mjbench compare` advises than the best path there is?
+
+    python -m benchmarks.advice [MODEL …] [--threads N,N] [--returns PRODUCT]
+
+compares each model as `mjbench compare` does, with its advice. The advised path is then compared,
+in fresh processes, with every other C path that is at least 80 % as fast in one process. The regret
+is by how much the fastest of them is faster than the advised path; it is 0 where none is. The table
+has a row for each model and loop; below it stand the largest regret and the mean.
+"""
+
+import argparse
+import statistics
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.comparison import compare, selection
+from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.errors import InputError, MjbenchError
+from mjbench.paired.confirmation import ConfirmationRecord, compare_again
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.report.advice import Advice, Loop, advise, next_pairing
+from mjbench.report.results import ModelResults, PathResult, derive
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import Product
+from mjbench.status import Status
+
+# Paths that are slower than this share of the fastest one's speed cannot be the best.
+MAY_BE_BEST = 0.8
+
+
+@dataclass(frozen=True)
+class Regret:
+    """By how much the best path is faster than the one that is advised.
+
+    Attributes:
+      model: its name.
+      loop: open or closed.
+      advised: path and options.
+      best: path and options; the advised ones where nothing is faster.
+      share: time of the advised path over that of the best, less one.
+      candidates: how many paths it was compared with.
+    """
+
+    model: str
+    loop: Loop
+    advised: str
+    best: str
+    share: float
+    candidates: int
+
+
+def regrets(pool: WorkerPool, source: ModelSource, plan: ComparisonPlan) -> list[Regret]:
+    """Return the regret on a model, for each loop.
+
+    Raises:
+      InputError: nothing can be advised.
+    """
+    records = compare.compare_model(source, plan, lambda name, share: None)
+    if records.interrupted:
+        raise KeyboardInterrupt
+    results = derive(records.model, records.measurements)
+    while pairing := next_pairing(results):
+        sides = pairing.baseline, pairing.candidate
+        results = _with(results, compare_again(pool, source, plan, sides, results.compared_sizes))
+    advice = advise(results)
+    if not advice:
+        raise InputError(f"{source.name}: {records.model.detail or 'the plain loop was not timed'}")
+    return [_regret(pool, source, plan, results, row) for row in advice]
+
+
+def _with(results: ModelResults, record: ConfirmationRecord) -> ModelResults:
+    if record.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return replace(results, confirmations=(*results.confirmations, record))
+
+
+def _regret(
+    pool: WorkerPool,
+    source: ModelSource,
+    plan: ComparisonPlan,
+    results: ModelResults,
+    advice: Advice,
+) -> Regret:
+    advised = Variant(advice.path, advice.options)
+    able = [r for r in results.results if r.step_ns and not r.is_accelerated]
+    able = [r for r in able if advice.loop == Loop.OPEN or r.closed_loop]
+    fastest = max(result.rate for result in able)
+    rivals = [r for r in able if r.rate >= MAY_BE_BEST * fastest and _variant(r) != advised]
+    best, share = advised, 0.0
+    for rival in map(_variant, rivals):
+        record = compare_again(pool, source, plan, (rival, advised), results.compared_sizes)
+        if record.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if record.ratio is not None and record.ratio.estimate - 1 > share:
+            best, share = rival, record.ratio.estimate - 1
+    return Regret(source.name, advice.loop, str(advised), str(best), share, len(rivals))
+
+
+def _variant(result: PathResult) -> Variant:
+    return Variant(result.path, result.options)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table, one row per model and loop."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
+    parser.add_argument(
+        "--threads", default="", help="thread counts  [default: 1 and usable cores]"
+    )
+    parser.add_argument("--returns", default=Product.FINAL.value, choices=[*Product])
+    options = parser.parse_args(arguments)
+    found: list[Regret] = []
+    try:
+        threads = [int(count) for count in options.threads.split(",") if count]
+        plan = ComparisonPlan(
+            selection.variants([], threads or None), returns=Product(options.returns)
+        )
+        with WorkerPool() as pool:
+            for name in options.models or models.shipped():
+                for regret in regrets(pool, models.resolve(name), plan):
+                    found.append(regret)
+                    print(_row(regret), flush=True)
+    except MjbenchError as error:
+        sys.exit(f"advice: {error}")
+    except KeyboardInterrupt:
+        print("interrupted")
+    if found:
+        shares = [100 * regret.share for regret in found]
+        print(f"regret: at most {max(shares):.1f} %, mean {statistics.mean(shares):.2f} %")
+
+
+def _row(regret: Regret) -> str:
+    better = "" if regret.best == regret.advised else f"; {regret.best} is faster"
+    return (
+        f"{regret.model:18} {regret.loop:6} {100 * regret.share:5.1f} %  {regret.advised}"
+        f" (beside {regret.candidates} others){better}"
+    )
+
+
+if __name__ == "__main__":
+    # Not this module's own `main`: see c_floor.
+    from benchmarks import advice
+
+    advice.main()

@@ -1,0 +1,117 @@
+"""`mjbench plan`: plans per second of a sampling planner, by the path that rolls out."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.each_model import measure_or_report
+from mjbench.cli.group import cli
+from mjbench.cli.shared import (
+    COUNT,
+    JSON,
+    LIMIT,
+    SEED,
+    WAIT,
+    Names,
+    Numbers,
+    Seconds,
+    with_options,
+)
+from mjbench.errors import Failure
+from mjbench.instrument.limits import MAX_THREADS
+from mjbench.status import Status
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--algorithm",
+    type=click.Choice(("predictive-sampling", "mppi", "cem")),
+    default="mppi",
+    show_default=True,
+    help="How the plan improves.",
+)
+@click.option("--samples", type=COUNT, default=64, show_default=True, help="Candidates of a plan.")
+@click.option("--knots", type=COUNT, default=25, show_default=True, help="Controls of a candidate.")
+@click.option(
+    "--hold", type=COUNT, default=20, show_default=True, help="Steps for which each is held."
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=Seconds(),
+    default="3s",
+    show_default=True,
+    help="Simulated time of the closed loop.",
+)
+@click.option(
+    "--paths",
+    "path_names",
+    type=Names(),
+    help="Roll out by these (see `mjbench paths`) and python_loop, which is always added"
+    "  [default: all C paths]",
+)
+@click.option("--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: usable cores]")
+@with_options(SEED, LIMIT, WAIT, JSON)
+def plan(
+    names: tuple[str, ...],
+    algorithm: str,
+    samples: int,
+    knots: int,
+    hold: int,
+    duration_s: float,
+    path_names: list[str] | None,
+    threads: list[int] | None,
+    seed: int,
+    time_limit: float,
+    wait: bool,
+    json_file: str | None,
+) -> None:
+    """How many plans per second does a sampling planner make, by the path that rolls them out?
+
+    The planner runs in a closed loop on MODEL (default: cartpole, which must swing up its pole; any
+    other model must hold its pose). At each control all paths roll out the same candidates in
+    turns; their states must be bit-identical, so that all give the same plan.
+
+    \b
+    Examples:
+      mjbench plan
+      mjbench plan humanoid --algorithm cem --samples 128
+    """
+    from mjbench.comparison import planning_run, selection
+    from mjbench.comparison.planner import Algorithm, PlannerSettings
+    from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
+    from mjbench.instrument import machine
+    from mjbench.report.documents import PlanDocument
+    from mjbench.report.planning import print_rows
+    from mjbench.simulation import models
+
+    has_own_path = any(":" in name for name in path_names or ())
+    if has_own_path:
+        sys.path.insert(0, str(Path.cwd()))
+    sources = [models.resolve(name) for name in names or ("cartpole",)]
+    variants = selection.variants(path_names or [], threads or [machine.usable_cores()])
+    settings = PlannerSettings(Algorithm(algorithm), samples, knots, seed=seed)
+    rows: list[PlanningRow] = []
+    statuses: list[Status] = []
+    files = [source.path for source in sources]
+    with RunContext("plan", json_file, files, wait=wait) as run:
+        for source in sources:
+            planned = measure_or_report(
+                source,
+                lambda s: planning_run.run(
+                    PlanningRequest(s, variants, settings, hold, duration_s),
+                    str(Path.cwd()) if has_own_path else None,
+                    time_limit,
+                ),
+            )
+            if isinstance(planned, Failure):
+                statuses.append(planned.status)
+                continue
+            print_rows(run.out, planned)
+            rows += planned
+            statuses += [row.status for row in planned]
+        run.write(PlanDocument(machine=run.machine, results=rows))
+    run.exit(statuses)

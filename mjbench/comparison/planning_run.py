@@ -1,0 +1,378 @@
+"""Run a planner in a closed loop, its candidates rolled out by several paths in turns.
+
+At each control, every path rolls out the same candidates from the same state. What it returns must
+be bit-identical to what the plain loop returns, so all paths give the same plan; its time is that
+of one plan. The loop then goes on with that plan. Runs in a child process (see `isolate`).
+"""
+
+import random
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench import paths
+from mjbench.comparison.plan import Variant
+from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings
+from mjbench.comparison.planning_tasks import PlanningTask, States, task_of
+from mjbench.errors import InputError, describe, one_line
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Channel
+from mjbench.simulation import agreement, compat, models
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import Product, Workload
+from mjbench.status import Status
+
+# A child that reports nothing for this long is killed, in seconds.
+LIMIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class PlanningRequest:
+    """A planner to run.
+
+    Attributes:
+      source: the model.
+      variants: paths that roll out, the base path first.
+      settings: of the planner.
+      hold: steps for which each control is held, in the plan and in the loop.
+      duration_s: simulated seconds of the loop.
+    """
+
+    source: ModelSource
+    variants: tuple[Variant, ...]
+    settings: PlannerSettings
+    hold: int
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class PathPlans:
+    """The plans of one path.
+
+    Attributes:
+      index: of the variant.
+      status: `ok`, or why its plans do not count.
+      detail: one line; empty when ok.
+      plan_s: seconds of each plan.
+    """
+
+    index: int
+    status: Status
+    detail: str = ""
+    plan_s: Sequence[float] = field(default=())
+
+
+@dataclass(frozen=True)
+class LoopOutcome:
+    """What came of the loop.
+
+    Attributes:
+      task: its name.
+      is_achieved: whether the last quarter of it was as it should be.
+      nplan: plans.
+      control_s: simulated seconds between two controls.
+      state_digest: names all states of the loop, bit by bit.
+    """
+
+    task: str
+    is_achieved: bool
+    nplan: int
+    control_s: float
+    state_digest: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningRow:
+    """A path's plans, as people and programs read them; None is what was not measured.
+
+    Attributes:
+      model: its name.
+      task: what was planned for.
+      algorithm: of the planner.
+      samples: candidates of a plan.
+      horizon: steps of each.
+      path: that rolled them out.
+      options: of the path.
+      status: `ok`, or why its plans do not count.
+      detail: one line; empty when ok.
+      nplan: plans.
+      plan_s: seconds of a plan, the median.
+      plans_per_s: its inverse.
+      speedup: over the plain loop, plan by plan: the median.
+      control_hz: controls per simulated second, which plans in real time must keep up with.
+      achieved: whether the loop achieved the task.
+      state_digest: names all states of the loop, bit by bit.
+    """
+
+    model: str
+    task: str | None = None
+    algorithm: Algorithm
+    samples: int
+    horizon: int
+    path: str
+    options: Mapping[str, Any]
+    status: Status = Status.OK
+    detail: str = ""
+    nplan: int | None = None
+    plan_s: float | None = None
+    plans_per_s: float | None = None
+    speedup: float | None = None
+    control_hz: float | None = None
+    achieved: bool | None = None
+    state_digest: str | None = None
+
+
+def run(
+    request: PlanningRequest, import_from: str | None = None, limit_s: float = LIMIT_S
+) -> list[PlanningRow]:
+    """Run a planner in a child process, and return a row for each variant.
+
+    Args:
+      request: what to run.
+      import_from: a folder that a path of the user's own may be imported from.
+      limit_s: seconds of silence after which the child is killed.
+
+    Raises:
+      MjbenchError: the child failed.
+    """
+    messages: list[PathPlans | LoopOutcome] = []
+    isolate.run(
+        "mjbench.comparison.planning_run:plan_in_child",
+        request,
+        messages.append,
+        limit_s,
+        import_from,
+    ).check()
+    plans = {message.index: message for message in messages if isinstance(message, PathPlans)}
+    (outcome,) = (message for message in messages if isinstance(message, LoopOutcome))
+    return [
+        _row(request, variant, plans[index], plans[0], outcome)
+        for index, variant in enumerate(request.variants)
+    ]
+
+
+def _row(
+    request: PlanningRequest,
+    variant: Variant,
+    plans: PathPlans,
+    base: PathPlans,
+    outcome: LoopOutcome,
+) -> PlanningRow:
+    settings = request.settings
+    row = PlanningRow(
+        model=request.source.name,
+        task=outcome.task,
+        algorithm=settings.algorithm,
+        samples=settings.samples,
+        horizon=settings.knots * request.hold,
+        path=variant.path,
+        options=variant.options,
+        status=plans.status,
+        detail=plans.detail,
+        nplan=outcome.nplan,
+        control_hz=1 / outcome.control_s,
+        achieved=outcome.is_achieved,
+        state_digest=outcome.state_digest,
+    )
+    if plans.status != Status.OK:
+        return row
+    plan_s = statistics.median(plans.plan_s)
+    ratios = [b / own for b, own in zip(base.plan_s, plans.plan_s, strict=True)]
+    return PlanningRow(
+        **{
+            **vars(row),
+            "plan_s": plan_s,
+            "plans_per_s": 1 / plan_s,
+            "speedup": statistics.median(ratios),
+        }
+    )
+
+
+def plan_in_child(request: PlanningRequest, channel: Channel) -> None:
+    """Run the loop; sends a `PathPlans` for each variant, and a `LoopOutcome`."""
+    channel.doing("loading the model")
+    model = models.load(request.source)
+    if not model.nu:
+        raise InputError(f"{request.source.name} has no controls to plan")
+    task = task_of(request.source.name, model)
+    channel.doing("preparing paths")
+    planned = [_PlannedPath(index, v, model, request) for index, v in enumerate(request.variants)]
+    channel.doing("planning")
+    outcome = _Loop(model, task, request, planned).run(channel)
+    for path in planned:
+        channel.send(path.plans())
+        path.close()
+    channel.send(outcome)
+
+
+class _PlannedPath:
+    """A path that rolls out candidates, and how long its plans took."""
+
+    def __init__(
+        self, index: int, variant: Variant, model: mujoco.MjModel, request: PlanningRequest
+    ):
+        samples, knots = request.settings.samples, request.settings.knots
+        nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+        self._index, self._variant = index, variant
+        self._workload = Workload(
+            model,
+            np.zeros((samples, nstate)),
+            np.zeros((samples, knots, model.nu)),
+            request.hold,
+            request.settings.seed,
+            Product.TRAJECTORY,
+        )
+        self._resources = paths.Resources(self._workload)
+        self._prepared: paths.Prepared | None = None
+        self._plan_s: list[float] = []
+        self._status, self._detail = Status.OK, ""
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether its plans count so far."""
+        return self._status == Status.OK
+
+    def roll_out(
+        self, start: np.ndarray, candidates: np.ndarray, cost: Callable[[np.ndarray], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the states of candidates, and their costs; None where the path fails.
+
+        Args:
+          start: (nstate,) to start from.
+          candidates: (samples, knots, nu) controls.
+          cost: returns (samples,) costs of (samples, nstep, nphysics) states.
+        """
+        try:
+            workload = self._workload
+            workload.initial_state[:] = start
+            workload.control[:] = candidates
+            if self._prepared is None:
+                self._prepare()
+                if self._prepared is None:
+                    return None
+            self._prepared.clear()
+            assert self._prepared.step_outputs is not None, "it returns trajectories"
+            begin = time.perf_counter()
+            workload.initial_state[:] = start
+            workload.control[:] = candidates
+            self._resources.changed()
+            self._prepared.run()
+            states = self._prepared.step_outputs().state
+            assert states is not None, "it returns trajectories"
+            costs = cost(states)
+            self._plan_s.append(time.perf_counter() - begin)
+        except BaseException as error:  # a path's own failure costs its own row
+            self.fail(Status.FAILED, describe(error))
+            return None
+        return states, costs
+
+    def _prepare(self) -> None:
+        """Prepare the path with the first candidates; what it needs to know is in them."""
+        path = paths.find(self._variant.path)
+        reason = path.unavailable() or path.cannot_return(self._workload.returns)
+        reason = reason or path.unsuited(self._workload, self._variant.options)
+        if reason:
+            self.fail(Status.UNAVAILABLE, one_line(reason))
+            return
+        self._prepared = path.prepare(self._workload, self._variant.options, self._resources)
+        self._prepared.run()
+
+    def fail(self, status: Status, detail: str) -> None:
+        """Note why its plans do not count."""
+        self._status, self._detail = status, detail
+
+    def plans(self) -> PathPlans:
+        """Return its plans."""
+        return PathPlans(self._index, self._status, self._detail, tuple(self._plan_s))
+
+    def close(self) -> None:
+        """Stop its workers and pools."""
+        self._resources.close()
+
+
+class _Loop:
+    """The closed loop of a planner and a model."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        task: PlanningTask,
+        request: PlanningRequest,
+        planned: Sequence[_PlannedPath],
+    ):
+        self._model, self._task, self._request, self._planned = model, task, request, planned
+
+    def run(self, channel: Channel) -> LoopOutcome:
+        """Plan and step until the duration is over."""
+        model, request, task = self._model, self._request, self._task
+        data = task.start(model)
+        low, high = _control_range(model)
+        planner = Planner(request.settings, np.array(data.ctrl), low, high)
+        control_s = request.hold * float(model.opt.timestep)
+        nplan = max(4, round(request.duration_s / control_s))
+        full, physics = compat.state_spec("INTEGRATION"), compat.state_spec("FULLPHYSICS")
+        start = np.empty(compat.state_size(model, full))
+        states = np.empty((nplan, compat.state_size(model, physics)))
+        shuffle = random.Random(request.settings.seed).shuffle
+        for k in range(nplan):
+            channel.allow_silence(LIMIT_S)
+            compat.get_state(model, data, start, full)
+            candidates = planner.candidates()
+            planner.improve(candidates, self._costs(start, candidates, shuffle))
+            data.ctrl[:] = planner.advance()
+            mujoco.mj_step(model, data, request.hold)
+            compat.get_state(model, data, states[k], physics)
+        last = States.of(model, states[-(nplan // 4) :])
+        return LoopOutcome(
+            task.name, task.is_achieved(last), nplan, control_s, agreement.digest(states)
+        )
+
+    def _costs(
+        self, start: np.ndarray, candidates: np.ndarray, shuffle: Callable[[list[int]], None]
+    ) -> np.ndarray:
+        """Return the (samples,) costs of candidates, after every path has rolled them out in turn.
+
+        Raises:
+          InputError: the plain loop cannot roll them out.
+        """
+
+        def cost(physics: np.ndarray) -> np.ndarray:
+            return self._task.cost(States.of(self._model, physics), candidates)
+
+        order = [i for i, path in enumerate(self._planned) if path.is_ok]
+        shuffle(order)
+        digests: dict[int, str] = {}
+        for i in order:
+            rolled_out = self._planned[i].roll_out(start, candidates, cost)
+            if rolled_out is not None:
+                digests[i] = agreement.digest(rolled_out[0])
+            if i == 0:
+                base = rolled_out and (rolled_out[0].copy(), rolled_out[1])
+        if base is None:
+            raise InputError(f"the plain loop fails: {self._planned[0].plans().detail}")
+        for i, digest in digests.items():
+            if digest != digests[0]:
+                again = self._planned[i].roll_out(start, candidates, cost)
+                self._planned[i].fail(Status.DISAGREES, self._difference(again, base[0]))
+        return base[1]
+
+    def _difference(
+        self, rolled_out: tuple[np.ndarray, np.ndarray] | None, expected: np.ndarray
+    ) -> str:
+        """Return where the states of a path differ from those of the plain loop."""
+        columns = compat.state_columns(self._model, compat.state_spec("FULLPHYSICS"))
+        difference = rolled_out and agreement.first_differing_step(rolled_out[0], expected, columns)
+        return str(difference) if difference else "its states differ from run to run"
+
+
+def _control_range(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return (nu,) smallest and largest controls; those without a range are within 1 of 0."""
+    limited = np.asarray(model.actuator_ctrllimited, dtype=bool)
+    low = np.where(limited, model.actuator_ctrlrange[:, 0], -1.0)
+    high = np.where(limited, model.actuator_ctrlrange[:, 1], 1.0)
+    return low, high

@@ -1,0 +1,366 @@
+"""How long single steps take, one by one: the distribution of their latency.
+
+*Free-running*, each step begins when the one before has ended; its latency is the time of the call
+of `mj_step`. *Paced*, steps are due at a fixed rate, as in a controller; latency counts from when a
+step was due, so that a step that waits for a late one is late as well (otherwise one long pause
+would count as one slow step; G. Tene calls that mistake coordinated omission).
+"""
+
+import enum
+import gc
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import Failure
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Channel
+from mjbench.simulation import compat, models, sampling, starts, work
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
+from mjbench.simulation.work import Work
+from mjbench.simulation.workload import Workload
+from mjbench.status import Status
+
+# Steps to measure unless the user says, and about how long they may take, in seconds; no fewer than
+# LEAST_NSTEP.
+NSTEP, LEAST_NSTEP, BUDGET_S = 10_000, 1_000, 10.0
+# Steps after which a simulation starts again, so that it stays where the model usually is.
+RUN_NSTEP = 100
+# Steps before the first that counts.
+WARM_UP_NSTEP = 200
+# A paced step is waited for asleep until this long before it is due, in nanoseconds, then awake.
+SPIN_NS = 200_000
+# Slow steps are those above this quantile.
+SLOW = 0.99
+# HdrHistogram keeps this many significant digits of values up to this many nanoseconds (100 s).
+DIGITS, LARGEST_NS = 3, 100_000_000_000
+
+
+class Pace(enum.StrEnum):
+    """When a step begins."""
+
+    FREE = "free-running"
+    """When the one before has ended."""
+    PACED = "paced"
+    """When it is due."""
+
+
+@dataclass(frozen=True)
+class LatencyRequest:
+    """What is measured on a model.
+
+    Attributes:
+      source: the model.
+      nstep: steps; None chooses them.
+      rate_hz: of paced steps; None for real time.
+      seed: of start states and controls.
+      starts: where start states are to come from.
+    """
+
+    source: ModelSource
+    nstep: int | None = None
+    rate_hz: float | None = None
+    seed: int = 0
+    starts: StartPlan = DEFAULT_STARTS
+
+
+@dataclass(frozen=True, eq=False)
+class StepSamples:
+    """The steps of one pace, one entry each.
+
+    Attributes:
+      pace: when steps begin.
+      rate_hz: of paced steps; None for free-running ones.
+      timestep_s: of the model.
+      work: of a step of this workload, on average.
+      latency_ns: of each step.
+      features: what happened in each step, by name: contacts, solver iterations, garbage
+        collections, page faults, preemptions.
+    """
+
+    pace: Pace
+    rate_hz: float | None
+    timestep_s: float
+    work: Work
+    latency_ns: np.ndarray
+    features: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Quantile:
+    """A quantile of latency, in nanoseconds, with its 95 % interval; None without enough steps."""
+
+    quantile: float
+    ns: float
+    low_ns: float | None
+    high_ns: float | None
+
+
+@dataclass(frozen=True)
+class SlowFeature:
+    """How a feature of slow steps differs from that of all steps.
+
+    Attributes:
+      name: such as `page faults`.
+      slow: mean per slow step.
+      all: mean per step.
+    """
+
+    name: str
+    slow: float
+    all: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LatencyRow:
+    """The latency of single steps of a model at one pace; None is what could not be measured.
+
+    Attributes:
+      model: its name.
+      pace: when steps begin; None where nothing was measured.
+      status: `ok`, or how it failed.
+      detail: one line; empty when ok.
+      nstep: steps.
+      rate_hz: of paced steps.
+      deadline_s: by which a step should end.
+      missed: steps that did not.
+      quantiles: of latency.
+      max_ns: the longest.
+      slow: what the steps above the 99 % quantile have in common.
+      work: of a step, on average.
+      histogram: all latencies in nanoseconds, as an HdrHistogram (V2, compressed, base64).
+    """
+
+    model: str
+    pace: Pace | None = None
+    status: Status = Status.OK
+    detail: str = ""
+    nstep: int | None = None
+    rate_hz: float | None = None
+    deadline_s: float | None = None
+    missed: int | None = None
+    quantiles: Sequence[Quantile] = field(default=())
+    max_ns: float | None = None
+    slow: Sequence[SlowFeature] = field(default=())
+    work: Work | None = None
+    histogram: str = ""
+
+    @classmethod
+    def failed(cls, model: str, failure: Failure) -> "LatencyRow":
+        """Return the row of a model that could not be measured."""
+        return cls(model=model, status=failure.status, detail=failure.detail)
+
+
+QUANTILES = (0.5, 0.99, 0.999)
+
+
+def measure(request: LatencyRequest, limit_s: float = 60.0) -> list[StepSamples]:
+    """Return the steps of a model at each pace, measured in a child process.
+
+    Args:
+      request: what to measure.
+      limit_s: seconds of silence after which the child is killed.
+
+    Raises:
+      MjbenchError: the child failed.
+    """
+    samples: list[StepSamples] = []
+    isolate.run("mjbench.loop.latency:measure_in_child", request, samples.append, limit_s).check()
+    return samples
+
+
+def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRow:
+    """Return what the steps of one pace say of latency.
+
+    Args:
+      model: its name.
+      samples: of the steps.
+      deadline_s: by which a step should end; None for the time between two paced steps, or the
+        model's timestep.
+    """
+    latency_ns = samples.latency_ns
+    if deadline_s is None:
+        deadline_s = 1 / samples.rate_hz if samples.rate_hz else samples.timestep_s
+    slow = latency_ns > np.quantile(latency_ns, SLOW)
+    return LatencyRow(
+        model=model,
+        pace=samples.pace,
+        nstep=len(latency_ns),
+        rate_hz=samples.rate_hz,
+        deadline_s=deadline_s,
+        missed=int((latency_ns > 1e9 * deadline_s).sum()),
+        quantiles=[_quantile(latency_ns, quantile) for quantile in QUANTILES],
+        max_ns=float(latency_ns.max()),
+        slow=[
+            SlowFeature(name, float(values[slow].mean()), float(values.mean()))
+            for name, values in samples.features.items()
+            if slow.any()
+        ],
+        work=samples.work,
+        histogram=_histogram(latency_ns),
+    )
+
+
+def _quantile(latency_ns: np.ndarray, quantile: float) -> Quantile:
+    """Return a quantile with its interval, by order statistics; it takes steps as independent."""
+    from scipy import stats
+
+    interval = stats.quantile_test(latency_ns, p=quantile).confidence_interval(0.95)
+    low, high = float(interval.low), float(interval.high)
+    return Quantile(
+        quantile,
+        float(np.quantile(latency_ns, quantile)),
+        None if np.isnan(low) else low,
+        None if np.isnan(high) else high,
+    )
+
+
+def _histogram(latency_ns: np.ndarray) -> str:
+    """Return an encoded HdrHistogram of latencies."""
+    from hdrh.histogram import HdrHistogram
+
+    histogram = HdrHistogram(1, LARGEST_NS, DIGITS)
+    for value, count in zip(*np.unique(latency_ns.astype(int), return_counts=True), strict=True):
+        histogram.record_value(min(int(value), LARGEST_NS), int(count))
+    return str(histogram.encode().decode())
+
+
+def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
+    """Measure the steps of a model at each pace; sends a `StepSamples` for each."""
+    channel.doing("loading the model")
+    model = models.load(request.source)
+    channel.doing("drawing start states")
+    step_s = work.step_s(model)
+    affordable = max(LEAST_NSTEP, int(BUDGET_S / step_s))
+    nstep = request.nstep or min(NSTEP, affordable)
+    nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
+    channel.allow_silence(100 * step_s * (nrun + 1) * RUN_NSTEP)
+    max_nstep = starts.max_settling_nstep(step_s)
+    sample = sampling.draw(
+        model, SampleRequest(nrun, RUN_NSTEP, 1, request.seed, request.starts, max_nstep)
+    )
+    timestep_s = float(model.opt.timestep)
+    rate_hz = request.rate_hz or 1 / timestep_s
+    for pace in Pace:
+        channel.doing(f"timing {pace} steps")
+        count = nstep
+        if pace == Pace.PACED and request.nstep is None:
+            count = max(LEAST_NSTEP, min(nstep, int(BUDGET_S * rate_hz)))
+        channel.allow_silence(100 * step_s * nstep + 2 * count / rate_hz)
+        recorder = _Recorder(sample.workload, count, 1e9 / rate_hz if pace == Pace.PACED else 0.0)
+        latency_ns, features = recorder.steps()
+        channel.send(
+            StepSamples(
+                pace,
+                rate_hz if pace == Pace.PACED else None,
+                timestep_s,
+                sample.observation.work,
+                latency_ns,
+                features,
+            )
+        )
+
+
+class _Recorder:
+    """Steps simulations one after the other, and records every step."""
+
+    def __init__(
+        self,
+        workload: Workload,
+        nstep: int,
+        period_ns: float,
+        clock: Callable[[], int] = time.perf_counter_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ):
+        """Record `nstep` steps; `period_ns` is the time between two paced ones, 0 for no pace."""
+        self._workload, self._nstep, self._period_ns = workload, nstep, period_ns
+        self._clock, self._sleep = clock, sleep
+
+    def steps(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return (nstep,) latencies in ns, and features by name, each (nstep,)."""
+        model, workload = self._workload.model, self._workload
+        data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+        total = self._nstep + WARM_UP_NSTEP
+        latency_ns, counters = np.zeros(total), np.zeros((total, len(_FEATURES)))
+        usage_now = _usage_function()
+        collections = _Collections()
+        with collections:
+            k = 0
+            while k < total:
+                run = (k // workload.nstep) % workload.nbatch
+                mujoco.mj_resetData(model, data)
+                compat.set_state(model, data, workload.initial_state[run], spec)
+                due = self._clock() + self._period_ns
+                for ctrl in workload.control[run][: total - k]:
+                    data.ctrl[:] = ctrl
+                    if self._period_ns:
+                        self._wait_until(due)
+                    collected, usage = collections.count, usage_now()
+                    begin = due if self._period_ns else self._clock()
+                    mujoco.mj_step(model, data)
+                    latency_ns[k] = self._clock() - begin
+                    later = usage_now()
+                    counters[k] = (
+                        data.ncon,
+                        compat.solver_iterations(data).sum(),
+                        collections.count - collected,
+                        later.ru_minflt + later.ru_majflt - usage.ru_minflt - usage.ru_majflt,
+                        later.ru_nivcsw - usage.ru_nivcsw,
+                    )
+                    due += self._period_ns
+                    k += 1
+        counted = slice(WARM_UP_NSTEP, None)
+        features = {name: counters[counted, i] for i, name in enumerate(_FEATURES)}
+        return latency_ns[counted], features
+
+    def _wait_until(self, due_ns: float) -> None:
+        """Sleep, and then spin, until a step is due; return at once where it is late."""
+        while (left_ns := due_ns - self._clock()) > 0:
+            if left_ns > SPIN_NS:
+                self._sleep((left_ns - SPIN_NS) * 1e-9)
+
+
+_FEATURES = (
+    "contacts",
+    "solver iterations",
+    "garbage collections",
+    "page faults",
+    "preemptions",
+)
+
+
+def _usage_function() -> Callable[[], Any]:
+    """Return a function that returns what the operating system counts of this thread.
+
+    Without Linux, it counts of the whole process.
+    """
+    import resource  # Windows has none, and imports this module
+
+    who = getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF)
+    return lambda: resource.getrusage(who)
+
+
+class _Collections:
+    """Counts Python's garbage collections, while it is entered.
+
+    Attributes:
+      count: of those that have ended.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def _on_phase(self, phase: str, info: Mapping[str, int]) -> None:
+        self.count += phase == "stop"
+
+    def __enter__(self) -> None:
+        gc.callbacks.append(self._on_phase)
+
+    def __exit__(self, *ending: object) -> None:
+        gc.callbacks.remove(self._on_phase)

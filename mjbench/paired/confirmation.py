@@ -1,0 +1,133 @@
+"""Compare two paths of `mjbench compare` again, in fresh processes, before one is advised.
+
+Within one process, where its memory happens to lie moves a ratio by a percent or more. Here each
+launch has processes of its own, so the interval includes what differs from process to process.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
+from mjbench.paired import verdict
+from mjbench.paired.block_sizes import THREADED_BLOCK_S, Sizes
+from mjbench.paired.judgement import Judgement
+from mjbench.paired.records import Ratio
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paths.parallelism import nthread
+from mjbench.releases import installs
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import whole_holds
+from mjbench.status import Status
+
+# The difference that decides between a path and a simpler one.
+MIN_EFFECT = 0.03
+# Of the interval; and the seconds that one comparison takes at most.
+CONFIDENCE, TIME_LIMIT_S = 0.95, 20.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConfirmationRecord:
+    """Two paths on one model, compared again in fresh processes.
+
+    Attributes:
+      model: its name.
+      nbatch_asked: simulations that the user asked for; None where mjbench chose.
+      baseline: name of the one path.
+      baseline_options: its options.
+      candidate: name of the other path.
+      candidate_options: its options.
+      status: how the comparison ended.
+      detail: one line; empty when ok.
+      ratio: the candidate's time over the baseline's, with a 95 % interval; None without one.
+      launches: pairs of fresh processes.
+    """
+
+    record_type: ClassVar[str] = "confirmation"
+    model: str
+    nbatch_asked: PositiveInt | None = None
+    baseline: str
+    baseline_options: Mapping[str, Any]
+    candidate: str
+    candidate_options: Mapping[str, Any]
+    status: Status
+    detail: str = ""
+    ratio: Ratio | None = None
+    launches: NonNegativeInt = 0
+
+
+@dataclass(frozen=True)
+class ComparedSizes:
+    """The sizes at which two paths were compared.
+
+    Attributes:
+      nbatch: simulations.
+      nstep: steps of each.
+      step_s: seconds of a step of the plain loop.
+    """
+
+    nbatch: int
+    nstep: int
+    step_s: float
+
+    def shortened(self, nthread: int, hold: int) -> int:
+        """Return steps of each simulation, fewer where a block would take long.
+
+        Args:
+          nthread: most threads of the two paths.
+          hold: steps per control.
+        """
+        affordable = int(nthread * THREADED_BLOCK_S / (self.step_s * self.nbatch))
+        return min(self.nstep, whole_holds(affordable, hold))
+
+
+def compare_again(
+    pool: WorkerPool,
+    source: ModelSource,
+    plan: ComparisonPlan,
+    variants: tuple[Variant, Variant],
+    compared: ComparedSizes,
+    on_launch: Callable[[Judgement], None] = lambda judgement: None,
+) -> ConfirmationRecord:
+    """Return how much faster one path is than another, in fresh processes.
+
+    Args:
+      pool: starts the processes.
+      source: the model.
+      plan: of the comparison that the two come from.
+      variants: baseline and candidate; C paths.
+      compared: sizes of that comparison.
+      on_launch: called after each launch.
+    """
+    nstep = compared.shortened(max(nthread(variant.options) for variant in variants), plan.hold)
+    sizes = Sizes(compared.nbatch, nstep, plan.hold, plan.seed, plan.starts, plan.returns)
+    baseline, candidate = (
+        Target(
+            installs.parse_release(installs.INSTALLED),
+            source,
+            variant.path,
+            variant.options,
+            import_from=plan.import_from,
+        )
+        for variant in variants
+    )
+    # one build against itself: its code lies at the same place in both
+    verdict_plan = VerdictPlan(
+        MIN_EFFECT, CONFIDENCE, MIN_EFFECT / 2, TIME_LIMIT_S, sizes, as_shipped=True
+    )
+    row = verdict.decide(pool, baseline, candidate, verdict_plan, on_launch).row()
+    return ConfirmationRecord(
+        model=source.name,
+        nbatch_asked=plan.nbatch,
+        baseline=variants[0].path,
+        baseline_options=variants[0].options,
+        candidate=variants[1].path,
+        candidate_options=variants[1].options,
+        status=row.status,
+        detail=row.detail,
+        ratio=row.ratio,
+        launches=row.launches,
+    )

@@ -1,0 +1,63 @@
+"""What `mjbench latency` prints."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from mjbench.loop.latency import LatencyRow, SlowFeature
+from mjbench.report import tables
+
+# Slow steps have a feature in common if they have so many times as much of it as all steps, and at
+# least this much in every tenth of them.
+_FACTOR, _LEAST = 1.2, 0.1
+
+
+def print_rows(out: Console, rows: Sequence[LatencyRow]) -> None:
+    """Print the latencies of a model, a row for each pace."""
+    work = rows[0].work
+    assert work is not None, "a model that was measured has its work"
+    out.print(
+        tables.headed(
+            f"\n{rows[0].model}",
+            f": {work.contacts:.1f} contacts and {work.solver_iterations:.1f} solver iterations"
+            " a step",
+        ),
+        soft_wrap=True,
+    )
+    table = tables.plain_table(
+        ["", "steps", "p50", "p99", "p99.9", "max", "deadline", "missed"], right=range(1, 8)
+    )
+    for row in rows:
+        assert row.max_ns is not None and row.deadline_s is not None, "it was measured"
+        pace = str(row.pace)
+        if row.rate_hz:
+            pace += f" at {tables.plain(row.rate_hz, 3)} Hz"
+        table.add_row(
+            pace,
+            f"{row.nstep:,}",
+            *(_time(quantile.ns) for quantile in row.quantiles),
+            _time(row.max_ns),
+            _time(1e9 * row.deadline_s),
+            f"{row.missed:,}",
+        )
+    out.print(table)
+    for row in rows:
+        out.print(f"Slow steps, {row.pace}: {_common(row.slow)}", soft_wrap=True)
+
+
+def _common(features: Sequence[SlowFeature]) -> str:
+    """Return what the slowest 1 % of steps have in common."""
+    parts = [
+        f"{tables.plain(feature.slow, 2)} {feature.name} a step instead of"
+        f" {tables.plain(feature.all, 2)}"
+        for feature in features
+        if feature.slow >= _LEAST and feature.slow > _FACTOR * feature.all
+    ]
+    return ", ".join(parts) or "nothing in common that was recorded"
+
+
+def _time(ns: float) -> str:
+    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
+        if ns >= size:
+            return f"{tables.plain(ns / size, 3)} {unit}"
+    return f"{ns:.0f} ns"

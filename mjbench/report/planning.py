@@ -1,0 +1,62 @@
+"""What `mjbench plan` prints."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from mjbench.comparison.plan import Variant, describe_options
+from mjbench.comparison.planning_run import PlanningRow
+from mjbench.report import tables
+from mjbench.status import Status
+
+
+def print_rows(out: Console, rows: Sequence[PlanningRow]) -> None:
+    """Print the plans of a model, a row for each path, and which path is fastest."""
+    first = rows[0]
+    outcome = "achieved" if first.achieved else "not achieved"
+    out.print(
+        tables.headed(
+            f"\n{first.model}",
+            f": {first.task}, {outcome} by {first.algorithm} with {first.samples} samples ×"
+            f" {first.horizon} steps, {first.nplan} plans",
+        ),
+        soft_wrap=True,
+    )
+    table = tables.plain_table(
+        ["path", "options", "ms/plan", "plans/s", "speed-up", "same plans"], right=range(2, 5)
+    )
+    for row in rows:
+        if row.status == Status.UNAVAILABLE:
+            continue
+        is_timed = row.plan_s is not None
+        table.add_row(
+            row.path,
+            describe_options(row.options),
+            tables.plain(1e3 * row.plan_s, 3) if row.plan_s else "",
+            f"{row.plans_per_s:,.0f}" if row.plans_per_s else "",
+            tables.factor(row.speedup) if row.speedup else "",
+            "yes" if is_timed else "NO" if row.status == Status.DISAGREES else str(row.status),
+        )
+    out.print(table)
+    for row in rows:
+        if row.detail:
+            variant = Variant(row.path, row.options)
+            out.print(f"{variant}: {row.status}: {row.detail}", soft_wrap=True)
+    _print_fastest(out, rows)
+
+
+def _print_fastest(out: Console, rows: Sequence[PlanningRow]) -> None:
+    timed = [row for row in rows if row.plans_per_s is not None]
+    fastest = max(timed, key=lambda row: row.speedup or 0.0)
+    assert fastest.plans_per_s is not None and fastest.control_hz is not None, "it was timed"
+    if fastest.plans_per_s >= fastest.control_hz:
+        pace = f"keeps up with {tables.plain(fastest.control_hz, 3)} controls per second"
+    else:
+        share = fastest.plans_per_s / fastest.control_hz
+        pace = (
+            f"makes {tables.plain(share, 2)} of the {tables.plain(fastest.control_hz, 3)} plans per"
+            " second that real time needs"
+        )
+    variant = Variant(fastest.path, fastest.options)
+    gain = f"{tables.factor(fastest.speedup or 1.0)}× the plain loop in this process"
+    out.print(tables.headed(f"Fastest here: {variant}", f", {gain}; it {pace}"), soft_wrap=True)

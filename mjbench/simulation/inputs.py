@@ -1,0 +1,108 @@
+"""A workload in which every input of a step counts: what a path drops or resets changes its states.
+
+In a typical workload most inputs have their defaults (no applied forces, no user data), so a path
+that loses them would agree. Forces are small; they are for verification, and are not timed.
+"""
+
+import dataclasses
+from collections.abc import Collection
+
+import mujoco
+import numpy as np
+
+from mjbench.simulation import compat
+from mjbench.simulation.workload import Workload
+
+# Accelerations by which forces are applied, in m/s² or rad/s² (standard deviation); offsets of
+# mocap poses, in m and rad; and of activations and the states of plugins.
+ACCELERATION_SD = 0.1
+MOCAP_SD = 1e-3
+STATE_SD = 1e-3
+
+
+def with_every_input(workload: Workload, seed: int) -> Workload:
+    """Return a workload whose start states have a non-trivial value in every input.
+
+    The inputs are those of mjSTATE_INTEGRATION that the model has: applied forces, poses of mocap
+    bodies, active equality constraints, user data, activations, and states of plugins. Time,
+    positions, velocities, warm-starts, controls and delayed signals have such values already.
+
+    Args:
+      workload: whose start states are changed, in a copy.
+      seed: of the values.
+    """
+    states = set_inputs(workload.model, workload.initial_state, seed)
+    return dataclasses.replace(workload, initial_state=states, control=workload.control.copy())
+
+
+def set_inputs(
+    model: mujoco.MjModel, states: np.ndarray, seed: int, fields: Collection[str] | None = None
+) -> np.ndarray:
+    """Return states with a non-trivial value in every input; see `with_every_input`.
+
+    Args:
+      model: of the states.
+      states: (n, nstate) rows of mjSTATE_INTEGRATION.
+      seed: of the values.
+      fields: the only MjData fields to set; None for all.
+    """
+    rng, changed = np.random.default_rng([seed, 3]), states.copy()
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    for row in changed:
+        for field, place in columns.items():
+            if fields is None or field in fields:
+                row[place] = _input_value(model, field, row[place], rng)
+    return changed
+
+
+def _input_value(
+    model: mujoco.MjModel, field: str, value: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Return a non-trivial value of a field; fields that have one already are returned as is."""
+    noise = rng.standard_normal(value.shape)
+    match field:
+        case "qfrc_applied":
+            return ACCELERATION_SD * np.asarray(model.dof_M0) * noise
+        case "xfrc_applied":
+            mass = np.repeat(np.asarray(model.body_mass)[:, None], 3, axis=1)
+            inertia = np.hstack([mass, np.asarray(model.body_inertia)])
+            return np.asarray(ACCELERATION_SD * inertia.ravel() * noise)
+        case "mocap_pos":
+            return value + MOCAP_SD * noise
+        case "mocap_quat":
+            quaternions = (value + MOCAP_SD * noise).reshape(-1, 4)
+            norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
+            return np.asarray((quaternions / norms).ravel())
+        case "eq_active":
+            return _with_one_changed(value, rng)
+        case "userdata":
+            return noise
+        case "act":
+            return _activations(model, value + STATE_SD * noise)
+        case "plugin_state":
+            return value + STATE_SD * noise
+        case _:
+            return value
+
+
+def _with_one_changed(active: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return which constraints are active, one of them inactive instead, or active if all were not.
+
+    Releasing a constraint is gentler than imposing one.
+    """
+    candidates = np.flatnonzero(active) if active.any() else np.arange(len(active))
+    changed = active.copy()
+    chosen = rng.choice(candidates)
+    changed[chosen] = 1 - changed[chosen]
+    return changed
+
+
+def _activations(model: mujoco.MjModel, act: np.ndarray) -> np.ndarray:
+    """Return activations within the ranges of their actuators."""
+    clipped = act.copy()
+    for i in np.flatnonzero(model.actuator_actlimited):
+        first, count = int(model.actuator_actadr[i]), int(model.actuator_actnum[i])
+        if count:
+            place = slice(first, first + count)
+            clipped[place] = np.clip(clipped[place], *model.actuator_actrange[i])
+    return clipped

@@ -1,0 +1,54 @@
+"""A planner in a closed loop: all paths must give the same plan, to the last bit."""
+
+import json
+from pathlib import Path
+
+from commands import mjbench
+
+from mjbench.comparison import planning_run
+from mjbench.comparison.plan import Variant
+from mjbench.comparison.planner import Algorithm, PlannerSettings
+from mjbench.comparison.planning_run import PlanningRequest
+from mjbench.simulation import models
+from mjbench.status import Status
+
+
+def test_mppi_swings_up_the_cartpole_through_rollout_and_batch_with_the_same_states() -> None:
+    variants = (
+        Variant("python_loop", {}),
+        Variant("rollout", {"threads": 2, "pool": "kept"}),
+        Variant("batch_rollout", {"threads": 2, "data": "shared"}),
+    )
+    source = models.resolve("cartpole")
+    settings = PlannerSettings(Algorithm.MPPI, samples=32, knots=25)
+    rows = planning_run.run(PlanningRequest(source, variants, settings, hold=20, duration_s=3.0))
+    assert [row.status for row in rows if row.status != Status.UNAVAILABLE] == [Status.OK] * len(
+        [row for row in rows if row.status != Status.UNAVAILABLE]
+    )
+    assert rows[1].status == Status.OK
+    assert all(row.achieved for row in rows)
+    assert len({row.state_digest for row in rows}) == 1
+    assert all(row.plans_per_s for row in rows if row.status == Status.OK)
+
+
+def test_a_path_that_returns_other_states_disagrees(tmp_path: Path) -> None:
+    words = ["--samples", "4", "--knots", "4", "--hold", "5", "--duration", "0.1s"]
+    paths = "wrong_paths:Right,wrong_paths:WrongMiddle,wrong_paths:Memo,wrong_paths:FinalOnly"
+    done = mjbench("plan", "--paths", paths, *words, "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert {row["path"]: row["status"] for row in rows} == {
+        "python_loop": "ok",
+        "wrong_paths:Right": "ok",
+        "wrong_paths:WrongMiddle": "disagrees",
+        "wrong_paths:Memo": "disagrees",
+        "wrong_paths:FinalOnly": "unavailable",
+    }
+    assert "differs after step 3" in done.stdout
+    assert "Fastest here" in done.stdout
+
+
+def test_a_model_without_controls_is_refused_in_a_line() -> None:
+    done = mjbench("plan", "cube_table", "--duration", "0.1s")
+    assert done.returncode == 2
+    assert "has no controls to plan" in done.stderr
