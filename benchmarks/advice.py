@@ -13,18 +13,20 @@ import statistics
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from mjbench.comparison import compare, selection
-from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError, MjbenchError
-from mjbench.paired.confirmation import ConfirmationRecord, compare_again
-from mjbench.paired.worker_pool import WorkerPool
-from mjbench.report.advice import Advice, Loop, advise, next_pairing
-from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.simulation import models
-from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.paired.confirmation import ConfirmationRecord
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report.advice import Advice
+    from mjbench.report.results import ModelResults, PathResult
+    from mjbench.simulation.models import ModelSource
 
 # Paths that are slower than this share of the fastest one's speed cannot be the best.
 MAY_BE_BEST = 0.8
@@ -36,7 +38,7 @@ class Regret:
 
     Attributes:
       model: its name.
-      loop: open or closed.
+      loop: `open` or `closed`.
       advised: path and options.
       best: path and options; the advised ones where nothing is faster.
       share: time of the advised path over that of the best, less one.
@@ -44,19 +46,24 @@ class Regret:
     """
 
     model: str
-    loop: Loop
+    loop: str
     advised: str
     best: str
     share: float
     candidates: int
 
 
-def regrets(pool: WorkerPool, source: ModelSource, plan: ComparisonPlan) -> list[Regret]:
+def regrets(pool: "WorkerPool", source: "ModelSource", plan: "ComparisonPlan") -> list[Regret]:
     """Return the regret on a model, for each loop.
 
     Raises:
       InputError: nothing can be advised.
     """
+    from mjbench.comparison import compare
+    from mjbench.paired.confirmation import compare_again
+    from mjbench.report.advice import advise, next_pairing
+    from mjbench.report.results import derive
+
     records = compare.compare_model(source, plan, lambda name, share: None)
     if records.interrupted:
         raise KeyboardInterrupt
@@ -70,19 +77,23 @@ def regrets(pool: WorkerPool, source: ModelSource, plan: ComparisonPlan) -> list
     return [_regret(pool, source, plan, results, row) for row in advice]
 
 
-def _with(results: ModelResults, record: ConfirmationRecord) -> ModelResults:
+def _with(results: "ModelResults", record: "ConfirmationRecord") -> "ModelResults":
     if record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
     return replace(results, confirmations=(*results.confirmations, record))
 
 
 def _regret(
-    pool: WorkerPool,
-    source: ModelSource,
-    plan: ComparisonPlan,
-    results: ModelResults,
-    advice: Advice,
+    pool: "WorkerPool",
+    source: "ModelSource",
+    plan: "ComparisonPlan",
+    results: "ModelResults",
+    advice: "Advice",
 ) -> Regret:
+    from mjbench.comparison.plan import Variant
+    from mjbench.paired.confirmation import compare_again
+    from mjbench.report.advice import Loop
+
     advised = Variant(advice.path, advice.options)
     able = [r for r in results.results if r.step_ns and not r.is_accelerated]
     able = [r for r in able if advice.loop == Loop.OPEN or r.closed_loop]
@@ -95,15 +106,21 @@ def _regret(
             raise KeyboardInterrupt
         if record.ratio is not None and record.ratio.estimate - 1 > share:
             best, share = rival, record.ratio.estimate - 1
-    return Regret(source.name, advice.loop, str(advised), str(best), share, len(rivals))
+    return Regret(source.name, str(advice.loop), str(advised), str(best), share, len(rivals))
 
 
-def _variant(result: PathResult) -> Variant:
+def _variant(result: "PathResult") -> "Variant":
+    from mjbench.comparison.plan import Variant
+
     return Variant(result.path, result.options)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, one row per model and loop."""
+    from mjbench.comparison import selection
+    from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.paired.worker_pool import WorkerPool
+
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")

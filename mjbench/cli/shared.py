@@ -136,7 +136,7 @@ _SECONDS_PER = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "s": 1.0}
 
 
 class Seconds(click.ParamType[float]):
-    """A time such as `60s`, `1ms` or `0.5`, in seconds: at most a day, and above 0 unless `zero`."""
+    """A time such as `60s`, `1ms` or `0.5`, in seconds; at most a day, above 0 unless `zero`."""
 
     name = "SECONDS"
 

@@ -81,7 +81,7 @@ class StepSamples:
       work: of a step of this workload, on average.
       latency_ns: of each step.
       features: what happened in each step, by name: contacts, solver iterations, garbage
-        collections, page faults, preemptions.
+        collections, page faults, preemptions, and by how much it began late.
     """
 
     pace: Pace
@@ -302,9 +302,11 @@ class _Recorder:
                     if self._period_ns:
                         self._wait_until(due)
                     collected, usage = collections.count, usage_now()
-                    begin = due if self._period_ns else self._clock()
+                    begin = self._clock()
                     mujoco.mj_step(model, data)
-                    latency_ns[k] = self._clock() - begin
+                    end = self._clock()
+                    late_ns = begin - due if self._period_ns else 0.0
+                    latency_ns[k] = end - begin + late_ns
                     later = usage_now()
                     counters[k] = (
                         data.ncon,
@@ -312,6 +314,7 @@ class _Recorder:
                         collections.count - collected,
                         later.ru_minflt + later.ru_majflt - usage.ru_minflt - usage.ru_majflt,
                         later.ru_nivcsw - usage.ru_nivcsw,
+                        1e-3 * late_ns,
                     )
                     due += self._period_ns
                     k += 1
@@ -332,6 +335,7 @@ _FEATURES = (
     "garbage collections",
     "page faults",
     "preemptions",
+    "µs of late start",
 )
 
 

@@ -43,7 +43,7 @@ class Reason(StrEnum):
     FASTER = "faster"
     """It is certainly faster than the plain loop."""
     SIMPLER = "simpler"
-    """It is simpler than the fastest path, which gains less than 3 % over it."""
+    """It is simpler than the fastest path, which is not certainly 3 % faster."""
     NO_GAIN = "no gain"
     """It is the plain loop, and no path is certainly faster."""
     UNCONFIRMED = "unconfirmed"

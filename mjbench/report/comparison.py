@@ -329,7 +329,7 @@ def _why(advice: Advice) -> str:
         case Reason.FASTER | Reason.PAYS:
             text = gain
         case Reason.SIMPLER:
-            text = f"{gain + '; ' if gain else ''}{advice.rival} gains less than 3 % over it"
+            text = f"{gain + '; ' if gain else ''}{advice.rival} is not certainly 3 % faster"
         case Reason.NO_GAIN:
             text = "no path is certainly faster"
         case Reason.UNCONFIRMED:

@@ -249,7 +249,7 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
     )
     yield (
         "Standard errors do not include what the rest of the machine did meanwhile:"
-        " [changes that were measured twice, beside other work, differed by several percent]"
+        " [a second run, beside other work, had changes that differ by up to several percent]"
         "(method/history.md#how-exact-it-is)."
     )
     yield from _against_itself(history)
@@ -274,6 +274,7 @@ def _against_itself(history: SpeedHistory) -> Iterator[str]:
 def no_change_line(history: SpeedHistory) -> Iterator[str]:
     """Yield what the page says of releases whose code is that of the one before; none without."""
     log_ratios: list[float] = []
+    deviations: list[float] = []
     names: list[str] = []
     listed = 0
     shipped = models.shipped()
@@ -284,14 +285,20 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
                 continue
             if pair.new not in names:
                 names.append(pair.new)
-            log_ratios.append(speed_history.change(*series.pair(index)).log_ratio)
+            change = speed_history.change(*series.pair(index))
+            log_ratios.append(change.log_ratio)
+            deviations.append(change.deviation)
             listed += any(p.index == index for p in series.changes.change_points)
     if log_ratios:
-        deviation = math.sqrt(statistics.fmean(x * x for x in log_ratios))
+        deviation, expected = (
+            math.sqrt(statistics.fmean(x * x for x in values))
+            for values in (log_ratios, deviations)
+        )
         yield (
             "As a check, in some releases a step executes as many instructions as in the one"
             f" before: {', '.join(names)}. The root mean square of their"
-            f" {_count(len(log_ratios), 'change')} is {100 * deviation:.2f} %; {listed} of them"
+            f" {_count(len(log_ratios), 'change')} is {100 * deviation:.2f} %, where their"
+            f" standard errors predict {100 * expected:.2f} %; {listed} of them"
             f" {'is' if listed == 1 else 'are'} listed."
         )
 
