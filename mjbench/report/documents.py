@@ -102,6 +102,8 @@ class ModelRow:
     integrator: str | None = None
     solver: str | None = None
     cone: str | None = None
+    can_fall: bool | None = None
+    has_clock: bool | None = None
 
     @classmethod
     def of(cls, listed: ListedModel) -> "ModelRow":
