@@ -72,7 +72,7 @@ _OUTPUTS = ("-", "out.json", "good.xml", "run.jsonl", "loop.py", "folder", "no/s
 # What keeps a command line that is good by chance short.
 _SHORT = {
     "budget": "0", "time_limit": "1s", "nbatch": "2", "nstep": "4", "trials": "1", "samples": "2",
-    "slowdowns": "0",
+    "slowdowns": "0", "duration_s": "0.1s", "knots": "3", "hold": "2",
 }  # fmt: skip
 # Commands and subcommands that reach the network, write into the project or take long.
 _LEFT_OUT = {"update", "verify", "install", "remove", "history"}
@@ -120,6 +120,9 @@ def _options(choices: random.Random, command: "click.Command") -> list[str]:
             continue
         flag = option.opts[0]
         if option.name in ("wait", "clock"):  # it would wait for another; it would take long
+            continue
+        if option.name == "confirm":
+            arguments.append("--no-confirm")
             continue
         if choices.random() < 0.25:
             if option.is_flag:

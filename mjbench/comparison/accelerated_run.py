@@ -110,7 +110,15 @@ def measure_in_child(request: AcceleratedRequest, channel: Channel) -> None:
     channel.doing(f"compiling {path.name} for {name}")
     compiled = path.prepare(workload, options, resources)
     digest = workload.digest()
-    channel.send(CompileReport(compiled.device, compiled.trace_s, compiled.compile_s, digest))
+    channel.send(
+        CompileReport(
+            compiled.device,
+            compiled.trace_s,
+            compiled.compile_s,
+            digest,
+            dict(compiled.buffer_sizes),
+        )
+    )
     channel.doing(f"checking {path.name} on {name}")
     snippet = path.snippet(workload, {**options, **compiled.buffer_sizes})
     _check_and_time(_Case(workload, compiled, path, snippet, request), channel)

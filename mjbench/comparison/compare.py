@@ -293,6 +293,7 @@ class _ModelMeasurement:
             device=compiling.device if compiling else None,
             trace_s=compiling.trace_s if compiling else None,
             compile_s=compiling.compile_s if compiling else None,
+            buffer_sizes=compiling.buffer_sizes if compiling else None,
             memory_bytes=memory.memory_bytes if memory else None,
             gpu_memory_bytes=memory.gpu_memory_bytes if memory else None,
             check=report.check,

@@ -154,12 +154,14 @@ class CompileReport:
       trace_s: seconds of tracing; None where there is no such stage.
       compile_s: seconds of the compiler.
       workload_digest: of the workload that the child received.
+      buffer_sizes: sizes of the engine's buffers, by its names for them.
     """
 
     device: str
     trace_s: float | None
     compile_s: float
     workload_digest: str
+    buffer_sizes: Mapping[str, int]
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,7 @@ class MeasurementRecord:
       memory_bytes: most memory of the process.
       gpu_memory_bytes: most memory of the GPU; None on a CPU.
       check: how far an accelerated path is from C.
+      buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       samples_s: seconds of each block; for paths that run C, the same position is the same round.
     """
 
@@ -146,6 +147,7 @@ class MeasurementRecord:
     memory_bytes: NonNegativeInt | None = None
     gpu_memory_bytes: NonNegativeInt | None = None
     check: AcceleratedCheck | None = None
+    buffer_sizes: Mapping[str, PositiveInt] | None = None
     samples_s: Sequence[PositiveFloat] = field(default=())
 
     def __post_init__(self) -> None:

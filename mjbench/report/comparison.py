@@ -8,6 +8,7 @@ from rich.text import Text
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import ModelRecord
+from mjbench.paths.accelerated import keyword_arguments
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
 from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason, advise, advise_clock
@@ -265,8 +266,19 @@ def _notes(model_results: ModelResults) -> list[str | Text]:
     ]
     lines += _unavailable_lines(results)
     lines += [f"{r.path}: {r.agreement}" for r in results if r.check and r.agrees]
+    lines += _buffer_lines(results)
     lines += _error_causes(results)
     return [*lines, *_cores_note(model_results)]
+
+
+def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
+    """Return sizes of buffers that sufficed, to paste into a call of make_data."""
+    return [
+        f"{result.path}: {keyword_arguments(result.buffer_sizes).removeprefix(', ')} suffice for"
+        f" {result.nbatch} simulations like these: twice what this run needed at most"
+        for result in results
+        if result.buffer_sizes and result.agrees
+    ]
 
 
 def _cores_note(model_results: ModelResults) -> list[str | Text]:

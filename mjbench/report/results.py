@@ -66,6 +66,7 @@ class PathResult:
       memory_bytes: most memory of the process.
       gpu_memory_bytes: most memory of the GPU.
       check: how far an accelerated path is from C.
+      buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       overtakes_after_steps: break-even: steps of the plain loop that take as long as compiling and
         running the same number; None where the plain loop is faster.
     """
@@ -100,6 +101,7 @@ class PathResult:
     memory_bytes: int | None = None
     gpu_memory_bytes: int | None = None
     check: AcceleratedCheck | None = None
+    buffer_sizes: Mapping[str, int] | None = None
     overtakes_after_steps: float | None = None
 
     @property
