@@ -7,7 +7,7 @@ STAMP := $(VENV)/.up-to-date
 .PHONY: help bench test lint c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
-	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (3 to 7 minutes)"
+	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (about 10 minutes)"
 	@echo "make test      run lint (see below) and the tests (about 10 minutes on two cores)"
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"

@@ -75,13 +75,14 @@ def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
         [*headings, "speed-up", "95 %", "× real time"],
         right=range(len(headings), len(headings) + 3),
     )
+    names = tables.short_names([row.model for row in advice])
     for row in advice:
         size = [f"{row.nbatch:,}"] if has_sizes else []
         interval = (
             f"{tables.factor(row.low)}–{tables.factor(row.high)}" if row.low and row.high else ""
         )
         table.add_row(
-            row.model,
+            names[row.model],
             *size,
             row.loop,
             str(Variant(row.path, row.options)),

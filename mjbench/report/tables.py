@@ -1,6 +1,6 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
@@ -61,6 +61,16 @@ def plain_table(headings: Sequence[str], right: Sequence[int] | range = ()) -> T
             overflow="fold",
         )
     return table
+
+
+def short_names(names: Iterable[str]) -> dict[str, str]:
+    """Return a short name for each: of a file, its own name where no other file has the same."""
+    full = list(dict.fromkeys(names))
+    own = [name.rpartition("/")[2] for name in full]
+    return {
+        name: short if own.count(short) == 1 else name
+        for name, short in zip(full, own, strict=True)
+    }
 
 
 def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:

@@ -14,11 +14,11 @@ from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
-from mjbench.report.advice import advise
+from mjbench.report.advice import Reason, advise
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.simulation import models
-from mjbench.status import ExitCode
+from mjbench.status import ExitCode, Status
 
 RUNS = ROOT / "results/runs"
 COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
@@ -45,10 +45,15 @@ def test_the_committed_comparison_is_complete_and_every_path_agreed(file: Path) 
     assert [group.model.model for group in groups] == run.header.arguments["models"]
     assert groups
     for group in groups:
-        variants = [[result.path, result.options] for result in group.results]
+        variants = [{"path": r.path, "options": r.options} for r in group.results]
         assert variants == run.header.arguments["variants"], group.model.model
-        assert all(result.agrees and result.step_ns for result in group.results)
-        assert {advice.loop.value for advice in advise(group)} == {"open", "closed"}
+        compared = [r for r in group.results if r.status != Status.UNAVAILABLE]
+        assert {r.path for r in group.results if r not in compared} <= {"mjx", "mjx64"}
+        assert all(result.agrees and result.step_ns for result in compared)
+        advice = advise(group)
+        assert {row.loop.value for row in advice} == {"open", "closed"}
+        assert all(row.low and row.low > 1 for row in advice if row.path != "python_loop")
+        assert all(row.reason != Reason.UNCONFIRMED for row in advice)
 
 
 @pytest.mark.parametrize("file", SELFCHECKS, ids=lambda f: f.stem)

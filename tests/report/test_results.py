@@ -9,9 +9,10 @@ import pytest
 from example_records import FACTS, measurement, model_record
 from rich.console import Console
 
-from mjbench.report import comparison, results
+from mjbench.report import comparison, results, tables
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.work import Work
 from mjbench.status import Status
 
 
@@ -48,6 +49,26 @@ def test_a_stored_timestep_by_which_no_time_passes_gives_no_real_time_factor(
 def test_a_path_that_disagrees_or_failed_has_no_speed(row: dict[str, Any]) -> None:
     rows = derived(python_loop={"samples_s": [1.0]}, rollout={"samples_s": [0.5], **row}).results
     assert rows[1].step_ns is rows[1].speedup is rows[1].steps_per_s is None
+
+
+@pytest.mark.parametrize(
+    ("can_fall", "contacts", "is_warned"),
+    [(True, 0.0, True), (True, 2.0, False), (False, 0.0, False), (None, 0.0, False)],
+)
+def test_a_model_in_free_fall_gets_a_warning(
+    can_fall: bool | None, contacts: float, is_warned: bool
+) -> None:
+    facts = dataclasses.replace(FACTS, can_fall=can_fall)
+    work = Work(contacts, 0.0, 0.0)
+    model_results = results.derive(model_record(facts=facts, work=work, start_contacts=0), [])
+    out = Console(file=io.StringIO(), width=200)
+    comparison.print_model(out, model_results)
+    assert ("these are the speeds of free fall" in out.file.getvalue()) == is_warned  # type: ignore[attr-defined]
+
+
+def test_a_summary_names_models_by_their_files_where_that_is_clear() -> None:
+    names = ["a/ant.xml", "b/ant.xml", "b/dog.xml", "cartpole"]
+    assert list(tables.short_names(names).values()) == [*names[:2], "dog.xml", "cartpole"]
 
 
 def test_break_even_counts_the_steps_that_pay_for_compiling() -> None:
