@@ -9,7 +9,9 @@ from mjbench.instrument.isolate import Ended
 from mjbench.status import Status
 
 OK = Ended(Status.OK)
-COMPILED = CompileReport(device="cpu", trace_s=1.0, compile_s=2.0, workload_digest="d")
+COMPILED = CompileReport(
+    device="cpu", trace_s=1.0, compile_s=2.0, workload_digest="d", buffer_sizes={}
+)
 AGREES = AgreementReport(index=0, status=Status.OK, agrees=True)
 BLOCKS = [BlockTime(0.5), BlockTime(0.25)]
 MEMORY = PeakMemory(memory_bytes=1, gpu_memory_bytes=None)
