@@ -129,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--returns", default=Product.FINAL.value, choices=[*Product])
     options = parser.parse_args(arguments)
-    found: list[Regret] = []
+    measured: list[Regret] = []
     try:
         threads = [int(count) for count in options.threads.split(",") if count]
         plan = ComparisonPlan(
@@ -138,14 +138,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with WorkerPool() as pool:
             for name in options.models or models.shipped():
                 for regret in regrets(pool, models.resolve(name), plan):
-                    found.append(regret)
+                    measured.append(regret)
                     print(_row(regret), flush=True)
     except MjbenchError as error:
         sys.exit(f"advice: {error}")
     except KeyboardInterrupt:
         print("interrupted")
-    if found:
-        shares = [100 * regret.share for regret in found]
+    if measured:
+        shares = [100 * regret.share for regret in measured]
         print(f"regret: at most {max(shares):.1f} %, mean {statistics.mean(shares):.2f} %")
 
 

@@ -38,6 +38,7 @@ class Planning(Timed):
             seed=0,
             returns=Product.TRAJECTORY,
         )
+        self.columns = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
         stepping_path = paths.find(path)
         options = stepping_path.complete({})
         reason = stepping_path.unavailable() or stepping_path.unsuited(self.workload, options)
@@ -59,7 +60,7 @@ class Planning(Timed):
             self.prepared.run()
             physics = self.prepared.step_outputs().state
             assert physics is not None
-            states = States.of(self.workload.model, physics)
+            states = States.of(self.columns, physics)
             self.planner.improve(candidates, self.task.cost(states, candidates))
 
     time_4_plans.pretty_name = "4 MPPI plans for the cart-pole's swing-up"

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import functools
 import itertools
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,7 @@ from mjbench.cli.shared import (
     Numbers,
     Seconds,
     check_sizes,
+    own_path_folder,
     start_plan,
     with_options,
 )
@@ -148,9 +148,7 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
     from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
     from mjbench.simulation.workload import Product
 
-    has_own_path = any(":" in name for name in options.path_names or ())
-    if has_own_path:
-        sys.path.insert(0, str(Path.cwd()))
+    import_from = own_path_folder(options.path_names)
     path_names = selection.expand(options.path_names or [])
     choices = selection.choices(options.option_words, path_names)
     if options.chunk:
@@ -167,7 +165,7 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
         returns=Product(options.returns),
         budget_s=BUDGET_S if options.budget is None else options.budget,
         limit_s=options.time_limit,
-        import_from=str(Path.cwd()) if has_own_path else None,
+        import_from=import_from,
         named=tuple(n for n in options.path_names or () if n != selection.USUAL_PATHS),
         total_steps=options.total_steps,
     )

@@ -1,8 +1,5 @@
 """`mjbench plan`: plans per second of a sampling planner, by the path that rolls out."""
 
-import sys
-from pathlib import Path
-
 import click
 
 from mjbench.cli.context import RunContext
@@ -17,6 +14,7 @@ from mjbench.cli.shared import (
     Names,
     Numbers,
     Seconds,
+    own_path_folder,
     with_options,
 )
 from mjbench.errors import Failure
@@ -88,9 +86,7 @@ def plan(
     from mjbench.report.planning import print_rows
     from mjbench.simulation import models
 
-    has_own_path = any(":" in name for name in path_names or ())
-    if has_own_path:
-        sys.path.insert(0, str(Path.cwd()))
+    import_from = own_path_folder(path_names)
     sources = [models.resolve(name) for name in names or ("cartpole",)]
     variants = selection.variants(path_names or [], threads or [machine.usable_cores()])
     settings = PlannerSettings(Algorithm(algorithm), samples, knots, seed=seed)
@@ -103,7 +99,7 @@ def plan(
                 source,
                 lambda s: planning_run.run(
                     PlanningRequest(s, variants, settings, hold, duration_s),
-                    str(Path.cwd()) if has_own_path else None,
+                    import_from,
                     time_limit,
                 ),
             )

@@ -1,7 +1,8 @@
 """Options that several commands share, and the types of their values."""
 
 import math
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -214,6 +215,22 @@ def _share(word: str) -> float:
 def _quoted(value: object) -> str:
     """Return what the user wrote in quotes, on one line, cut short where it is long."""
     return one_line(repr(value), 60)
+
+
+def own_path_folder(path_names: Sequence[str] | None) -> str | None:
+    """Return the folder that the user's own paths are imported from, and import from it here, too.
+
+    Args:
+      path_names: that the user gave; those of their own are like `module:Class`.
+
+    Returns:
+      The current folder; None where no path is the user's own.
+    """
+    if not any(":" in name for name in path_names or ()):
+        return None
+    folder = str(Path.cwd())
+    sys.path.insert(0, folder)
+    return folder
 
 
 def with_options(*options: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:

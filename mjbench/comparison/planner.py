@@ -1,7 +1,7 @@
 """Sampling planners: predictive sampling, MPPI and CEM, over piecewise constant controls.
 
-A planner proposes candidates, sequences of controls around its nominal one; whoever rolls them out
-returns their costs; the planner then improves its nominal sequence. Each draws from a seeded
+A planner proposes candidates, sequences of controls around its nominal one. From the costs of their
+rollouts it improves its nominal sequence. Each draws from a seeded
 generator, so the same costs give the same plan, to the last bit.
 """
 

@@ -5,6 +5,7 @@ be bit-identical to what the plain loop returns, so all paths give the same plan
 of one plan. The loop then goes on with that plan. Runs in a child process (see `isolate`).
 """
 
+import dataclasses
 import random
 import statistics
 import time
@@ -16,7 +17,7 @@ import mujoco
 import numpy as np
 
 from mjbench import paths
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import LIMIT_S, Variant
 from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings
 from mjbench.comparison.planning_tasks import PlanningTask, States, task_of
 from mjbench.errors import InputError, describe, one_line
@@ -26,9 +27,6 @@ from mjbench.simulation import agreement, compat, models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, Workload
 from mjbench.status import Status
-
-# A child that reports nothing for this long is killed, in seconds.
-LIMIT_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -183,13 +181,8 @@ def _row(
         return row
     plan_s = statistics.median(plans.plan_s)
     ratios = [b / own for b, own in zip(base.plan_s, plans.plan_s, strict=True)]
-    return PlanningRow(
-        **{
-            **vars(row),
-            "plan_s": plan_s,
-            "plans_per_s": 1 / plan_s,
-            "speedup": statistics.median(ratios),
-        }
+    return dataclasses.replace(
+        row, plan_s=plan_s, plans_per_s=1 / plan_s, speedup=statistics.median(ratios)
     )
 
 
@@ -306,6 +299,8 @@ class _Loop:
         planned: Sequence[_PlannedPath],
     ):
         self._model, self._task, self._request, self._planned = model, task, request, planned
+        # looked up here, and not in each plan, which is timed
+        self._columns = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
 
     def run(self, channel: Channel) -> LoopOutcome:
         """Plan and step until the duration is over."""
@@ -327,7 +322,7 @@ class _Loop:
             data.ctrl[:] = planner.advance()
             mujoco.mj_step(model, data, request.hold)
             compat.get_state(model, data, states[k], physics)
-        last = States.of(model, states[-(nplan // 4) :])
+        last = States.of(self._columns, states[-(nplan // 4) :])
         return LoopOutcome(
             task.name, task.is_achieved(last), nplan, control_s, agreement.digest(states)
         )
@@ -342,17 +337,18 @@ class _Loop:
         """
 
         def cost(physics: np.ndarray) -> np.ndarray:
-            return self._task.cost(States.of(self._model, physics), candidates)
+            return self._task.cost(States.of(self._columns, physics), candidates)
 
         order = [i for i, path in enumerate(self._planned) if path.is_ok]
         shuffle(order)
         digests: dict[int, str] = {}
+        base: tuple[np.ndarray, np.ndarray] | None = None
         for i in order:
             rolled_out = self._planned[i].roll_out(start, candidates, cost)
             if rolled_out is not None:
                 digests[i] = agreement.digest(rolled_out[0])
-            if i == 0:
-                base = rolled_out and (rolled_out[0].copy(), rolled_out[1])
+            if i == 0 and rolled_out is not None:
+                base = rolled_out[0].copy(), rolled_out[1]
         if base is None:
             raise InputError(f"the plain loop fails: {self._planned[0].plans().detail}")
         for i, digest in digests.items():
@@ -365,8 +361,9 @@ class _Loop:
         self, rolled_out: tuple[np.ndarray, np.ndarray] | None, expected: np.ndarray
     ) -> str:
         """Return where the states of a path differ from those of the plain loop."""
-        columns = compat.state_columns(self._model, compat.state_spec("FULLPHYSICS"))
-        difference = rolled_out and agreement.first_differing_step(rolled_out[0], expected, columns)
+        difference = rolled_out and agreement.first_differing_step(
+            rolled_out[0], expected, self._columns
+        )
         return str(difference) if difference else "its states differ from run to run"
 
 

@@ -1,12 +1,12 @@
 """What planners are to achieve: a start, a cost of states and controls, and when it is achieved."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat
 from mjbench.simulation.workload import start_data
 
 
@@ -23,9 +23,13 @@ class States:
     qvel: np.ndarray
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, physics: np.ndarray) -> "States":
-        """Return the fields of (…, nphysics) rows of mjSTATE_FULLPHYSICS."""
-        columns = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
+    def of(cls, columns: Mapping[str, slice], physics: np.ndarray) -> "States":
+        """Return the fields of states.
+
+        Args:
+          columns: of each field in a row of mjSTATE_FULLPHYSICS (see `compat.state_columns`).
+          physics: (…, nphysics) rows.
+        """
         return cls(physics[..., columns["qpos"]], physics[..., columns["qvel"]])
 
 

@@ -2,7 +2,8 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping
+import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from mjbench import paths
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError, describe, one_line
-from mjbench.simulation import agreement, compat, inputs, models, work, workload
+from mjbench.simulation import agreement, compat, inputs, models, trajectory, work, workload
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.work import Observation
 from mjbench.simulation.workload import Product, StepOutputs, Workload
@@ -70,7 +71,7 @@ class ReferenceCase:
             them.
         """
         return self._output_difference(prepared) or agreement.first_differing_entry(
-            states.values, self.observation.final_state, self._columns("INTEGRATION"), states.mask
+            states.values, self.observation.final_state, self._state_columns, states.mask
         )
 
     def _output_difference(self, prepared: paths.Prepared) -> Difference | None:
@@ -82,7 +83,7 @@ class ReferenceCase:
             outputs = prepared.step_outputs()
         sensors = {"sensordata": slice(0, self.workload.model.nsensordata)}
         compared = (
-            ("state", outputs.state, self.outputs.state, self._columns("FULLPHYSICS")),
+            ("state", outputs.state, self.outputs.state, self._physics_columns),
             ("sensordata", outputs.sensordata, self.outputs.sensordata, sensors),
         )
         differences = []
@@ -94,14 +95,17 @@ class ReferenceCase:
             differences.append(agreement.first_differing_step(values, expected, columns))
         return min(filter(None, differences), key=lambda d: d.step or 0, default=None)
 
-    def _columns(self, spec: str) -> dict[str, slice]:
-        return compat.state_columns(self.workload.model, compat.state_spec(spec))
+    @functools.cached_property
+    def _state_columns(self) -> dict[str, slice]:
+        return compat.state_columns(self.workload.model, compat.state_spec("INTEGRATION"))
+
+    @functools.cached_property
+    def _physics_columns(self) -> dict[str, slice]:
+        return compat.state_columns(self.workload.model, compat.state_spec("FULLPHYSICS"))
 
     def reorder(self, rng: np.random.Generator) -> None:
         """Reorder the simulations of the workload and of the reference run, in place."""
-        order = rng.permutation(self.workload.nbatch)
-        if np.array_equal(order, np.arange(len(order))):
-            order = np.roll(order, 1)
+        order = workload.draw_order(self.workload.nbatch, rng)
         self.resources.reorder(order)
         final_state = self.observation.final_state
         final_state[...] = final_state[order]
@@ -136,7 +140,7 @@ class ReferenceCase:
 
         def difference_after(ncontrol: int) -> Difference | None:
             shorter = ReferenceCase.create(*work.observe_healthy(self.workload.first(ncontrol)))
-            with _closing(shorter):
+            with contextlib.closing(shorter.resources):
                 path = paths.find(variant.path)
                 return shorter._check(
                     path.prepare(shorter.workload, variant.options, shorter.resources)
@@ -156,14 +160,6 @@ class ReferenceCase:
             else:
                 bad, earliest = middle, difference
         return earliest.at(bad * self.workload.hold)
-
-
-@contextlib.contextmanager
-def _closing(case: ReferenceCase) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        case.resources.close()
 
 
 @dataclass(frozen=True)
@@ -215,7 +211,7 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
 
     Simulations that raise any warning are left out: a rollout stops at the first.
     """
-    rows = np.unique(np.linspace(0, own.nbatch - 1, INPUTS_NBATCH).astype(int))
+    rows = trajectory.spread_indices(own.nbatch, INPUTS_NBATCH)
     affordable = int(INPUTS_S / (step_s * len(rows)))
     ncontrol = max(1, min(INPUTS_NSTEP, affordable) // own.hold)
     few = np.zeros(own.nbatch, dtype=bool)

@@ -76,17 +76,15 @@ ONE_CALL = Habit(
     value="data.time",
     instead_of_loop="mj_step(model, data, nstep)",
 )
-# The engine reads its clock around every stage of a step. Here its clock becomes a C function that
-# returns at once: libc's difftime, whose result nobody uses.
+# The engine reads its clock around every stage of a step.
 CLOCK_OFF = Habit(
     "engine clock off",
     "pass",
-    "import ctypes\nprototype = ctypes.CFUNCTYPE(ctypes.c_double)\n"
-    "no_clock = ctypes.cast(ctypes.CDLL(None).difftime, prototype)",
+    "import mjbench",
     value="data.time",
     requires=_has_clock,
-    before_run="mujoco.set_mjcb_time(no_clock)",
-    after_run="mujoco.set_mjcb_time(None)",
+    before_run="mjbench.engine_clock(False)",
+    after_run="mjbench.engine_clock(True)",
 )
 
 _ROW = "row = np.empty(model.nq + model.nv)"

@@ -4,7 +4,7 @@ Within one process, where its memory happens to lie moves a ratio by a percent o
 launch has processes of its own, so the interval includes what differs from process to process.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,7 +13,7 @@ from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
 from mjbench.paired import verdict
 from mjbench.paired.block_sizes import THREADED_BLOCK_S, Sizes
 from mjbench.paired.judgement import Judgement
-from mjbench.paired.records import Ratio
+from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
@@ -44,6 +44,7 @@ class ConfirmationRecord:
       detail: one line; empty when ok.
       ratio: the candidate's time over the baseline's, with a 95 % interval; None without one.
       launches: pairs of fresh processes.
+      samples: raw times of every launch.
     """
 
     record_type: ClassVar[str] = "confirmation"
@@ -57,6 +58,7 @@ class ConfirmationRecord:
     detail: str = ""
     ratio: Ratio | None = None
     launches: NonNegativeInt = 0
+    samples: Sequence[LaunchRow] = ()
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,8 @@ def compare_again(
     verdict_plan = VerdictPlan(
         MIN_EFFECT, CONFIDENCE, MIN_EFFECT / 2, TIME_LIMIT_S, sizes, as_shipped=True
     )
-    row = verdict.decide(pool, baseline, candidate, verdict_plan, on_launch).row()
+    result = verdict.decide(pool, baseline, candidate, verdict_plan, on_launch)
+    row = result.row()
     return ConfirmationRecord(
         model=source.name,
         nbatch_asked=plan.nbatch,
@@ -130,4 +133,5 @@ def compare_again(
         detail=row.detail,
         ratio=row.ratio,
         launches=row.launches,
+        samples=[launch.row() for launch in result.launches],
     )

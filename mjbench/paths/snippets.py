@@ -34,23 +34,22 @@ def recorded_steps(workload: Workload, indent: int, step: str, record: Sequence[
     return "".join(f"{' ' * indent}{line}\n" for line in lines)
 
 
-def data_steps(workload: Workload, indent: int, row: str, data: str = "data") -> str:
+def data_steps(workload: Workload, indent: int, row: str) -> str:
     """Return lines that step an MjData through one control, recorded in simulation `row`.
 
     Args:
       workload: for final states, one call takes all steps of a control.
       indent: columns of indentation.
       row: index of the simulation in the outputs.
-      data: name of the MjData.
     """
     if workload.returns == Product.FINAL:
         nstep = f", nstep={workload.hold}" if workload.hold > 1 else ""
-        return f"{' ' * indent}mujoco.mj_step(model, {data}{nstep})\n"
+        return f"{' ' * indent}mujoco.mj_step(model, data{nstep})\n"
     record = (
-        f"mujoco.mj_getState(model, {data}, state[{row}, k], physics)",
-        f"sensordata[{row}, k] = {data}.sensordata",
+        f"mujoco.mj_getState(model, data, state[{row}, k], physics)",
+        f"sensordata[{row}, k] = data.sensordata",
     )
-    return recorded_steps(workload, indent, f"mujoco.mj_step(model, {data})", record)
+    return recorded_steps(workload, indent, "mujoco.mj_step(model, data)", record)
 
 
 def counter(workload: Workload, indent: int) -> str:

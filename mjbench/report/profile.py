@@ -43,7 +43,7 @@ def _print_step(out: Console, profile: StepProfile) -> None:
     if clock_ns / loop_ns >= _LEAST_CLOCK_SHARE:
         out.print(
             f"The engine's own clock, which these timers need, is {100 * clock_ns / loop_ns:.0f} %"
-            f" of it ({_time(clock_ns)}); `mjbench overhead --code` shows how to turn it off.",
+            f" of it ({_time(clock_ns)}); mjbench.engine_clock(False) turns it off.",
             soft_wrap=True,
         )
 

@@ -5,6 +5,7 @@ function in its place (`mjcb_time`) that returns at once, on any thread and with
 """
 
 import ctypes
+import functools
 import sys
 from types import TracebackType
 from typing import Any
@@ -61,6 +62,7 @@ def engine_clock(on: bool) -> EngineClock:
     return EngineClock(previous)
 
 
+@functools.cache  # a timed block may call it
 def _no_clock() -> Any:
     """Return a C function that takes no time.
 

@@ -109,7 +109,7 @@ def record_trajectory(workload: Workload, nsim: int, rounded: bool = False) -> T
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
-    chosen = _spread(workload.nbatch, nsim)
+    chosen = spread_indices(workload.nbatch, nsim)
     states = np.empty((len(chosen), nstep + 1, workload.initial_state.shape[1]))
     unconstrained_nstep = nstep
     for i, simulation in enumerate(chosen):
@@ -148,7 +148,7 @@ def single_steps(
       inputs_to_set: MjData fields of the inputs to set.
     """
     nstep = workload.nstep
-    chosen = _spread(len(trajectory.states) * nstep, most)
+    chosen = spread_indices(len(trajectory.states) * nstep, most)
     row, step = chosen // nstep, chosen % nstep
     state = trajectory.states[row, step]
     control = workload.control[trajectory.simulation[row], step // workload.hold]
@@ -229,7 +229,7 @@ def violation(model: mujoco.MjModel, states: np.ndarray) -> Violation:
     return Violation(float(penetration), constraint)
 
 
-def _spread(count: int, most: int) -> np.ndarray:
+def spread_indices(count: int, most: int) -> np.ndarray:
     """Return up to `most` of `count` indices, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))
 

@@ -230,6 +230,12 @@ def make(
     )
 
 
+def draw_order(nbatch: int, rng: np.random.Generator) -> np.ndarray:
+    """Return an (nbatch,) order of simulations, another than they have where there are several."""
+    order = rng.permutation(nbatch)
+    return np.roll(order, 1) if np.array_equal(order, np.arange(nbatch)) else order
+
+
 def check_sizes(nbatch: int, nstep: int, hold: int) -> None:
     """Refuse sizes that no workload has.
 

@@ -66,8 +66,8 @@ def test_what_slow_steps_have_in_common_is_found() -> None:
     latency_ns, faults = np.full(1_000, 1e4), np.zeros(1_000)
     latency_ns[::200], faults[::200] = 1e6, 2.0
     row = latency.row("m", samples(latency_ns, faults=faults, calm=np.ones(1_000)), None)
-    found = {feature.name: (feature.slow, feature.all) for feature in row.slow}
-    assert found == {"faults": (2.0, pytest.approx(0.01)), "calm": (1.0, 1.0)}
+    shares = {feature.name: (feature.slow, feature.all) for feature in row.slow}
+    assert shares == {"faults": (2.0, pytest.approx(0.01)), "calm": (1.0, 1.0)}
 
 
 def test_the_histogram_is_one_that_others_can_read() -> None:

@@ -77,6 +77,19 @@ def case() -> Iterator[Case]:
     case.resources.close()
 
 
+def names_after_snippet(
+    case: Case, path: paths.SteppingPath, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the names that a path's snippet leaves, after it ran on copies of a case's arrays."""
+    names = {
+        "model": case.workload.model,
+        "initial_state": case.workload.initial_state.copy(),
+        "control": case.workload.control.copy(),
+    }
+    exec(compile(path.snippet(case.workload, options), path.name, "exec"), names)
+    return names
+
+
 @pytest.fixture(scope="module")
 def cases() -> Iterator[Mapping[Product, Case]]:
     """Return a case for each product, of one step per control."""
@@ -139,12 +152,7 @@ def test_a_snippet_returns_what_its_path_does(
 ) -> None:
     case = cases[product]
     case.skip_unless_possible(path, options)
-    names = {
-        "model": case.workload.model,
-        "initial_state": case.workload.initial_state.copy(),
-        "control": case.workload.control.copy(),
-    }
-    exec(compile(path.snippet(case.workload, options), path.name, "exec"), names)
+    names = names_after_snippet(case, path, options)
     np.testing.assert_array_equal(names["state"], case.outputs.state)
     if product == Product.SENSORS:
         np.testing.assert_array_equal(names["sensordata"], case.outputs.sensordata)
@@ -170,12 +178,7 @@ def test_a_snippet_does_what_its_path_does(
 ) -> None:
     case.skip_unless_possible(path, options)
     model = case.workload.model
-    names = {
-        "model": model,
-        "initial_state": case.workload.initial_state.copy(),
-        "control": case.workload.control.copy(),
-    }
-    exec(compile(path.snippet(case.workload, options), path.name, "exec"), names)
+    names = names_after_snippet(case, path, options)
     expected = case.reference.final_state
     if path.name == "rollout":  # it returns full-physics states
         columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
@@ -184,7 +187,16 @@ def test_a_snippet_does_what_its_path_does(
     np.testing.assert_array_equal(names["final_state"], expected)
 
 
-def test_the_snippet_of_processes_does_what_the_path_does(case: Case, tmp_path: Path) -> None:
+@pytest.mark.parametrize("product", list(Product))
+def test_the_snippet_of_processes_does_what_the_path_does(
+    case: Case, cases: Mapping[Product, Case], product: Product, tmp_path: Path
+) -> None:
+    case = case if product == Product.FINAL else cases[product]
+    expected = {"final_state": case.reference.final_state}
+    if product != Product.FINAL:
+        expected["state"] = case.outputs.state
+    if product == Product.SENSORS:
+        expected["sensordata"] = case.outputs.sensordata
     mujoco.mj_saveModel(case.workload.model, str(tmp_path / "model.mjb"))
     np.savez(
         tmp_path / "input.npz",
@@ -198,10 +210,12 @@ def test_the_snippet_of_processes_does_what_the_path_does(case: Case, tmp_path: 
         "arrays = np.load('input.npz')\n"
         "initial_state, control = arrays['initial_state'], arrays['control']\n"
     )
-    tail = "    np.save('final.npy', final_state)\n"
-    (tmp_path / "program.py").write_text(head + code + tail)
+    outputs = ", ".join(f"{name}={name}" for name in expected)
+    (tmp_path / "program.py").write_text(f"{head}{code}    np.savez('output.npz', {outputs})\n")
     subprocess.run([sys.executable, "program.py"], cwd=tmp_path, check=True, timeout=120)
-    np.testing.assert_array_equal(np.load(tmp_path / "final.npy"), case.reference.final_state)
+    with np.load(tmp_path / "output.npz") as output:
+        for name, values in expected.items():
+            np.testing.assert_array_equal(output[name], values)
 
 
 def test_a_model_without_actuators_runs_on_every_path() -> None:

@@ -25,10 +25,10 @@ def derived(**rows: dict[str, Any]) -> ModelResults:
 
 
 def confirmed(
-    model_results: ModelResults, *found: ConfirmationRecord, total_steps: int | None = None
+    model_results: ModelResults, *confirmations: ConfirmationRecord, total_steps: int | None = None
 ) -> list[Advice]:
     model = replace(model_results.model, total_steps=total_steps)
-    return advise(replace(model_results, model=model, confirmations=found))
+    return advise(replace(model_results, model=model, confirmations=confirmations))
 
 
 def again(
@@ -121,9 +121,9 @@ def test_a_plain_loop_that_is_as_fast_needs_one_comparison() -> None:
         python_loop=LOOP, python_loop_hold={"samples_s": [0.995] * 7, "closed_loop": True}
     )
     assert next_pairing(model_results) == pairing("python_loop", "python_loop_hold")
-    found = again("python_loop", "python_loop_hold", (0.995, 0.99, 0.999))
-    assert next_pairing(replace(model_results, confirmations=(found,))) is None
-    advice = confirmed(model_results, found)
+    confirmation = again("python_loop", "python_loop_hold", (0.995, 0.99, 0.999))
+    assert next_pairing(replace(model_results, confirmations=(confirmation,))) is None
+    advice = confirmed(model_results, confirmation)
     assert {(a.path, a.reason) for a in advice} == {("python_loop", Reason.SIMPLER)}
 
 
