@@ -69,8 +69,9 @@ def regrets(pool: "WorkerPool", source: "ModelSource", plan: "ComparisonPlan") -
         raise KeyboardInterrupt
     results = derive(records.model, records.measurements)
     while pairing := next_pairing(results):
-        sides = pairing.baseline, pairing.candidate
-        results = _with(results, compare_again(pool, source, plan, sides, results.compared_sizes))
+        sides, sizes = (pairing.baseline, pairing.candidate), results.compared_sizes
+        record = compare_again(pool, source, plan, sides, sizes, pairing.min_effect)
+        results = _with(results, record)
     advice = advise(results)
     if not advice:
         raise InputError(f"{source.name}: {records.model.detail or 'the plain loop was not timed'}")

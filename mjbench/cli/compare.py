@@ -268,8 +268,14 @@ class _Confirmation:
         while pairing := next_pairing(results):
             if self._pool is None:
                 self._pool = self._closing.enter_context(WorkerPool())
-            variants = pairing.baseline, pairing.candidate
-            record = compare_again(self._pool, source, plan, variants, results.compared_sizes)
+            record = compare_again(
+                self._pool,
+                source,
+                plan,
+                (pairing.baseline, pairing.candidate),
+                results.compared_sizes,
+                pairing.min_effect,
+            )
             self._run.record(record)
             results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
             if record.status == Status.INTERRUPTED:

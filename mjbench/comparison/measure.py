@@ -137,14 +137,16 @@ def _time(
     end = time.perf_counter() + plan.budget_s
     timer.run(list(prepared_by_index), plan.budget_s / 2, MIN_ROUNDS, MAX_ROUNDS)
     channel.doing("choosing what to time further")
-    closed_loop = [i for i in prepared_by_index if paths.find(plan.variants[i].path).closed_loop]
     base = [i for i in prepared_by_index if plan.variants[i].path == paths.BASE]
-    remaining = finalists(timer.rounds, [list(prepared_by_index), closed_loop], base)
+    # the plain loop with options is no path to be advised
+    open_loop = [i for i in prepared_by_index if i not in base or not plan.variants[i].options]
+    closed_loop = [i for i in open_loop if paths.find(plan.variants[i].path).closed_loop]
+    remaining = finalists(timer.rounds, [open_loop, closed_loop], base)
     while len(remaining) > len(base) and len(timer.rounds) < 2 * MAX_ROUNDS:
         timer.run(remaining, end - time.perf_counter(), FINAL_ROUNDS, FINAL_ROUNDS)
         if time.perf_counter() >= end - round_s:
             break
-        groups = [remaining, [i for i in closed_loop if i in remaining]]
+        groups = [[i for i in group if i in remaining] for group in (open_loop, closed_loop)]
         remaining = finalists(timer.rounds, groups, base)
     for index, difference in timer.differences.items():
         channel.send(BlockDisagreed(index, f"in a timed block: {difference}"))

@@ -20,10 +20,11 @@ from mjbench import paths
 from mjbench.comparison.plan import LIMIT_S, Variant
 from mjbench.comparison.planner import Algorithm, Planner, PlannerSettings
 from mjbench.comparison.planning_tasks import PlanningTask, States, task_of
-from mjbench.errors import InputError, describe, one_line
+from mjbench.errors import InputError, MachineError, describe, one_line
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
 from mjbench.simulation import agreement, compat, models
+from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product, Workload
 from mjbench.status import Status
@@ -242,10 +243,8 @@ class _PlannedPath:
         """
         try:
             workload = self._workload
-            workload.initial_state[:] = start
-            workload.control[:] = candidates
             if self._prepared is None:
-                self._prepare()
+                self._prepare(start, candidates)
                 if self._prepared is None:
                     return None
             self._prepared.clear()
@@ -264,8 +263,10 @@ class _PlannedPath:
             return None
         return states, costs
 
-    def _prepare(self) -> None:
+    def _prepare(self, start: np.ndarray, candidates: np.ndarray) -> None:
         """Prepare the path with the first candidates; what it needs to know is in them."""
+        self._workload.initial_state[:] = start
+        self._workload.control[:] = candidates
         path = paths.find(self._variant.path)
         reason = path.unavailable() or path.cannot_return(self._workload.returns)
         reason = reason or path.unsuited(self._workload, self._variant.options)
@@ -300,6 +301,7 @@ class _Loop:
     ):
         self._model, self._task, self._request, self._planned = model, task, request, planned
         # looked up here, and not in each plan, which is timed
+        self._guard = ModelGuard(model)
         self._columns = compat.state_columns(model, compat.state_spec("FULLPHYSICS"))
 
     def run(self, channel: Channel) -> LoopOutcome:
@@ -315,7 +317,7 @@ class _Loop:
         states = np.empty((nplan, compat.state_size(model, physics)))
         shuffle = random.Random(request.settings.seed).shuffle
         for k in range(nplan):
-            channel.allow_silence(LIMIT_S)
+            channel.allow_silence(0.0)  # a sign of life: no plan may take longer than the limit
             compat.get_state(model, data, start, full)
             candidates = planner.candidates()
             planner.improve(candidates, self._costs(start, candidates, shuffle))
@@ -334,6 +336,7 @@ class _Loop:
 
         Raises:
           InputError: the plain loop cannot roll them out.
+          MachineError: a path has changed the model.
         """
 
         def cost(physics: np.ndarray) -> np.ndarray:
@@ -345,6 +348,11 @@ class _Loop:
         base: tuple[np.ndarray, np.ndarray] | None = None
         for i in order:
             rolled_out = self._planned[i].roll_out(start, candidates, cost)
+            field = self._guard.change()
+            if field:
+                raise MachineError(
+                    f"{self._request.variants[i]} changes the model, which all paths share: {field}"
+                )
             if rolled_out is not None:
                 digests[i] = agreement.digest(rolled_out[0])
             if i == 0 and rolled_out is not None:
@@ -354,16 +362,14 @@ class _Loop:
         for i, digest in digests.items():
             if digest != digests[0]:
                 again = self._planned[i].roll_out(start, candidates, cost)
-                self._planned[i].fail(Status.DISAGREES, self._difference(again, base[0]))
+                if again is not None:
+                    difference = self._difference(again[0], base[0])
+                    self._planned[i].fail(Status.DISAGREES, difference)
         return base[1]
 
-    def _difference(
-        self, rolled_out: tuple[np.ndarray, np.ndarray] | None, expected: np.ndarray
-    ) -> str:
+    def _difference(self, states: np.ndarray, expected: np.ndarray) -> str:
         """Return where the states of a path differ from those of the plain loop."""
-        difference = rolled_out and agreement.first_differing_step(
-            rolled_out[0], expected, self._columns
-        )
+        difference = agreement.first_differing_step(states, expected, self._columns)
         return str(difference) if difference else "its states differ from run to run"
 
 

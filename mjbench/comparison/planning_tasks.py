@@ -57,7 +57,7 @@ class PlanningTask(ABC):
 
     @abstractmethod
     def is_achieved(self, states: States) -> bool:
-        """Return whether the last second, (nstep, …), is as it should be."""
+        """Return whether the last quarter of the loop, (nplan, …), is as it should be."""
 
 
 class SwingUp(PlanningTask):

@@ -35,6 +35,7 @@ class ReferenceCase:
       observation: of the reference run.
       outputs: of the reference run, of every step, as the workload asks for.
       resources: MjData, arrays and pools.
+      numbers: (nbatch,) of the simulations, as they were before they were reordered.
       label: how it differs from what the user asked for, such as `with every input set`; empty for
         the user's own.
     """
@@ -43,6 +44,7 @@ class ReferenceCase:
     observation: Observation
     outputs: StepOutputs
     resources: paths.Resources
+    numbers: np.ndarray
     label: str = ""
 
     @classmethod
@@ -51,7 +53,8 @@ class ReferenceCase:
     ) -> "ReferenceCase":
         """Return the case of a workload and its reference run."""
         outputs = work.step_outputs(workload)
-        return cls(workload, observation, outputs, paths.Resources(workload), label)
+        numbers = np.arange(workload.nbatch)
+        return cls(workload, observation, outputs, paths.Resources(workload), numbers, label)
 
     @classmethod
     def in_contact(cls, hold: int, seed: int) -> "ReferenceCase":
@@ -70,9 +73,13 @@ class ReferenceCase:
           prepared: the run, whose outputs of every step are compared where the workload asks for
             them.
         """
-        return self._output_difference(prepared) or agreement.first_differing_entry(
+        difference = self._output_difference(prepared) or agreement.first_differing_entry(
             states.values, self.observation.final_state, self._state_columns, states.mask
         )
+        if difference is None:
+            return None
+        number = int(self.numbers[difference.simulation])
+        return dataclasses.replace(difference, simulation=number)
 
     def _output_difference(self, prepared: paths.Prepared) -> Difference | None:
         """Return where the outputs of a run first differ in any step, or None."""
@@ -110,6 +117,7 @@ class ReferenceCase:
         final_state = self.observation.final_state
         final_state[...] = final_state[order]
         self.outputs.reorder(order)
+        self.numbers[...] = self.numbers[order]
 
     def verify(self, variant: Variant) -> tuple[paths.Prepared, Difference | None]:
         """Prepare a variant and run it; return the run, and where it first differs."""
@@ -198,7 +206,10 @@ class FurtherCases:
             if path.unsuited(inputs_case.workload, options) is None:
                 chosen.append(inputs_case)
                 break
-        return [*chosen, *([self.contact] if self.contact else [])]
+        contact = self.contact
+        if contact is not None and path.unsuited(contact.workload, options) is None:
+            chosen.append(contact)
+        return chosen
 
     def close(self) -> None:
         """Stop workers and pools, and release all memory."""
@@ -211,23 +222,23 @@ def _input_cases(own: Workload, step_s: float) -> dict[Product, ReferenceCase]:
 
     Simulations that raise any warning are left out: a rollout stops at the first.
     """
-    rows = trajectory.spread_indices(own.nbatch, INPUTS_NBATCH)
+    # where the user's are fewer, some are taken twice: their inputs differ
+    rows = np.resize(trajectory.spread_indices(own.nbatch, INPUTS_NBATCH), INPUTS_NBATCH)
     affordable = int(INPUTS_S / (step_s * len(rows)))
-    ncontrol = max(1, min(INPUTS_NSTEP, affordable) // own.hold)
-    few = np.zeros(own.nbatch, dtype=bool)
-    few[rows] = True
-    small = inputs.with_every_input(own.only(few).first(ncontrol), own.seed)
+    ncontrol = workload.whole_holds(min(INPUTS_NSTEP, affordable), own.hold) // own.hold
+    few = dataclasses.replace(
+        own, initial_state=own.initial_state[rows], control=own.control[rows, :ncontrol].copy()
+    )
+    small = inputs.with_every_input(few, own.seed)
     observed = work.observe(small)
     calm = observed.healthy & ~observed.warnings.any(axis=1)
     if not calm.any():
         return {}
-    healthy, observation = work.observe_healthy(small.only(calm))
-    label = "with every input set"
     return {
         product: ReferenceCase.create(
-            healthy.returning(product),
-            dataclasses.replace(observation, final_state=observation.final_state.copy()),
-            label,
+            small.only(calm).returning(product),
+            dataclasses.replace(observed, final_state=observed.final_state[calm]),
+            "with every input set",
         )
         for product in Product
     }
@@ -254,12 +265,14 @@ def verify(
             return AgreementReport(index, Status.UNAVAILABLE, one_line(reason)), None
         prepared, difference = case.verify(variant)
         rules, place = ["bit-identical"], ""
-        for other in further.of(path, variant.options):
+        others = further.of(path, variant.options)
+        for other in others:
             if difference is None:
                 _, difference = other.verify(variant)
                 place = f", {other.label}"
                 rules.append(f"also {other.label}")
-        if case.workload.model.nsensordata and Product.SENSORS not in path.products:
+        products = {compared.workload.returns for compared in (case, *others)}
+        if case.workload.model.nsensordata and Product.SENSORS not in products:
             rules.append("sensor data not compared")
         snippet = str(path.snippet(case.workload, variant.options))
     except BaseException as error:  # a path's own failure costs its own row; it may be SystemExit

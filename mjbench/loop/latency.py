@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import Failure
-from mjbench.instrument import isolate
+from mjbench.instrument import isolate, stats
 from mjbench.instrument.isolate import Channel
 from mjbench.simulation import compat, models, sampling, starts, work
 from mjbench.simulation.models import ModelSource
@@ -38,6 +38,8 @@ WARM_UP_NSTEP = 200
 SPIN_NS = 200_000
 # Slow steps are those above this quantile.
 SLOW = 0.99
+# The child may be silent for this many times as long as its work should take.
+_PATIENCE = 100
 # HdrHistogram keeps this many significant digits of values up to this many nanoseconds (100 s).
 DIGITS, LARGEST_NS = 3, 100_000_000_000
 
@@ -209,16 +211,8 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
 
 def _quantile(latency_ns: np.ndarray, quantile: float) -> Quantile:
     """Return a quantile with its interval, by order statistics; it takes steps as independent."""
-    from scipy import stats
-
-    interval = stats.quantile_test(latency_ns, p=quantile).confidence_interval(0.95)
-    low, high = float(interval.low), float(interval.high)
-    return Quantile(
-        quantile,
-        float(np.quantile(latency_ns, quantile)),
-        None if np.isnan(low) else low,
-        None if np.isnan(high) else high,
-    )
+    low, high = stats.quantile_interval(latency_ns, quantile)
+    return Quantile(quantile, float(np.quantile(latency_ns, quantile)), low, high)
 
 
 def _histogram(latency_ns: np.ndarray) -> str:
@@ -240,7 +234,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
     affordable = max(LEAST_NSTEP, int(BUDGET_S / step_s))
     nstep = request.nstep or min(NSTEP, affordable)
     nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
-    channel.allow_silence(100 * step_s * (nrun + 1) * RUN_NSTEP)
+    channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
     max_nstep = starts.max_settling_nstep(step_s)
     sample = sampling.draw(
         model, SampleRequest(nrun, RUN_NSTEP, 1, request.seed, request.starts, max_nstep)
@@ -252,7 +246,8 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
         count = nstep
         if pace == Pace.PACED and request.nstep is None:
             count = max(LEAST_NSTEP, min(nstep, int(BUDGET_S * rate_hz)))
-        channel.allow_silence(100 * step_s * nstep + 2 * count / rate_hz)
+        total = count + WARM_UP_NSTEP
+        channel.allow_silence(_PATIENCE * step_s * total + 2 * total / rate_hz)
         recorder = _Recorder(sample.workload, count, 1e9 / rate_hz if pace == Pace.PACED else 0.0)
         latency_ns, features = recorder.steps()
         channel.send(
@@ -299,9 +294,9 @@ class _Recorder:
                 due = self._clock() + self._period_ns
                 for ctrl in workload.control[run][: total - k]:
                     data.ctrl[:] = ctrl
+                    collected, usage = collections.count, usage_now()
                     if self._period_ns:
                         self._wait_until(due)
-                    collected, usage = collections.count, usage_now()
                     begin = self._clock()
                     mujoco.mj_step(model, data)
                     end = self._clock()

@@ -4,7 +4,7 @@ Within one process, where its memory happens to lie moves a ratio by a percent o
 launch has processes of its own, so the interval includes what differs from process to process.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,7 +12,6 @@ from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
 from mjbench.paired import verdict
 from mjbench.paired.block_sizes import THREADED_BLOCK_S, Sizes
-from mjbench.paired.judgement import Judgement
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -78,6 +77,9 @@ class ComparedSizes:
     def shortened(self, nthread: int, hold: int) -> int:
         """Return steps of each simulation, fewer where a block would take long.
 
+        A block of one thread lasts as long as one of several per thread, and not a millisecond as
+        that of other comparisons: a call should do about as much as it did before.
+
         Args:
           nthread: most threads of the two paths.
           hold: steps per control.
@@ -92,7 +94,7 @@ def compare_again(
     plan: ComparisonPlan,
     variants: tuple[Variant, Variant],
     compared: ComparedSizes,
-    on_launch: Callable[[Judgement], None] = lambda judgement: None,
+    min_effect: float = MIN_EFFECT,
 ) -> ConfirmationRecord:
     """Return how much faster one path is than another, in fresh processes.
 
@@ -102,7 +104,7 @@ def compare_again(
       plan: of the comparison that the two come from.
       variants: baseline and candidate; C paths.
       compared: sizes of that comparison.
-      on_launch: called after each launch.
+      min_effect: smallest difference that matters.
     """
     nstep = compared.shortened(max(nthread(variant.options) for variant in variants), plan.hold)
     sizes = Sizes(compared.nbatch, nstep, plan.hold, plan.seed, plan.starts, plan.returns)
@@ -118,9 +120,9 @@ def compare_again(
     )
     # one build against itself: its code lies at the same place in both
     verdict_plan = VerdictPlan(
-        MIN_EFFECT, CONFIDENCE, MIN_EFFECT / 2, TIME_LIMIT_S, sizes, as_shipped=True
+        min_effect, CONFIDENCE, min_effect / 2, TIME_LIMIT_S, sizes, as_shipped=True
     )
-    result = verdict.decide(pool, baseline, candidate, verdict_plan, on_launch)
+    result = verdict.decide(pool, baseline, candidate, verdict_plan)
     row = result.row()
     return ConfirmationRecord(
         model=source.name,

@@ -6,7 +6,7 @@ needs, `advise` the path that follows from those there are.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -43,7 +43,7 @@ class Reason(StrEnum):
     FASTER = "faster"
     """It is certainly faster than the plain loop."""
     SIMPLER = "simpler"
-    """It is simpler than the fastest path, which is not certainly 3 % faster."""
+    """It is simpler than the fastest path, which is not certainly faster, or by less than 3 %."""
     NO_GAIN = "no gain"
     """It is the plain loop, and no path is certainly faster."""
     UNCONFIRMED = "unconfirmed"
@@ -67,8 +67,9 @@ class Advice:
       high: upper end.
       reason: why.
       rival: path and options that seem faster, or hardly are; empty without one.
-      detail: more about the rival, in one line: why it was not compared again, or when it would
-        pay; empty without.
+      detail: why the rival could not be compared again, in one line; empty without.
+      break_even: when compiling pays for an accelerated path that is faster, in one line; empty
+        without one.
       realtime_factor: simulated seconds per second, all simulations together.
       snippet: Python that does what the path does.
     """
@@ -84,6 +85,7 @@ class Advice:
     reason: Reason
     rival: str
     detail: str
+    break_even: str
     realtime_factor: float | None
     snippet: str
 
@@ -116,10 +118,12 @@ class Pairing:
     Attributes:
       baseline: the simpler one.
       candidate: the one that seems faster.
+      min_effect: smallest difference that matters.
     """
 
     baseline: Variant
     candidate: Variant
+    min_effect: float = MIN_EFFECT
 
 
 @dataclass(frozen=True)
@@ -130,8 +134,9 @@ class _Choice:
       result: of the path.
       reason: why.
       ratio: its time over the plain loop's, in fresh processes; None without.
-      rival: a path that seems faster.
-      detail: more about it.
+      rival: a C path that seems faster.
+      detail: why that could not be compared again.
+      break_even: when compiling pays for an accelerated path that is faster.
     """
 
     result: PathResult
@@ -139,14 +144,16 @@ class _Choice:
     ratio: Ratio | None = None
     rival: PathResult | None = None
     detail: str = ""
+    break_even: str = ""
 
 
 def next_pairing(model_results: ModelResults) -> Pairing | None:
     """Return the next comparison that advice on a model needs; None where it has all."""
-    facts, is_confirmed = model_results.model.facts, map(_is_of_clock, model_results.confirmations)
+    facts = model_results.model.facts
     has_clock = facts is not None and bool(facts.has_clock)
-    if has_clock and _able(model_results) and not any(is_confirmed):
-        return Pairing(Variant(BASE, {}), Variant(BASE, CLOCK_OFF))
+    was_compared = any(map(_is_of_clock, model_results.confirmations))
+    if has_clock and not was_compared and _able(model_results):
+        return Pairing(Variant(BASE, {}), Variant(BASE, CLOCK_OFF), MIN_CLOCK_GAIN)
     for able in _able(model_results).values():
         choice = _choose(able, model_results.confirmations)
         if isinstance(choice, Pairing):
@@ -256,11 +263,16 @@ def _with_accelerated(
     best = max(faster, key=lambda result: result.rate)
     pays_after = best.overtakes_after_steps
     if pays_after is not None and pays_after <= total_steps:
-        return _Choice(best, Reason.PAYS, detail=f"pays after {pays_after:,.0f} steps")
+        return _Choice(
+            best, Reason.PAYS, break_even=f"compiling pays after {pays_after:,.0f} steps"
+        )
     if pays_after is None:
         return choice
-    detail = f"would pay after {pays_after:,.0f} steps; --total-steps says how many you will take"
-    return _Choice(choice.result, choice.reason, choice.ratio, best, detail)
+    break_even = (
+        f"{_variant(best)} would pay after {pays_after:,.0f} steps; --total-steps says how many you"
+        " will take"
+    )
+    return replace(choice, break_even=break_even)
 
 
 def _confirmation(
@@ -292,6 +304,7 @@ def _advice(loop: Loop, choice: _Choice) -> Advice:
         reason=choice.reason,
         rival=str(_variant(choice.rival)) if choice.rival else "",
         detail=choice.detail,
+        break_even=choice.break_even,
         realtime_factor=result.realtime_factor,
         snippet=result.snippet,
     )

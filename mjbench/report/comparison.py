@@ -342,16 +342,14 @@ def _why(advice: Advice) -> str:
         case Reason.FASTER | Reason.PAYS:
             text = gain
         case Reason.SIMPLER:
-            text = f"{gain + '; ' if gain else ''}{advice.rival} is not certainly 3 % faster"
+            text = f"{gain + '; ' if gain else ''}{advice.rival} is not certainly faster by 3 %"
         case Reason.NO_GAIN:
             text = "no path is certainly faster"
         case Reason.UNCONFIRMED:
             text = f"{advice.rival} seems faster, but was not compared again in fresh processes"
-    if advice.reason in (Reason.UNCONFIRMED, Reason.PAYS) and advice.detail:
-        return f"{text}: {advice.detail}"
     if advice.detail:
-        return f"{text}; {advice.rival} {advice.detail}"
-    return text
+        text += f": {advice.detail}"
+    return f"{text}; {advice.break_even}" if advice.break_even else text
 
 
 def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:

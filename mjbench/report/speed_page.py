@@ -249,7 +249,7 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
     )
     yield (
         "Standard errors do not include what the rest of the machine did meanwhile:"
-        " [a second run, beside other work, had changes that differ by up to several percent]"
+        " [a disturbed run had changes that differ by up to several percent]"
         "(method/history.md#how-exact-it-is)."
     )
     yield from _against_itself(history)

@@ -25,7 +25,8 @@ def with_every_input(workload: Workload, seed: int) -> Workload:
 
     The inputs are those of mjSTATE_INTEGRATION that the model has: applied forces, poses of mocap
     bodies, active equality constraints, user data, activations, and states of plugins. Time,
-    positions, velocities, warm-starts, controls and delayed signals have such values already.
+    positions, velocities, warm-starts, controls, delayed signals and plastic deformation keep the
+    values to which the model has come.
 
     Args:
       workload: whose start states are changed, in a copy.

@@ -51,6 +51,13 @@ def test_a_path_that_ends_the_child_costs_its_own_row_alone(
         assert rows[name].is_timed, rows[name].detail
 
 
+def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(contact_file: str) -> None:
+    rows = measured(contact_file, "wrong_paths:MemoWhenTimed", "python_loop_hold")
+    assert rows["wrong_paths:MemoWhenTimed"].status == Status.DISAGREES
+    assert "in a timed block" in rows["wrong_paths:MemoWhenTimed"].detail
+    assert rows["python_loop_hold"].is_timed
+
+
 def test_two_paths_that_end_the_child_cost_two_rows(contact_file: str) -> None:
     names = ("wrong_paths:Crashes", "wrong_paths:CrashesWhenTimed")
     rows = measured(contact_file, *names)

@@ -46,7 +46,8 @@ def test_the_first_step_that_differs_is_named(case: ReferenceCase, name: str, st
 def test_a_right_path_agrees_and_may_be_timed(case: ReferenceCase) -> None:
     report, prepared = verify(0, Variant("wrong_paths:Right", {}), case, NOTHING_FURTHER)
     assert isinstance(prepared, paths.Prepared)
-    assert (report.status, report.agrees, report.agreement) == (Status.OK, True, "bit-identical")
+    assert (report.status, report.agrees) == (Status.OK, True)
+    assert report.agreement == "bit-identical, sensor data not compared"
 
 
 def test_a_lost_warm_start_shows_on_the_case_in_contact_alone() -> None:
@@ -98,6 +99,26 @@ def test_a_path_that_replays_its_first_result_differs_once_simulations_are_reord
     report, _ = verify(0, Variant("wrong_paths:Memo", {}), case, NOTHING_FURTHER)
     assert report.status == Status.DISAGREES
     assert "differs after step 1 once the simulations are reordered" in report.agreement
+
+
+def test_a_replay_is_caught_where_the_user_asks_for_one_simulation() -> None:
+    model = models.load(models.resolve("cartpole"))
+    own = ReferenceCase.create(*work.observe_healthy(workload.make(model, nbatch=1, nstep=8)))
+    variant = Variant("wrong_paths:Memo", {})
+    assert verify(0, variant, own, NOTHING_FURTHER)[0].agrees is True
+    report, _ = verify(0, variant, own, FurtherCases.create(own, step_s=1e-6))
+    assert report.agrees is False
+    assert "once the simulations are reordered" in report.agreement
+
+
+def test_a_difference_names_the_simulation_as_the_user_numbers_them(case: ReferenceCase) -> None:
+    number = int(case.numbers[2])
+    prepared = paths.find("wrong_paths:Right").prepare(case.workload, {}, case.resources)
+    states = prepared.verified_states()
+    states.values[2, 0] += 1.0
+    difference = case.difference(states, prepared)
+    assert difference is not None
+    assert difference.simulation == number
 
 
 @pytest.mark.parametrize("name", ["NoSensors", "DropsXfrc", "WrongMiddle"])

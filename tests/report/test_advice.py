@@ -139,7 +139,7 @@ def test_compiling_must_pay_within_the_steps_asked_for(
     assert next_pairing(model_results) is None
     advice = confirmed(model_results, total_steps=total_steps)
     assert {(a.path, a.reason) for a in advice} == {(path, reason)}
-    assert all("after 8,000 steps" in a.detail for a in advice)
+    assert all("after 8,000 steps" in a.break_even for a in advice)
 
 
 def test_a_path_that_was_not_timed_to_the_end_is_not_advised() -> None:

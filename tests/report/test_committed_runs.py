@@ -135,4 +135,4 @@ def test_docs_say_how_far_changes_of_the_second_history_differ(
     (changes,) = [line for line in capsys.readouterr().out.splitlines() if " changes: " in line]
     deviation, largest = re.findall(r"([0-9.]+ %)", changes)
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
-    assert f"first run by {deviation} (root mean square), and by up to {largest}:" in page
+    assert f"committed run by {deviation} (root mean square), and by up to {largest};" in page
