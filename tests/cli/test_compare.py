@@ -1,6 +1,7 @@
 """`mjbench compare` as a user types it, in a process of its own."""
 
 import json
+import re
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -133,8 +134,9 @@ def test_a_wrong_path_is_caught_named_and_shown_without_a_speed(
     result = row(document, path)
     assert (result["status"], result["agrees"]) == ("disagrees", False)
     assert result["step_ns"] is result["speedup"] is result["steps_per_s"] is None
-    culprit = {"LastUnstepped": 5, "LateError": 3}.get(name, 0)
-    assert f"simulation {culprit}" in result["agreement"]
+    # Each block has its own order of simulations, and how many blocks run depends on their speed.
+    culprit = {"LastUnstepped": "5", "LateError": "3", "WrongWhenTimed": "[0-5]"}.get(name, "0")
+    assert re.search(f"simulation {culprit} ", result["agreement"])
     if field:
         assert result["agreement"].removeprefix("in a timed block: ").startswith(field)
     if step:
