@@ -6,15 +6,19 @@ such as `mjbench.simulation.models` or `mjbench.paths`. docs/architecture.md is 
 
 __version__ = "0.1.0"
 
-__all__ = ["engine_clock", "record"]
+__all__ = ["engine_clock", "load", "record"]
 
 
 def __getattr__(name: str) -> object:
-    """Import a function when it is first used: each needs MuJoCo."""
+    """Import a function when it is first used: each needs more than the standard library."""
     if name == "engine_clock":
         from mjbench.simulation.engine_clock import engine_clock
 
         return engine_clock
+    if name == "load":
+        from mjbench.report.rows import load
+
+        return load
     if name == "record":
         from mjbench.loop.recording import record
 

@@ -54,6 +54,13 @@ class Right(_Wrong):
     name = "wrong_paths:Right"
 
 
+class Elsewhere(Right):
+    """Right, and it says that it steps in other processes."""
+
+    name = "wrong_paths:Elsewhere"
+    in_process = False
+
+
 class ColdWarmStart(_Wrong):
     name = "wrong_paths:ColdWarmStart"
 

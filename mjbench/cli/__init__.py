@@ -23,6 +23,7 @@ from mjbench.cli import (  # each adds its command to the group
     plan,
     profile,
     releases,
+    report,
     selfcheck,
     show,
     versions,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     CODE,
@@ -29,14 +29,15 @@ from mjbench.cli.shared import (
     start_plan,
     with_options,
 )
-from mjbench.errors import MachineError
+from mjbench.errors import InputError, MachineError
 from mjbench.instrument.limits import MAX_THREADS
 from mjbench.status import FINISHED, Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mjbench.comparison.plan import ComparisonPlan
+    from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.comparison.scaling import ScalingRequest
     from mjbench.instrument.runs import Record
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.results import ModelResults
@@ -61,6 +62,7 @@ class _Options:
     budget: float | None
     total_steps: int | None
     confirm: bool
+    scaling: bool
     code: bool
     time_limit: float
     results: Path
@@ -121,6 +123,13 @@ class _Options:
     help="Compare the best paths again in fresh processes, up to 20 seconds each; without it, only"
     " the plain loop is advised.",
 )
+@click.option(
+    "--scaling",
+    is_flag=True,
+    help="Search how many threads, which chunk size, and how many simulations: from one thread to"
+    " twice as many as can run at once. --threads, --chunk and --nbatch fix what is tried."
+    "  [paths by default: rollout, batch_step]",
+)
 @CODE
 @with_options(HOLD, SEED, *STARTS, LIMIT, *STORING)
 def compare(names: tuple[str, ...], **options: Any) -> None:
@@ -133,20 +142,54 @@ def compare(names: tuple[str, ...], **options: Any) -> None:
 
     Without a MODEL: all shipped models.
     """
+    from mjbench.cli.compare_scaling import search_models
     from mjbench.simulation.models import resolve, shipped
 
     parsed = _Options(**options)
     check_sizes(parsed.nstep, parsed.hold)
     sources = [resolve(name) for name in names or shipped()]
     sources = list({source.path: source for source in sources}.values())
-    _compare(sources, _plans(parsed), parsed)
+    if parsed.scaling:
+        output = OutputOptions(parsed.results, parsed.resume, parsed.wait, parsed.json_file)
+        request = _scaling_request(parsed)
+        search_models(sources, request, output, parsed.confirm, parsed.code)
+    else:
+        _compare(sources, _plans(parsed), parsed)
+
+
+def _scaling_request(options: _Options) -> "ScalingRequest":
+    """Return what --scaling is to search.
+
+    Raises:
+      InputError: an option that a search has no use for, or a path without threads.
+    """
+    from mjbench.comparison import scaling, selection
+    from mjbench.comparison.scaling import ScalingRequest
+    from mjbench.instrument import topology
+
+    if options.total_steps is not None:
+        raise InputError("--total-steps has no effect with --scaling, where no path compiles")
+    import_from = own_path_folder(options.path_names)
+    given = options.path_names or list(scaling.USUAL_PATHS)
+    expanded = selection.expand(given)
+    choices = selection.choices(options.option_words, expanded)
+    several = [name for name, values in choices.items() if len(values) > 1]
+    if several:
+        raise InputError(f"--option {several[0]}: give one value with --scaling")
+    return ScalingRequest(
+        plan=_plan(options, (), import_from),
+        path_names=[n for n in expanded if n in given or scaling.parallel_option(n)],
+        options={name: value for name, (value,) in choices.items()},
+        topology=topology.read(),
+        thread_counts=options.threads,
+        chunk_sizes=options.chunk,
+        nbatch=options.nbatch,
+    )
 
 
 def _plans(options: _Options) -> list["ComparisonPlan"]:
     """Return one plan for each size of the sweep."""
     from mjbench.comparison import selection
-    from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
-    from mjbench.simulation.workload import Product
 
     import_from = own_path_folder(options.path_names)
     path_names = selection.expand(options.path_names or [])
@@ -156,8 +199,21 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
     sizes: list[int | None] = [*options.nbatch] if options.nbatch else [None]
     if path_names and len(sizes) > 1:
         path_names = [*path_names, *selection.rivals(path_names)]
-    plan = ComparisonPlan(
-        variants=selection.variants(path_names, options.threads, choices),
+    variants = selection.variants(path_names, options.threads, choices)
+    plan = _plan(options, variants, import_from)
+    return [dataclasses.replace(plan, nbatch=size) for size in sizes]
+
+
+def _plan(
+    options: _Options, variants: "tuple[Variant, ...]", import_from: str | None
+) -> "ComparisonPlan":
+    """Return the plan that the options ask for, with the size left open."""
+    from mjbench.comparison import selection
+    from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
+    from mjbench.simulation.workload import Product
+
+    return ComparisonPlan(
+        variants=variants,
         nstep=options.nstep,
         hold=options.hold,
         seed=options.seed,
@@ -169,7 +225,6 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
         named=tuple(n for n in options.path_names or () if n != selection.USUAL_PATHS),
         total_steps=options.total_steps,
     )
-    return [dataclasses.replace(plan, nbatch=size) for size in sizes]
 
 
 def _compare(

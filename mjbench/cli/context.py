@@ -10,9 +10,9 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from mjbench.cli import interrupts
-from mjbench.cli.group import report_line
+from mjbench.cli.group import command_line, report_line
 from mjbench.cli.output_file import OutputFile
-from mjbench.errors import InputError
+from mjbench.errors import InputError, printable
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
@@ -174,6 +174,7 @@ class RunContext:
             self.machine,
             runs.to_json(storage.arguments),
             tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._inputs)),
+            tuple(printable(word) for word in command_line()),
         )
         if storage.resume is None:
             return RunFile.create(storage.results, header)

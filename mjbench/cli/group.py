@@ -14,6 +14,8 @@ from mjbench.errors import MjbenchError, describe, one_line, printable
 from mjbench.instrument import platforms
 from mjbench.status import ExitCode
 
+# Where a context keeps the words of the command line.
+_COMMAND_LINE = "mjbench.command_line"
 # What the operating system says when the machine, or a limit of this process, is used up.
 _EXHAUSTED = (
     *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
@@ -36,6 +38,19 @@ class Cli(click.Group):
             _flush_output(is_failure=ending.code == ExitCode.ENVIRONMENT)
             raise
 
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: Any,
+    ) -> click.Context:
+        """Return the context of a command line, which keeps its words (see `command_line`)."""
+        typed = tuple(args)
+        context = super().make_context(info_name, args, parent, **extra)
+        context.meta[_COMMAND_LINE] = typed
+        return context
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
@@ -53,6 +68,13 @@ class Cli(click.Group):
         """Run the command; report its error in a line, and end with the error's exit code."""
         with _errors_reported():
             return super().invoke(ctx)
+
+
+def command_line() -> tuple[str, ...]:
+    """Return the words after `mjbench`, as they were typed; none outside of a command."""
+    context = click.get_current_context(silent=True)
+    words: tuple[str, ...] = context.meta.get(_COMMAND_LINE, ()) if context else ()
+    return words
 
 
 @contextlib.contextmanager

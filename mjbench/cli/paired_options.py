@@ -12,6 +12,7 @@ from mjbench.cli.group import report_line
 from mjbench.cli.shared import check_sizes, start_plan
 from mjbench.errors import InputError, shown, suggestion
 from mjbench.instrument import platforms
+from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
@@ -85,8 +86,9 @@ def verdict_plan(
     as_shipped: bool,
     settle_s: float | None,
     states_file: Path | None,
+    metric: Metric = Metric.TIME,
 ) -> "VerdictPlan":
-    """Return the plan that the options JUDGING and SIZES ask for.
+    """Return the plan that the options JUDGING and SIZES ask for, to compare a metric.
 
     Raises:
       InputError: nstep is not a multiple of hold, or start states cannot be had as asked.
@@ -95,7 +97,7 @@ def verdict_plan(
     from mjbench.paired.verdict import VerdictPlan
 
     check_sizes(nstep, hold)
-    sizes = Sizes(nbatch, nstep, hold, seed, start_plan(settle_s, states_file))
+    sizes = Sizes(nbatch, nstep, hold, seed, start_plan(settle_s, states_file), metric=metric)
     return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 

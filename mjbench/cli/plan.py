@@ -1,5 +1,8 @@
 """`mjbench plan`: plans per second of a sampling planner, by the path that rolls out."""
 
+import functools
+import itertools
+
 import click
 
 from mjbench.cli.context import RunContext
@@ -31,8 +34,20 @@ from mjbench.status import Status
     show_default=True,
     help="How the plan improves.",
 )
-@click.option("--samples", type=COUNT, default=64, show_default=True, help="Candidates of a plan.")
-@click.option("--knots", type=COUNT, default=25, show_default=True, help="Controls of a candidate.")
+@click.option(
+    "--samples",
+    type=Numbers(),
+    default="64",
+    show_default=True,
+    help="Candidates of a plan; several numbers are tried one after the other.",
+)
+@click.option(
+    "--knots",
+    type=Numbers(),
+    default="25",
+    show_default=True,
+    help="Controls of a candidate; several numbers are tried likewise.",
+)
 @click.option(
     "--hold", type=COUNT, default=20, show_default=True, help="Steps for which each is held."
 )
@@ -56,8 +71,8 @@ from mjbench.status import Status
 def plan(
     names: tuple[str, ...],
     algorithm: str,
-    samples: int,
-    knots: int,
+    samples: list[int],
+    knots: list[int],
     hold: int,
     duration_s: float,
     path_names: list[str] | None,
@@ -77,31 +92,37 @@ def plan(
     Examples:
       mjbench plan
       mjbench plan humanoid --algorithm cem --samples 128
+      mjbench plan --samples 16,64,256 --knots 10,25 --threads 1,2
     """
     from mjbench.comparison import planning_run, selection
     from mjbench.comparison.planner import Algorithm, PlannerSettings
     from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
     from mjbench.instrument import machine
     from mjbench.report.documents import PlanDocument
-    from mjbench.report.planning import print_rows
+    from mjbench.report.planning import print_rows, print_sizes
     from mjbench.simulation import models
+    from mjbench.simulation.models import ModelSource
 
     import_from = own_path_folder(path_names)
     sources = [models.resolve(name) for name in names or ("cartpole",)]
     variants = selection.variants(path_names or [], threads or [machine.usable_cores()])
-    settings = PlannerSettings(Algorithm(algorithm), samples, knots, seed=seed)
+    all_settings = [
+        PlannerSettings(Algorithm(algorithm), number, count, seed=seed)
+        for number, count in itertools.product(samples, knots)
+    ]
+
+    def plans_of(source: ModelSource, settings: PlannerSettings) -> list[PlanningRow]:
+        request = PlanningRequest(source, variants, settings, hold, duration_s)
+        return planning_run.run(request, import_from, time_limit)
+
     rows: list[PlanningRow] = []
     statuses: list[Status] = []
     files = [source.path for source in sources]
     with RunContext("plan", json_file, files, wait=wait) as run:
-        for source in sources:
+        for source, settings in itertools.product(sources, all_settings):
             planned = measure_or_report(
                 source,
-                lambda s: planning_run.run(
-                    PlanningRequest(s, variants, settings, hold, duration_s),
-                    import_from,
-                    time_limit,
-                ),
+                functools.partial(plans_of, settings=settings),
             )
             if isinstance(planned, Failure):
                 statuses.append(planned.status)
@@ -109,5 +130,6 @@ def plan(
             print_rows(run.out, planned)
             rows += planned
             statuses += [row.status for row in planned]
+        print_sizes(run.out, rows)
         run.write(PlanDocument(machine=run.machine, results=rows))
     run.exit(statuses)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 @with_options(RESULTS, JSON)
 def show(file: Path | None, code: bool, results: Path, json_file: str | None) -> None:
     """Print a run FILE again; without one, the newest in results/runs."""
+    from mjbench.comparison.scaling import ScalingRecord
     from mjbench.counts.records import ExplainRecord
     from mjbench.instrument import runs
     from mjbench.paired.placement_spread import SpreadRecord
@@ -43,6 +44,8 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
             rows = stored.of_type(ExplainRecord)
             print_changes(run.out, rows)
             run.write(ExplainDocument(results=rows))
+        elif stored.of_type(ScalingRecord):
+            _show_scaling(run, stored, code)
         else:
             _show_comparison(run, stored, code)
 
@@ -91,6 +94,19 @@ def _show_release_ratios(run: RunContext, stored: "Run") -> None:
     records = stored.of_type(RatioRecord)
     report.print_table(run.out, records)
     run.write(HistoryDocument.of(stored.header.machine, records))
+
+
+def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
+    from mjbench.comparison.scaling import ScalingRecord
+    from mjbench.paired.confirmation import ConfirmationRecord
+    from mjbench.report import scaling as report
+    from mjbench.report.documents import CompareDocument
+
+    confirmations = stored.of_type(ConfirmationRecord)
+    models = report.by_model(stored.of_type(ScalingRecord), confirmations)
+    for results in models:
+        report.print_results(run.out, results, code)
+    run.write(CompareDocument.of_scaling(stored.header.machine, models))
 
 
 def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:

@@ -46,7 +46,8 @@ if TYPE_CHECKING:
     type=click.Choice([metric.value for metric in Metric]),
     default=Metric.TIME.value,
     show_default=True,
-    help="What to compare. Instruction counts repeat within 0.1 %. They do not need a quiet"
+    help="What to compare: the time of steps; p99, the time that 99 of 100 single steps do not"
+    " exceed; or instructions. Instruction counts repeat within 0.1 %. They do not need a quiet"
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
     " --precision, --time-limit and --as-shipped do not apply.",
 )
@@ -88,7 +89,7 @@ def versions(
     release_names, sources = paired_options.releases_and_models(names)
     baseline, *candidates = _releases(old, news, release_names)
     path_names = path_names or [BASE]
-    plan = paired_options.verdict_plan(**chosen)
+    plan = paired_options.verdict_plan(**chosen, metric=Metric(metric))
     fail_on = FailOn(findings, allow_inconclusive)
     output = OutputOptions(results, resume, wait, json_file)
     if metric == Metric.INSTRUCTIONS:
@@ -96,6 +97,8 @@ def versions(
             raise InputError(f"--metric instructions counts {BASE} only: leave out --paths")
         comparison = _InstructionComparison(baseline, candidates, sources, plan)
         sys.exit(_compare_instructions(comparison, fail_on, output))
+    if metric == Metric.P99 and path_names != [BASE]:
+        raise InputError(f"--metric p99 times single steps of {BASE} only: leave out --paths")
     options = {name: targets.complete_options(targets.find_path(name), {}) for name in path_names}
     pairs = [
         (

@@ -17,6 +17,8 @@ from mjbench.comparison.messages import (
     AgreementReport,
     BlockDisagreed,
     BlockTime,
+    CachedCompile,
+    ClockRoundTimed,
     CompileReport,
     MeasureRequest,
     ModelReady,
@@ -84,7 +86,10 @@ class _VariantState:
 
     report: AgreementReport | None = None
     samples_s: list[float] = field(default_factory=list)
+    with_clock_s: list[float] = field(default_factory=list)
+    without_clock_s: list[float] = field(default_factory=list)
     compile_report: CompileReport | None = None
+    cached_compile: CachedCompile | None = None
     memory: PeakMemory | None = None
     is_finished: bool = False  # it was timed to the end
 
@@ -179,6 +184,10 @@ class _ModelMeasurement:
                 for index, seconds in message.seconds.items():
                     self.variants[index].samples_s.append(seconds)
                     self.timed_s += seconds
+            case ClockRoundTimed():
+                for index, seconds in message.with_clock_s.items():
+                    self.variants[index].with_clock_s.append(seconds)
+                    self.variants[index].without_clock_s.append(message.without_clock_s[index])
             case BlockDisagreed(index, detail):
                 self._revise(index, Status.DISAGREES, detail)
             case _:
@@ -194,6 +203,8 @@ class _ModelMeasurement:
                 state.compile_report = message
             case BlockTime():
                 state.samples_s.append(message.seconds)
+            case CachedCompile():
+                state.cached_compile = message
             case PeakMemory():
                 state.memory = message
             case _:
@@ -283,6 +294,8 @@ class _ModelMeasurement:
             work=model.work,
             nbatch_asked=model.nbatch_asked,
             samples_s=state.samples_s,
+            with_clock_s=state.with_clock_s,
+            without_clock_s=state.without_clock_s,
         )
         if not isinstance(path, AcceleratedPath):
             return record
@@ -293,6 +306,7 @@ class _ModelMeasurement:
             device=compiling.device if compiling else None,
             trace_s=compiling.trace_s if compiling else None,
             compile_s=compiling.compile_s if compiling else None,
+            cached_compile_s=state.cached_compile.seconds if state.cached_compile else None,
             buffer_sizes=compiling.buffer_sizes if compiling else None,
             memory_bytes=memory.memory_bytes if memory else None,
             gpu_memory_bytes=memory.gpu_memory_bytes if memory else None,

@@ -17,6 +17,7 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.comparison.messages import (
     BlockDisagreed,
+    ClockRoundTimed,
     MeasureRequest,
     ModelReady,
     RoundTimed,
@@ -30,6 +31,7 @@ from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import agreement, compat, models, sampling, starts, work
 from mjbench.simulation.agreement import Difference
+from mjbench.simulation.engine_clock import engine_clock
 from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.sampling import Sample, SampleRequest
@@ -38,6 +40,8 @@ from mjbench.simulation.sampling import Sample, SampleRequest
 # needs; the rest for those that may be the fastest, chosen anew every few rounds, because advice
 # has to tell them apart.
 MIN_ROUNDS, FINAL_ROUNDS, MAX_ROUNDS = 7, 4, 200
+# Rounds with and without the engine's clock: a quarter of the budget, and at least so many.
+MIN_CLOCK_ROUNDS = 5
 # A child may be silent for this many times as long as its work should take.
 PATIENCE = 100
 
@@ -47,7 +51,8 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
 
     Messages: `ModelReady`, an `AgreementReport` per variant, then `RoundTimed`
     for each round, and `BlockDisagreed` for each variant whose timed block was wrong. The last
-    rounds hold only the base and those that may be the fastest (see `finalists`).
+    rounds hold only the base and those that may be the fastest (see `finalists`). Where the engine
+    has a clock, `ClockRoundTimed` follow.
     """
     plan, name = request.plan, request.source.name
     channel.doing(f"loading {name}")
@@ -148,6 +153,8 @@ def _time(
             break
         groups = [[i for i in group if i in remaining] for group in (open_loop, closed_loop)]
         remaining = finalists(timer.rounds, groups, base)
+    if plan.times_clock:
+        timer.run_without_clock(plan.budget_s / 4)
     for index, difference in timer.differences.items():
         channel.send(BlockDisagreed(index, f"in a timed block: {difference}"))
 
@@ -221,6 +228,38 @@ class _RoundTimer:
             self.channel.send(RoundTimed(self.rounds[-1], cores))
             self.channel.allow_silence(self._patience_s)
 
+    def run_without_clock(self, budget_s: float) -> None:
+        """Time every variant of this process with and without the engine's clock; send each round.
+
+        This comes last: some releases do not get their clock back.
+        """
+        model = self.case.workload.model
+        indices = [i for i in self._contenders if self._variant_path(i).in_process]
+        if not indices or not compat.has_clock(model):
+            return
+        with engine_clock(False):
+            pass
+        if not compat.has_clock(model):
+            return
+        with_clock = [self._contenders[i] for i in indices]
+        without_clock = [_without_clock(contender) for contender in with_clock]
+        contenders = [*with_clock, *without_clock]
+        seed = self.plan.seed + len(self.rounds)
+        rounds = timing.rounds(contenders, budget_s, MIN_CLOCK_ROUNDS, MAX_ROUNDS, seed)
+        while True:
+            self.case.reorder(self._rng)
+            with _failures_reported():
+                seconds = next(rounds, None)
+            if seconds is None:
+                return
+            halves = seconds[: len(indices)], seconds[len(indices) :]
+            with_s, without_s = (dict(zip(indices, half, strict=True)) for half in halves)
+            self.channel.send(ClockRoundTimed(with_s, without_s))
+            self.channel.allow_silence(self._patience_s)
+
+    def _variant_path(self, index: int) -> paths.SteppingPath:
+        return paths.find(self.plan.variants[index].path)
+
     def _calibration_contenders(self) -> list[timing.Contender]:
         if self._calibration is None:
             return []
@@ -239,6 +278,20 @@ class _RoundTimer:
         difference = self.case.difference(prepared.final_states(), prepared)
         if difference:
             self.differences.setdefault(index, difference)
+
+
+def _without_clock(contender: timing.Contender) -> timing.Contender:
+    """Return a contender that runs without the engine's clock, which has it before and after."""
+
+    def before() -> None:
+        contender.before()
+        engine_clock(False)
+
+    def after() -> None:
+        engine_clock(True)
+        contender.after()
+
+    return timing.Contender(contender.run, before, after)
 
 
 @contextlib.contextmanager

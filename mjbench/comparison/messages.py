@@ -138,6 +138,19 @@ class RoundTimed:
 
 
 @dataclass(frozen=True)
+class ClockRoundTimed:
+    """One round of blocks with the engine's clock, and of the same blocks without it.
+
+    Attributes:
+      with_clock_s: seconds of a block, by variant.
+      without_clock_s: likewise.
+    """
+
+    with_clock_s: Mapping[int, float]
+    without_clock_s: Mapping[int, float]
+
+
+@dataclass(frozen=True)
 class BlockDisagreed:
     """A timed block of a variant did not reach the reference run's final states."""
 
@@ -162,6 +175,13 @@ class CompileReport:
     compile_s: float
     workload_digest: str
     buffer_sizes: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class CachedCompile:
+    """Seconds of the compiler where the engine's cache holds the program; None where unknown."""
+
+    seconds: float | None
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class ComparisonPlan:
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.
       named: paths that the user asked for by name; they are tried even where that is slow.
+      times_clock: whether to time every path without the engine's clock, too.
       total_steps: steps that the user will take in all, within which compiling must pay; None for
         those of one block.
     """
@@ -68,6 +69,7 @@ class ComparisonPlan:
     limit_s: float = LIMIT_S
     import_from: str | None = None
     named: tuple[str, ...] = ()
+    times_clock: bool = True
     total_steps: int | None = None
 
     def size_request(self, has_accelerated: bool) -> SizeRequest:

@@ -112,11 +112,15 @@ class MeasurementRecord:
       device: of an accelerated path.
       trace_s: seconds of tracing.
       compile_s: seconds of the compiler.
+      cached_compile_s: the same where its cache holds the program; None where not measured.
       memory_bytes: most memory of the process.
       gpu_memory_bytes: most memory of the GPU; None on a CPU.
       check: how far an accelerated path is from C.
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       samples_s: seconds of each block; for paths that run C, the same position is the same round.
+      with_clock_s: seconds of blocks with the engine's clock, which were timed in turns with those
+        without it; none where it has no clock that can be turned off and on.
+      without_clock_s: the others; the same position is the same round.
     """
 
     record_type: ClassVar[str] = "measurement"
@@ -144,20 +148,25 @@ class MeasurementRecord:
     device: str | None = None
     trace_s: NonNegativeFloat | None = None
     compile_s: NonNegativeFloat | None = None
+    cached_compile_s: NonNegativeFloat | None = None
     memory_bytes: NonNegativeInt | None = None
     gpu_memory_bytes: NonNegativeInt | None = None
     check: AcceleratedCheck | None = None
     buffer_sizes: Mapping[str, PositiveInt] | None = None
     samples_s: Sequence[PositiveFloat] = field(default=())
+    with_clock_s: Sequence[PositiveFloat] = field(default=())
+    without_clock_s: Sequence[PositiveFloat] = field(default=())
 
     def __post_init__(self) -> None:
-        """Check that what was timed has its sizes.
+        """Check that what was timed has its sizes, and each round its two blocks.
 
         Raises:
           ValueError: it has not.
         """
         if self.samples_s and (self.nbatch is None or self.nstep is None):
             raise ValueError("it was timed, but nbatch or nstep is missing")
+        if len(self.with_clock_s) != len(self.without_clock_s):
+            raise ValueError("with_clock_s and without_clock_s differ in length")
 
     @property
     def is_accelerated(self) -> bool:

@@ -286,5 +286,7 @@ def verify(
 
 def _reason_not_to_run(path: paths.SteppingPath, variant: Variant, own: Workload) -> str | None:
     """Return why a path cannot run the user's workload, or None if it can."""
-    reason = path.unavailable() or path.cannot_return(own.returns)
-    return reason or path.unsuited(own, variant.options)
+    cannot_return = path.cannot_return(own.returns)
+    if cannot_return:
+        cannot_return += f": --returns {path.products[-1]} compares it"
+    return path.unavailable() or cannot_return or path.unsuited(own, variant.options)

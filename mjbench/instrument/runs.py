@@ -70,6 +70,7 @@ class RunHeader:
       machine: that it ran on.
       arguments: of the command. Only `resume` looks at them: they must be the same.
       files: that the command was given.
+      command_line: the words after `mjbench`, as they were typed; empty in older files.
     """
 
     record_type: ClassVar[str] = "run"
@@ -78,6 +79,7 @@ class RunHeader:
     machine: Machine
     arguments: dict[str, Any]
     files: tuple[InputFile, ...] = ()
+    command_line: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from mjbench.errors import InputError
+from mjbench.paired.outcomes import Metric
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product, whole_holds
 
@@ -15,6 +17,8 @@ MAX_NSTEP = 100
 # Seconds of a block for each thread of a path with threads: long enough that starting the threads
 # is not what is measured.
 THREADED_BLOCK_S = 0.01
+# Steps of a block whose slowest are compared, at least: five are above the 99th percentile.
+MIN_P99_STEPS = 500
 # Simulations that are drawn for each one of a block. Every layout does others of them, so that a
 # verdict does not rest on the states of one block.
 DRAWN_PER_BLOCK = 8
@@ -31,6 +35,7 @@ class Sizes:
       seed: of start states and controls.
       starts: where start states are to come from.
       returns: what a run returns.
+      metric: what of a block is compared: its time, or that of its slowest steps.
     """
 
     nbatch: int | None = None
@@ -39,6 +44,21 @@ class Sizes:
     seed: int = 0
     starts: StartPlan = DEFAULT_STARTS
     returns: Product = Product.FINAL
+    metric: Metric = Metric.TIME
+
+    def __post_init__(self) -> None:
+        """Check that a block has enough steps.
+
+        Raises:
+          InputError: it has too few for its slowest.
+        """
+        if self.metric != Metric.P99 or self.nbatch is None or self.nstep is None:
+            return
+        if self.nbatch * self.nstep < MIN_P99_STEPS:
+            raise InputError(
+                f"--metric p99 needs at least {MIN_P99_STEPS} steps in a block: --nbatch times"
+                " --nstep"
+            )
 
 
 class BlockSize(NamedTuple):
@@ -58,6 +78,8 @@ def block_size(sizes: Sizes, nthread: int, step_s: float) -> BlockSize:
     """
     block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
     steps, hold = max(1, int(block_s / step_s)), sizes.hold
+    if sizes.metric == Metric.P99:
+        steps = max(steps, MIN_P99_STEPS)
     if sizes.nbatch:
         nstep = sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
         return BlockSize(sizes.nbatch, nstep)

@@ -36,7 +36,11 @@ class Metric(StrEnum):
     """What a comparison compares."""
 
     TIME = "time"
+    """Of a block of steps."""
+    P99 = "p99"
+    """The time that 99 of 100 single steps of a block do not exceed."""
     INSTRUCTIONS = "instructions"
+    """That the engine executes in a step."""
 
 
 class Arm(StrEnum):

@@ -123,7 +123,7 @@ class TargetPair:
         """
         self._pool, self._targets = pool, (baseline, candidate)
         sizes = sizes or Sizes()
-        self._returns = sizes.returns
+        self._returns, self._metric = sizes.returns, sizes.metric
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator: WorkerProcess | None = None
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
@@ -195,6 +195,7 @@ class TargetPair:
                     callback=target.callback,
                     slowdown=target.slowdown,
                     returns=self._returns,
+                    metric=self._metric,
                 )
             )
         if not self._has_timed:  # steps may have become heavier than those at the start

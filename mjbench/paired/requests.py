@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
+from mjbench.paired.outcomes import Metric
 from mjbench.releases.placement import Placement
 
 if TYPE_CHECKING:
@@ -182,6 +183,7 @@ class Prepare(Request[int]):
       callback: function of the engine that steps call (see `engine_callback`); empty for none.
       slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
       returns: what the run returns; None for final states.
+      metric: what blocks are to give: their time, or that of their slowest steps.
     """
 
     activity = "preparing a run"
@@ -192,6 +194,7 @@ class Prepare(Request[int]):
     callback: str = ""
     slowdown: float = 0.0
     returns: "Product | None" = None
+    metric: Metric = Metric.TIME
 
 
 @dataclass(frozen=True)

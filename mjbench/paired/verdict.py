@@ -15,7 +15,7 @@ from mjbench.paired.averaging import Averaging, averaging
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
-from mjbench.paired.outcomes import Cause, Verdict
+from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
@@ -72,6 +72,7 @@ class PairedResult:
       candidate: the other.
       status: `OK`, `INPUT`, `FAILED` or `INTERRUPTED`.
       detail: one line; empty when ok, unless time ran out before there were enough launches.
+      metric: what was compared.
       work_check: whether it was the same work; None where the comparison ended before that.
       workload_file: the baseline's `PortableWorkload`, which lasts as long as the pool; None where
         the comparison ended before that.
@@ -86,6 +87,7 @@ class PairedResult:
     candidate: Target
     status: Status
     detail: str = ""
+    metric: Metric = Metric.TIME
     work_check: WorkCheck | None = None
     workload_file: Path | None = None
     launches: Sequence[Launch] = ()
@@ -103,6 +105,7 @@ class PairedResult:
             old=self.baseline.release.version,
             new=self.candidate.release.version,
             sides=(self.baseline.row(), self.candidate.row()),
+            metric=self.metric,
             status=self.status,
             detail=self.detail,
             verdict=self._verdict(),
@@ -249,6 +252,7 @@ def decide(
         candidate,
         status,
         detail,
+        plan.sizes.metric,
         work_check=pair.work_check if pair else None,
         workload_file=pair.baseline_workload if pair else None,
         launches=launches,

@@ -29,12 +29,14 @@ from typing import TYPE_CHECKING, Any
 from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.instrument import child, platforms
 from mjbench.paired import requests
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.requests import BLOCK, NANOSECONDS, Done, Request
 
 if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
+    from mjbench.paired.single_steps import SingleSteps
     from mjbench.paths import Resources, States
     from mjbench.simulation.workload import PortableWorkload, Workload
 
@@ -59,6 +61,7 @@ class Worker:
       workload: restored from a file.
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
       run: what a block runs.
+      single_steps: what a block runs instead, where its slowest steps are compared.
       resources: of that run; None before the first.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
@@ -75,6 +78,7 @@ class Worker:
         self.connection = connection
         self.resources: Resources | None = None
         self.slowdown = 0.0
+        self.single_steps: SingleSteps | None = None
         self.padding: list[Any] = []
         self.scattered: deque[list[bytearray]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
@@ -241,16 +245,24 @@ class Worker:
             engine_callback.install(model, request.callback)
         self.slowdown = request.slowdown
         self.resources = paths.Resources(selected)
-        prepared = path.prepare(selected, request.options, self.resources)
-        self.run = prepared.run
+        self.single_steps = None
         name = f"path {request.path}"
         if request.callback:
             name += f" with {request.callback} called inside each step"
-        self._check_final_states(name, prepared.verified_states(), rows)
+        if request.metric == Metric.P99:
+            self.single_steps, states = _single_steps(selected)
+        else:
+            prepared = path.prepare(selected, request.options, self.resources)
+            self.run, states = prepared.run, prepared.verified_states()
+        self._check_final_states(name, states, rows)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
         _collect_garbage()
-        return self._block()
+        if self.single_steps is None:
+            return self._block()
+        begin = time.perf_counter_ns()
+        self.single_steps.run()
+        return time.perf_counter_ns() - begin
 
     def _check_final_states(self, name: str, states: "States", rows: list[int]) -> None:
         """Raise MachineError where a run ends in other states than the plain loop."""
@@ -295,7 +307,10 @@ class Worker:
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
     def _block(self) -> int:
-        """Run one block; return its nanoseconds, slowdown included."""
+        """Run one block; return its nanoseconds, slowdown included, or those of its slow steps."""
+        if self.single_steps is not None:
+            self.single_steps.run()
+            return self.single_steps.p99_ns()
         run, clock = self.run, time.perf_counter_ns
         begin = clock()
         run()
@@ -306,6 +321,16 @@ class Worker:
                 pass
             ns = now - begin
         return ns
+
+
+def _single_steps(workload: "Workload") -> "tuple[SingleSteps, States]":
+    """Return steps that are timed one by one, and the states that a first run ended in."""
+    from mjbench.paired.single_steps import SingleSteps
+    from mjbench.paths import States
+
+    single_steps = SingleSteps(workload)
+    single_steps.run()
+    return single_steps, States(single_steps.final_state)
 
 
 def _collect_garbage() -> None:

@@ -54,6 +54,10 @@ class StepOutcome:
 Advance = Callable[[Mapping[str, np.ndarray], np.ndarray, int], StepOutcome]
 
 
+def _no_cache() -> None:
+    return None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compiled(Prepared):
     """A run that was compiled for one batch size and number of controls.
@@ -70,6 +74,8 @@ class Compiled(Prepared):
       buffer_sizes: sizes of the engine's buffers, by its names for them.
       gpu_memory_bytes: returns the peak GPU memory so far; None on a CPU, or where the engine does
         not report it.
+      cached_compile_s: returns the seconds of the compiler in a process that finds the program in
+        the engine's cache; None where that is not known. It compiles once more to fill a cache.
     """
 
     advance: Advance
@@ -80,6 +86,7 @@ class Compiled(Prepared):
     is_deterministic: bool
     buffer_sizes: Mapping[str, int]
     gpu_memory_bytes: Callable[[], int | None]
+    cached_compile_s: Callable[[], float | None] = _no_cache
 
 
 class AcceleratedPath(SteppingPath):

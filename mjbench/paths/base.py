@@ -193,6 +193,7 @@ class SteppingPath(ABC):
       name: the path's name on the command line and in results.
       summary: one line for people.
       closed_loop: whether a feedback policy can choose each control from the state before it.
+      in_process: whether it steps in the process that prepared it.
       compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
       usual: whether `--paths usual` includes it beside the C paths, where it is available.
       products: what its runs can return.
@@ -202,6 +203,7 @@ class SteppingPath(ABC):
     name: ClassVar[str]
     summary: ClassVar[str]
     closed_loop: ClassVar[bool]
+    in_process: ClassVar[bool] = True
     compiles: ClassVar[bool] = False
     usual: ClassVar[bool] = False
     products: ClassVar[tuple[Product, ...]] = (Product.FINAL,)
@@ -219,7 +221,8 @@ class SteppingPath(ABC):
         """Return why runs of this path cannot return a product, or None if they can."""
         if returns in self.products:
             return None
-        return f"returns {' or '.join(self.products)}, not {returns} (--returns)"
+        able = " or ".join(self.products)
+        return f"returns {able}, not {returns}"
 
     @abstractmethod
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:

@@ -48,14 +48,14 @@ class _BatchPath(SteppingPath):
         """See `SteppingPath.unsuited`: sleep needs an MjData per simulation, and memory for it."""
         if options["data"] == "shared":
             if compat.has_sleep(workload.model):
-                return "a model with sleep enabled needs data=persistent"
+                return "a model with sleep needs an MjData per simulation: --option data=persistent"
             return None
         needed = workload.nbatch * machine.data_bytes(workload.model)
         free = machine.available_memory_bytes()
         if needed > _SHARE_OF_MEMORY * free:
             return (
                 f"{workload.nbatch} MjData need {needed / 2**30:.1f} GiB,"
-                f" {free / 2**30:.1f} GiB are free"
+                f" {free / 2**30:.1f} GiB are free: reduce --nbatch"
             )
         return None
 
@@ -114,7 +114,9 @@ class BatchStep(_BatchPath):
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
         if options.get("stage") == "vel" and workload.returns == Product.SENSORS:
-            return "stage=vel leaves the sensor data of the state after the step"
+            return (
+                "stage=vel leaves the sensor data of the state after the step: stage=none will do"
+            )
         return super().unsuited(workload, options)
 
     def make_step_all(

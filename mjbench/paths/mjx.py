@@ -95,6 +95,7 @@ class Mjx(AcceleratedPath):
             is_deterministic=not nstep_is_fixed,
             buffer_sizes=buffer_sizes,
             gpu_memory_bytes=lambda: None if is_cpu else self.peak_gpu_memory_bytes(device),
+            cached_compile_s=compiled.cached_compile_s if self.impl == "jax" else lambda: None,
         )
 
     def put_model(self, model: mujoco.MjModel) -> "mjx.Model":

@@ -42,6 +42,7 @@ class Processes(SteppingPath):
     name = "processes"
     summary = "worker processes, each a Python loop over its share"
     closed_loop = True
+    in_process = False
     products = tuple(Product)
     options = (Option("processes", "worker processes", (), int),)
 

@@ -41,7 +41,7 @@ class PythonLoop(SteppingPath):
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
         if options.get("clock") == "off" and not compat.has_clock(workload.model):
-            return "this release of MuJoCo has no clock to turn off"
+            return "needs an engine with a clock of its own: MuJoCo 3.3.1 or newer has one"
         return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -106,7 +106,10 @@ class PythonLoopHold(SteppingPath):
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
         if workload.returns != Product.FINAL and workload.hold > 1:
-            return "returns no state between the steps of a control"
+            return (
+                "returns no state between the steps of a control: --hold 1 or --returns final will"
+                " do"
+            )
         return compat.threadpool_unavailable() if options.get("engine_threads") else None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:

@@ -47,7 +47,10 @@ class Warp(AcceleratedPath):
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """Reject also models with sleep: trees asleep after one run stay asleep in the next."""
         if compat.has_sleep(workload.model):
-            return "which trees sleep is not part of a state, and persists from run to run"
+            return (
+                "which trees sleep is not part of a state, and persists from run to run: a model"
+                " without sleep will do"
+            )
         return super().unsuited(workload, options)
 
     def data_fields(self, model: mujoco.MjModel) -> Mapping[str, Any]:

@@ -43,7 +43,7 @@ def print_model(out: Console, model_results: ModelResults, code: bool = False) -
     """
     model, results = model_results.model, model_results.results
     out.print()
-    for line in _heading(model):
+    for line in heading_lines(model):
         out.print(line, soft_wrap=True)
     if model.status != Status.OK and not any(r.step_ns or r.agrees is False for r in results):
         return
@@ -51,12 +51,12 @@ def print_model(out: Console, model_results: ModelResults, code: bool = False) -
     out.print(_path_table(shown))
     if any(result.compile_s is not None for result in shown):
         out.print(_compile_table(shown))
-    for line in _notes(model_results):
+    for line in notes(model_results):
         out.print(line, soft_wrap=True)
     all_advice = advise(model_results)
     clock = advise_clock(model_results)
     if clock is not None:
-        _print_clock(out, clock)
+        _print_clock(out, clock, results)
     for advice in all_advice:
         _print_advice(out, advice)
     if code:
@@ -104,16 +104,32 @@ def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
 def print_crossovers(out: Console, crossovers: Sequence[Crossover]) -> None:
     """Print from which batch size on accelerated paths overtake C."""
     for row in crossovers:
-        variant = str(Variant(row.path, row.options))
-        rival = str(Variant(row.rival.path, row.rival.options))
-        if row.nbatch:
-            text = f"overtakes the best C path ({rival}) at {row.nbatch:,} simulations"
-        else:
-            text = (
-                f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
-                f" where it has {tables.plain(row.share, 2)} of its speed"
-            )
-        out.print(f"{row.model}: {variant} {text}", soft_wrap=True)
+        out.print(describe_crossover(row), soft_wrap=True)
+
+
+def describe_crossover(row: Crossover) -> str:
+    """Return from which batch size on an accelerated path overtakes C, as a sentence."""
+    variant = str(Variant(row.path, row.options))
+    rival = str(Variant(row.rival.path, row.rival.options))
+    if row.nbatch:
+        text = f"overtakes the best C path ({rival}) at {row.nbatch:,} simulations of those tried"
+        text += _curve_crossing(row)
+    else:
+        text = (
+            f"does not overtake the best C path ({rival}) up to {row.largest:,} simulations,"
+            f" where it has {tables.plain(row.share, 2)} of its speed"
+        )
+    return f"{row.model}: {variant} {text}"
+
+
+def _curve_crossing(row: Crossover) -> str:
+    """Return where the curve through all sizes crosses, with its interval; empty without one."""
+    curve = row.curve
+    if curve is None or curve.nbatch is None:
+        return ""
+    low = "fewer than all" if curve.low is None else f"{curve.low:,.0f}"
+    high = "more than all" if curve.high is None else f"{curve.high:,.0f}"
+    return f"; a curve through all sizes crosses at {curve.nbatch:,.0f} (95 %: {low} to {high})"
 
 
 def differences_table(rows: Sequence[RunDifference]) -> Table:
@@ -137,7 +153,8 @@ def differences_table(rows: Sequence[RunDifference]) -> Table:
     return table
 
 
-def _heading(model: ModelRecord) -> list[str | Text]:
+def heading_lines(model: ModelRecord) -> list[str | Text]:
+    """Return what stands above the table of a model: its sizes, what its steps did, its starts."""
     detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
         return [tables.headed(model.model, f": {model.status}: {detail}")]
@@ -189,7 +206,7 @@ def _path_table(results: Sequence[PathResult]) -> Table:
             str(Variant(result.path, result.options)),
             *_speed_cells(result),
             Loop.CLOSED if result.closed_loop else Loop.OPEN,
-            _agrees(result),
+            agrees(result),
         )
     return table
 
@@ -214,7 +231,8 @@ def _is_unavailable(result: PathResult) -> bool:
     return result.status == Status.UNAVAILABLE
 
 
-def _agrees(result: PathResult) -> str:
+def agrees(result: PathResult) -> str:
+    """Return whether a path agrees, or why that is not known, in a few words."""
     if result.status == Status.OK:
         return "yes" if result.is_judged else "not judged"
     return "NO" if result.status == Status.DISAGREES else str(result.status)
@@ -223,9 +241,9 @@ def _agrees(result: PathResult) -> str:
 def _compile_table(results: Sequence[PathResult]) -> Table:
     """Return what compiling cost, and after how many steps of the plain loop it breaks even."""
     table = tables.plain_table(
-        ["compiled", "precision", "device", "trace s", "compile s", "steady ns/step", "memory",
-         "break-even"],
-        right=range(3, 7),
+        ["compiled", "precision", "device", "trace s", "compile s", "cached s", "steady ns/step",
+         "memory", "break-even"],
+        right=range(3, 8),
     )  # fmt: skip
     for result in results:
         if result.compile_s is None:
@@ -234,6 +252,7 @@ def _compile_table(results: Sequence[PathResult]) -> Table:
             *([result.path, result.precision or "", result.device or ""]),
             "" if result.trace_s is None else f"{result.trace_s:.1f}",
             f"{result.compile_s:.1f}",
+            "" if result.cached_compile_s is None else f"{result.cached_compile_s:.1f}",
             f"{result.step_ns.median:,.0f}" if result.step_ns else "",
             _memory(result),
             _break_even(result),
@@ -255,7 +274,7 @@ def _memory(result: PathResult) -> str:
     return ", ".join(f"{kind}{n / 2**20:,.0f} MiB" for kind, n in sizes.items() if n)
 
 
-def _notes(model_results: ModelResults) -> list[str | Text]:
+def notes(model_results: ModelResults) -> list[str | Text]:
     """Return what a reader of the table must know: reasons, and how many cores there were."""
     model, results = model_results.model, model_results.results
     lines = [
@@ -315,11 +334,22 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
     ]
 
 
-def _print_clock(out: Console, clock: ClockAdvice) -> None:
+def _print_clock(out: Console, clock: ClockAdvice, results: Sequence[PathResult]) -> None:
     low, high = tables.factor(clock.low), tables.factor(clock.high)
     gain = f"{tables.factor(clock.speedup)}× the plain loop ({low} to {high} in fresh processes)"
     line = f", {gain}: mjbench.engine_clock(False)"
     out.print(tables.headed("Any path: turn off the engine's clock", line), soft_wrap=True)
+    gains: dict[str, float] = {}
+    for result in results:
+        if result.clock_gain is not None:
+            gains[str(Variant(result.path, result.options))] = result.clock_gain
+    if len(gains) > 1:
+        least, most = min(gains, key=gains.__getitem__), max(gains, key=gains.__getitem__)
+        out.print(
+            f"  In this process it gains from {tables.factor(gains[least])}× ({least}) to"
+            f" {tables.factor(gains[most])}× ({most}).",
+            soft_wrap=True,
+        )
 
 
 _LOOPS = {Loop.OPEN: "Open loop", Loop.CLOSED: "Closed loop"}
@@ -327,10 +357,10 @@ _LOOPS = {Loop.OPEN: "Open loop", Loop.CLOSED: "Closed loop"}
 
 def _print_advice(out: Console, advice: Advice) -> None:
     heading = f"{_LOOPS[advice.loop]}: {Variant(advice.path, advice.options)}"
-    out.print(tables.headed(heading, f", {_why(advice)}"), soft_wrap=True)
+    out.print(tables.headed(heading, f", {why(advice)}"), soft_wrap=True)
 
 
-def _why(advice: Advice) -> str:
+def why(advice: Advice) -> str:
     """Return why a path is advised, in a clause."""
     gain = ""
     if advice.speedup:
@@ -357,7 +387,12 @@ def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
         loops = [_LOOPS[advice.loop].lower() for advice in all_advice if advice.snippet == snippet]
         path = next(str(Variant(a.path, a.options)) for a in all_advice if a.snippet == snippet)
-        out.print()
-        out.print(tables.headed(path, f" ({' and '.join(loops)}):"), soft_wrap=True)
-        for line in snippet.splitlines():
-            out.print(f"    {line}", soft_wrap=True)
+        print_snippet(out, path, snippet, f" ({' and '.join(loops)})")
+
+
+def print_snippet(out: Console, path: str, snippet: str, note: str = "") -> None:
+    """Print the Python of a path, indented, below its name."""
+    out.print()
+    out.print(tables.headed(path, f"{note}:"), soft_wrap=True)
+    for line in snippet.splitlines():
+        out.print(f"    {line}", soft_wrap=True)

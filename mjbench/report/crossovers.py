@@ -4,7 +4,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from mjbench.instrument.stats import CONFIDENCE
 from mjbench.report.results import PathResult
+
+# The speeds of fewer sizes show no scatter about their curve.
+_MIN_SIZES = 5
+# The curve: the logarithm of the share as a polynomial of this degree in that of the size.
+_DEGREE = 2
+
+
+@dataclass(frozen=True)
+class CurveCrossing:
+    """Where a smooth curve through the shares of all sizes reaches 1.
+
+    Attributes:
+      nbatch: number of simulations; None where it does not within the sizes measured.
+      low: lower end of its 95 % interval; None where that is below all sizes.
+      high: upper end; None where that is above all sizes.
+    """
+
+    nbatch: float | None
+    low: float | None
+    high: float | None
 
 
 @dataclass(frozen=True)
@@ -27,6 +50,8 @@ class Crossover:
       largest: largest number of simulations at which both were timed.
       rival: the best C path there.
       share: of the rival's speed, at the largest size.
+      curve: the crossing of a curve through all sizes, with its interval; None with fewer than
+        five.
     """
 
     model: str
@@ -36,6 +61,7 @@ class Crossover:
     largest: int
     rival: Rival
     share: float
+    curve: CurveCrossing | None = None
 
 
 def crossovers(results: Sequence[PathResult]) -> list[Crossover]:
@@ -74,7 +100,45 @@ def _crossover(
         largest=largest,
         rival=Rival(best_c[largest].path, best_c[largest].options),
         share=shares[largest],
+        curve=curve_crossing(shares),
     )
+
+
+def curve_crossing(shares: Mapping[int, float]) -> CurveCrossing | None:
+    """Return where a curve through shares of a rival's speed reaches 1, with its 95 % interval.
+
+    The logarithm of the share is fitted by a parabola in the logarithm of the size, by least
+    squares; the interval is where the confidence band of that curve covers 1 (inverse regression:
+    G. Seber and A. Lee, Linear Regression Analysis, section 6.1.5). Every size was measured in
+    processes of its own, so the scatter about the curve includes what differs between processes.
+
+    Args:
+      shares: by number of simulations; fewer than five give no interval, and no result.
+    """
+    from scipy import stats
+
+    if len(shares) < _MIN_SIZES:
+        return None
+    sizes = np.log(sorted(shares))
+    logs = np.log([shares[n] for n in sorted(shares)])
+    design = np.vander(sizes, _DEGREE + 1)
+    coefficients, *_ = np.linalg.lstsq(design, logs, rcond=None)
+    freedom = len(sizes) - _DEGREE - 1
+    scatter = float(np.sqrt(np.sum((logs - design @ coefficients) ** 2) / freedom))
+    grid = np.linspace(sizes[0], sizes[-1], 1001)
+    rows = np.vander(grid, _DEGREE + 1)
+    leverage = np.einsum("ij,jk,ik->i", rows, np.linalg.inv(design.T @ design), rows)
+    half = stats.t.ppf((1 + CONFIDENCE) / 2, freedom) * scatter * np.sqrt(leverage)
+    curve = rows @ coefficients
+    return CurveCrossing(*(_ahead_from(grid, line) for line in (curve, curve + half, curve - half)))
+
+
+def _ahead_from(grid: np.ndarray, line: np.ndarray) -> float | None:
+    """Return the size from which on a line stays above 0; None where it does at all or at none."""
+    behind = np.flatnonzero(line <= 0.0)
+    if len(behind) == 0 or behind[-1] == len(grid) - 1:
+        return None
+    return float(np.exp(grid[behind[-1] + 1]))
 
 
 def _best_c_by_size(results: Sequence[PathResult]) -> dict[int, PathResult]:

@@ -17,6 +17,7 @@ import msgspec
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
+from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
@@ -34,8 +35,9 @@ from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
-from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.scaling import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.status import Status
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
@@ -44,6 +46,7 @@ SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     ConfirmationRecord.record_type: ConfirmationRecord,
+    ScalingRecord.record_type: ScalingRecord,
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
@@ -55,7 +58,7 @@ RECORD_TYPES: Mapping[str, type] = {
 
 @dataclass(frozen=True, kw_only=True)
 class CompareDocument:
-    """What `mjbench compare --json` writes."""
+    """What `mjbench compare --json` writes; `scaling` and `threads` are of a search (--scaling)."""
 
     schema: int = SCHEMA
     machine: Machine
@@ -63,6 +66,8 @@ class CompareDocument:
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
+    scaling: Sequence[ScalingRow] = ()
+    threads: Sequence[ThreadAdvice] = ()
 
     @classmethod
     def of(cls, machine: Machine, models: Sequence[ModelResults]) -> "CompareDocument":
@@ -74,6 +79,24 @@ class CompareDocument:
             advice=[advice for model_results in models for advice in advise(model_results)],
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
+        )
+
+    @classmethod
+    def of_scaling(cls, machine: Machine, models: Sequence[ScalingResults]) -> "CompareDocument":
+        """Return the document of searches; its results are those of all their runs."""
+        return cls(
+            machine=machine,
+            results=[
+                result
+                for search in models
+                for record in search.records
+                for result in derive(record.model, record.measurements).results
+            ],
+            advice=[],
+            clock=[],
+            crossovers=[],
+            scaling=[row for search in models for row in search.rows()],
+            threads=[advice for search in models for advice in search.advice()],
         )
 
 

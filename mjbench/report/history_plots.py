@@ -41,7 +41,7 @@ def draw(history: SpeedHistory, folder: Path) -> None:
         import vl_convert
     except ImportError as error:
         raise InputError(
-            "plots need vl-convert-python: install `mjbench[plots]`, or leave out --plots"
+            "plots need vl-convert-python: install `mjbench[report]`, or leave out --plots"
         ) from error
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

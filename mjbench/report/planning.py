@@ -45,9 +45,38 @@ def print_rows(out: Console, rows: Sequence[PlanningRow]) -> None:
     _print_fastest(out, rows)
 
 
+def print_sizes(out: Console, rows: Sequence[PlanningRow]) -> None:
+    """Print the fastest path at each size of a model's plans, where there are several sizes."""
+    for model in dict.fromkeys(row.model for row in rows):
+        of_model = [row for row in rows if row.model == model and row.plans_per_s is not None]
+        sizes = dict.fromkeys((row.samples, row.horizon) for row in of_model)
+        if len(sizes) < 2:
+            continue
+        table = tables.plain_table(
+            ["samples", "steps", "plans/s", "real time needs", "achieved", "fastest here"],
+            right=range(4),
+        )
+        for size in sizes:
+            fastest = _fastest([row for row in of_model if (row.samples, row.horizon) == size])
+            table.add_row(
+                f"{fastest.samples:,}",
+                f"{fastest.horizon:,}",
+                f"{fastest.plans_per_s or 0.0:,.0f}",
+                tables.plain(fastest.control_hz or 0.0, 3),
+                tables.yes_no(bool(fastest.achieved)),
+                str(Variant(fastest.path, fastest.options)),
+            )
+        out.print()
+        out.print(tables.headed(model, ", by the size of the plan"))
+        out.print(table)
+
+
+def _fastest(timed: Sequence[PlanningRow]) -> PlanningRow:
+    return max(timed, key=lambda row: row.speedup or 0.0)
+
+
 def _print_fastest(out: Console, rows: Sequence[PlanningRow]) -> None:
-    timed = [row for row in rows if row.plans_per_s is not None]
-    fastest = max(timed, key=lambda row: row.speedup or 0.0)
+    fastest = _fastest([row for row in rows if row.plans_per_s is not None])
     assert fastest.plans_per_s is not None and fastest.control_hz is not None, "it was timed"
     if fastest.plans_per_s >= fastest.control_hz:
         pace = f"keeps up with {tables.plain(fastest.control_hz, 3)} controls per second"

@@ -56,6 +56,8 @@ class PathResult:
       speedup: over the plain Python loop, in this process; what differs from process to process is
         in the intervals of `advice` alone, so this one has none.
       work: contacts, constraints and solver iterations per step.
+      clock_gain: how many times faster it is without the engine's clock, in this process; None
+        where that was not timed.
       rounds: blocks that were timed.
       snippet: Python that does what the path does.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
@@ -63,6 +65,7 @@ class PathResult:
       device: that an accelerated path ran on.
       trace_s: seconds of tracing.
       compile_s: seconds of the compiler.
+      cached_compile_s: the same where its cache holds the program; None where not measured.
       memory_bytes: most memory of the process.
       gpu_memory_bytes: most memory of the GPU.
       check: how far an accelerated path is from C.
@@ -90,6 +93,7 @@ class PathResult:
     step_ns: StepTime | None = None
     realtime_factor: float | None = None
     speedup: Estimate | None = None
+    clock_gain: float | None = None
     work: Work | None = None
     rounds: int = 0
     snippet: str = ""
@@ -98,6 +102,7 @@ class PathResult:
     device: str | None = None
     trace_s: float | None = None
     compile_s: float | None = None
+    cached_compile_s: float | None = None
     memory_bytes: int | None = None
     gpu_memory_bytes: int | None = None
     check: AcceleratedCheck | None = None
@@ -222,6 +227,7 @@ def _result(
         # a stored timestep may be one by which no time passes
         realtime_factor=timestep / step_s if 0 < timestep < math.inf else None,
         speedup=_speedup(record, base) if base else None,
+        clock_gain=_clock_gain(record),
         overtakes_after_steps=_break_even_steps(record, base) if base else None,
     )
 
@@ -241,6 +247,12 @@ def _speedup(record: MeasurementRecord, base: MeasurementRecord) -> Estimate:
         count = min(len(base.samples_s), len(record.samples_s))
         median = stats.speedup(base.samples_s[:count], record.samples_s[:count]).median
     return Estimate(median, None, None)
+
+
+def _clock_gain(record: MeasurementRecord) -> float | None:
+    if not record.without_clock_s:
+        return None
+    return stats.speedup(record.with_clock_s, record.without_clock_s).median
 
 
 def _break_even_steps(record: MeasurementRecord, base: MeasurementRecord) -> float | None:

@@ -32,11 +32,11 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
         starts_lines = [f"  {line}" for line in tables.starts_lines(row.starts)]
         for line in [*starts_lines, *_warning_lines(row)]:
             out.print(line, soft_wrap=True)
-    if len(rows) > 1 and all(_has_evidence(row) for row in rows):
+    if len(rows) > 1 and all(has_evidence(row) for row in rows):
         out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
 
 
-def _has_evidence(row: VerdictRow) -> bool:
+def has_evidence(row: VerdictRow) -> bool:
     """Return whether a comparison can be decided with others; old run files hold no e-values."""
     is_exact = row.metric == Metric.INSTRUCTIONS
     return is_exact or row.verdict is None or row.ratio is None or row.e_slower is not None
@@ -54,7 +54,7 @@ def describe_family(decided: Family, confidence: float) -> str:
     ]
     sentence = f"All {decided.count} together: {', '.join(parts)}."
     changes = [*decided.slower, *decided.faster]
-    if any(row.metric == Metric.TIME for row in changes):
+    if any(row.metric != Metric.INSTRUCTIONS for row in changes):
         share = f"{100 * (1 - confidence):g} %"
         each = "each" if decided.slower and decided.faster else ""
         named = " and ".join(
@@ -77,6 +77,8 @@ def _count_of_models(rows: Sequence[VerdictRow]) -> str:
 def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
     name = f"{row.model}, {describe_targets(row)}"
+    if row.metric == Metric.P99:
+        name += ", the slowest 1 % of steps"
     if row.verdict is None or row.ratio is None:
         outcome = f"{row.verdict}: " if row.verdict else ""
         return f"{name}: {outcome}{row.detail or 'not measured'}"

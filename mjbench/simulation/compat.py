@@ -96,6 +96,11 @@ def rollout_threads() -> bool:
     return hasattr(rollout, "Rollout")
 
 
+def _newer(version: str) -> str:
+    """Return which release would do, and how to have it."""
+    return f"MuJoCo {version} or newer (pip install --upgrade mujoco)"
+
+
 def rollout_unavailable() -> str | None:
     """Return why `mujoco.rollout` cannot run a full physics state here, or None if it can."""
     try:
@@ -103,26 +108,26 @@ def rollout_unavailable() -> str | None:
 
         from mujoco import rollout
     except ImportError as error:
-        return f"this MuJoCo has no mujoco.rollout ({error})"
+        return f"needs mujoco.rollout ({error}): {_newer('3.1.2')}"
     if "control_spec" not in inspect.signature(rollout.rollout).parameters:
-        return "mujoco.rollout takes full physics states from MuJoCo 3.1.2 on"
+        return f"needs a mujoco.rollout that takes full physics states: {_newer('3.1.2')}"
     return None
 
 
 def rollout_threads_unavailable() -> str | None:
     """Return why `mujoco.rollout` has no threads here, or None if it has."""
-    return None if rollout_threads() else "mujoco.rollout has threads from MuJoCo 3.2.7 on"
+    return None if rollout_threads() else f"needs a mujoco.rollout with threads: {_newer('3.2.7')}"
 
 
 def spec_unavailable() -> str | None:
     """Return why a model cannot be built in Python here, or None if it can."""
-    return None if hasattr(mujoco, "MjSpec") else "MjSpec exists from MuJoCo 3.2.0 on"
+    return None if hasattr(mujoco, "MjSpec") else f"needs MjSpec: {_newer('3.2.0')}"
 
 
 def threadpool_unavailable() -> str | None:
     """Return why a simulation cannot have a thread pool of its own here, or None if it can."""
     if not hasattr(mujoco, "mju_threadpool"):
-        return "mju_threadpool exists from MuJoCo 3.10.0 on"
+        return f"needs mju_threadpool: {_newer('3.10.0')}"
     return None
 
 
@@ -142,7 +147,7 @@ def batch_unavailable() -> str | None:
     try:
         from mujoco import batch  # noqa: F401
     except ImportError:
-        return "mujoco.batch exists from MuJoCo 3.17.0 on"
+        return f"needs mujoco.batch: {_newer('3.17.0')}"
     return None
 
 

@@ -260,3 +260,40 @@ def test_a_model_that_fails_after_its_first_rounds_is_not_green(
     done = CliRunner().invoke(cli, ["compare", "cartpole", "--results", str(tmp_path)])
     assert done.exit_code == 3
     assert "it failed" in done.stdout
+
+
+def test_a_search_says_how_many_threads(tmp_path: Path, contact_file: str) -> None:
+    words = ["--scaling", "--paths", "rollout,threads", "--threads", "1,2", "--chunk", "2"]
+    words += ["--nbatch", "4,8", "--nstep", "10", "--budget", "0", "--no-confirm"]
+    words += ["--results", "runs", "--json", "out.json"]
+    done = mjbench("compare", contact_file, *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "out.json").read_text())
+    stages = {row["stage"] for row in document["scaling"]}
+    assert {"threads", "simulations"} <= stages <= {"threads", "chunk size", "simulations"}
+    assert {row["path"] for row in document["threads"]} == {"rollout", "threads"}
+    assert {row["nthread"] for row in document["threads"]} == {1}  # none was compared again
+    assert all(row["agrees"] for row in document["results"])
+    (file,) = (tmp_path / "runs").glob("*.jsonl")
+    again = mjbench("show", str(file), "--json", "-", cwd=tmp_path)
+    assert json.loads(again.stdout) == document
+    # a run that is continued makes no run of the search again
+    count = len(file.read_text().splitlines())
+    done = mjbench("compare", contact_file, *words, "--resume", str(file), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(file.read_text().splitlines()) == count
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--paths", "python_loop_hold"], "python_loop_hold has no threads to vary"),
+        (["--paths", "mjx"], "mjx has no threads to vary"),
+        (["--total-steps", "1e6"], "--total-steps has no effect with --scaling"),
+        (["--option", "pool=new,kept"], "--option pool: give one value with --scaling"),
+    ],
+)
+def test_a_search_refuses_what_it_cannot_use(words: list[str], message: str) -> None:
+    result = CliRunner().invoke(cli, ["compare", "cartpole", "--scaling", *words])
+    assert result.exit_code == 2
+    assert message in result.output

@@ -36,6 +36,16 @@ def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -
     assert "same work" in again.stdout
 
 
+def test_the_slowest_steps_of_two_releases_are_compared(tmp_path: Path) -> None:
+    words = ("versions", "installed", "installed", "cube_table", "--metric", "p99")
+    done = mjbench(*words, "--time-limit", "0.2s", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["metric"] == "p99"
+    assert row["nbatch"] * row["nstep"] >= 500
+    assert "the slowest 1 % of steps: " in done.stdout
+
+
 def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
     done = mjbench(
         *("versions", "installed", "installed", "cartpole"),
@@ -50,6 +60,10 @@ def test_a_target_that_fails_ends_in_exit_code_3(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("installed",), "name an OLD and a NEW release"),
+        (
+            ("installed", "installed", "cartpole", "--metric", "p99", "--paths", "rollout"),
+            "--metric p99 times single steps of python_loop only",
+        ),
         (("--new", "installed"), "name an OLD and a NEW release"),
         (
             ("installed", "main"),

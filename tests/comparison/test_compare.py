@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import mujoco
 import pytest
 from commands import TESTS
 from pretender import Pretender
@@ -9,7 +10,7 @@ from pretender import Pretender
 from mjbench.comparison import compare
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.simulation import models
+from mjbench.simulation import compat, models
 from mjbench.status import Status
 
 
@@ -56,6 +57,16 @@ def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(contact_fi
     assert rows["wrong_paths:MemoWhenTimed"].status == Status.DISAGREES
     assert "in a timed block" in rows["wrong_paths:MemoWhenTimed"].detail
     assert rows["python_loop_hold"].is_timed
+
+
+def test_paths_are_timed_without_the_engines_clock_too(contact_file: str) -> None:
+    if not compat.has_clock(mujoco.MjModel.from_xml_path(contact_file)):
+        pytest.skip("this release of MuJoCo has no clock of its own")
+    rows = measured(contact_file, "python_loop_hold", "wrong_paths:Elsewhere")
+    for name in ("python_loop", "python_loop_hold"):
+        assert len(rows[name].with_clock_s) == len(rows[name].without_clock_s) >= 5
+    assert rows["wrong_paths:Elsewhere"].with_clock_s == []
+    assert rows["wrong_paths:Elsewhere"].is_timed
 
 
 def test_two_paths_that_end_the_child_cost_two_rows(contact_file: str) -> None:

@@ -48,6 +48,18 @@ def test_a_path_that_returns_other_states_disagrees(tmp_path: Path) -> None:
     assert "Fastest here" in done.stdout
 
 
+def test_several_sizes_of_plans_are_tried(tmp_path: Path) -> None:
+    words = ["--samples", "2,4", "--knots", "3,5", "--hold", "5", "--duration", "0.1s"]
+    words += ["--paths", "rollout", "--threads", "1,2"]
+    done = mjbench("plan", *words, "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    sizes = [(row["samples"], row["horizon"]) for row in rows if row["path"] == "python_loop"]
+    assert sizes == [(2, 15), (2, 25), (4, 15), (4, 25)]
+    assert len(rows) == 4 * 4  # rollout with two threads keeps its pool, or has a new one
+    assert "cartpole, by the size of the plan" in done.stdout
+
+
 def test_a_model_without_controls_is_refused_in_a_line() -> None:
     done = mjbench("plan", "cube_table", "--duration", "0.1s")
     assert done.returncode == 2

@@ -172,7 +172,7 @@ def test_a_path_that_cannot_return_the_product_is_unavailable(humanoid: Referenc
     outputs = ReferenceCase.create(*work.observe_healthy(own))
     report, _ = verify(0, Variant("wrong_paths:FinalOnly", {}), outputs, NOTHING_FURTHER)
     assert (report.status, report.agrees) == (Status.UNAVAILABLE, None)
-    assert report.detail == "returns final, not sensors (--returns)"
+    assert report.detail == "returns final, not sensors: --returns final compares it"
 
 
 def test_a_path_whose_sensors_nobody_can_see_says_so(

@@ -11,6 +11,7 @@ from paired_examples import CARTPOLE, CUBES, INSTALLED
 from mjbench.errors import InputError
 from mjbench.paired import block_sizes, preparation, requests
 from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
@@ -143,9 +144,18 @@ def test_an_option_that_does_not_exist_is_bad_input(
         (Sizes(nstep=50), 1, 1e-5, (2, 50)),
         (Sizes(), 2, 1e-5, (20, 100)),
         (Sizes(), 2, 1.0, (8, 1)),
+        (Sizes(metric=Metric.P99), 1, 1e-5, (5, 100)),
+        (Sizes(nbatch=1, metric=Metric.P99), 1, 1e-5, (1, 500)),
+        (Sizes(metric=Metric.P99), 1, 1e-7, (100, 100)),
     ],
 )
 def test_a_block_takes_about_a_millisecond_where_the_user_leaves_it_open(
     sizes: Sizes, nthread: int, step_s: float, expected: tuple[int, int]
 ) -> None:
     assert block_sizes.block_size(sizes, nthread, step_s * (1 - 1e-9)) == expected
+
+
+def test_a_block_whose_slowest_steps_are_compared_has_enough_of_them() -> None:
+    assert Sizes(nbatch=5, nstep=100, metric=Metric.P99).nbatch == 5
+    with pytest.raises(InputError, match="p99 needs at least 500 steps"):
+        Sizes(nbatch=1, nstep=100, metric=Metric.P99)

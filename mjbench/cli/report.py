@@ -1,0 +1,104 @@
+"""`mjbench report`: run files as one HTML file, or as Markdown."""
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.output_file import OutputFile
+from mjbench.cli.shared import RESULTS
+from mjbench.errors import InputError, writing
+
+# Formats of pages, which several runs share, and of other tools.
+_PAGES = ("html", "markdown")
+FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
+
+if TYPE_CHECKING:
+    from mjbench.pages.reports import NamedRun
+    from mjbench.report.speed_history import SpeedHistory
+
+
+@cli.command()
+@click.argument("files", nargs=-1, metavar="[RUN]…", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="Write to FILE, or - for stdout  [default: report.html for HTML, stdout for others]",
+)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    default="html",
+    show_default=True,
+    help="html: a page to look at; markdown: for a job summary or a comment; the others: a RUN for"
+    " other tools.",
+)
+@click.option("--markdown", is_flag=True, help="The same as --format markdown.")
+@RESULTS
+def report(
+    files: tuple[Path, ...], output: str | None, form: str, markdown: bool, results: Path
+) -> None:
+    """Write a report of run files: one HTML file to look at, mail or attach to a CI run.
+
+    Without a RUN: the newest in results/runs. The file needs no network and nothing beside it.
+    Charts need vl-convert-python and Jinja2: pip install 'mjbench[report]'.
+
+    \b
+    Examples:
+      mjbench report -o report.html
+      mjbench report results/runs/*.jsonl
+      mjbench report --markdown >> "$GITHUB_STEP_SUMMARY"
+      mjbench report --format junit -o junit.xml
+    """
+    from mjbench.instrument import runs
+    from mjbench.pages import exports
+    from mjbench.pages.reports import NamedRun
+    from mjbench.report.documents import RECORD_TYPES
+
+    form = "markdown" if markdown else form
+    chosen = list(files) or [runs.latest(results)]
+    target = output or ("report.html" if form == "html" else "-")
+    if form not in _PAGES and len(chosen) > 1:
+        raise InputError(f"--format {form} takes one RUN")
+    if form == "parquet" and target == "-":
+        raise InputError("--format parquet needs a file: give -o FILE")
+    file = OutputFile("-o", target, chosen)
+    with RunContext("report", inputs=chosen) as run, contextlib.closing(file):
+        named_runs = [NamedRun(path, runs.load(path, RECORD_TYPES)) for path in chosen]
+        if form == "parquet":
+            with writing(Path(target)):
+                exports.write_parquet(named_runs[0].run, Path(target))
+        else:
+            file.open()
+            file.write(_text(form, named_runs))
+        if target != "-":
+            run.out.print(f"Report: {target}", soft_wrap=True)
+
+
+def _text(form: str, named_runs: "list[NamedRun]") -> str:
+    """Return runs in a format."""
+    from mjbench.pages import exports, html, markdown, reports
+
+    if form not in _PAGES:
+        (named,) = named_runs
+        return exports.FORMATS[form](named.run, named.file)
+    content = reports.build(named_runs, _history(named_runs))
+    return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"
+
+
+def _history(named_runs: "list[NamedRun]") -> "SpeedHistory | None":
+    """Return the history that runs with ratios of releases hold; None without such runs."""
+    from mjbench.releases import bundle
+    from mjbench.releases.release_ratios import RatioRecord
+    from mjbench.report import history_files
+
+    if not any(named.run.of_type(RatioRecord) for named in named_runs):
+        return None
+    causes = bundle.default_path().with_name("causes.toml")
+    files = [named.file for named in named_runs]
+    return history_files.read(files, causes if causes.exists() else None)

@@ -1,0 +1,107 @@
+"""Which cores this process may use: hardware threads, physical cores, NUMA nodes, a quota.
+
+Hardware threads of one core (hyper-threads) share its arithmetic units; cores of one NUMA node
+share its memory. On Linux the kernel describes them in /sys/devices/system (kernel documentation,
+admin-guide/cputopology.rst); elsewhere only the number of cores is known.
+"""
+
+import os
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from mjbench.instrument import platforms
+from mjbench.instrument.machine import cgroup_quota
+
+_SYSTEM = Path("/sys/devices/system")
+
+
+class Beyond(StrEnum):
+    """What so many threads exceed, so that another one does not bring another core."""
+
+    CORES = "shares cores: hyper-threads"
+    """There are fewer cores, whose hardware threads share arithmetic units."""
+    NODE = "spans NUMA nodes"
+    """There are fewer hardware threads on any NUMA node: some memory is far away."""
+    QUOTA = "exceeds the control group's quota"
+    """The control group stops threads that run for longer."""
+    HARDWARE_THREADS = "more threads than can run at once"
+    """There are fewer hardware threads."""
+
+
+@dataclass(frozen=True)
+class Topology:
+    """The cores that a process may use.
+
+    Attributes:
+      hardware_threads: how many threads can run at once.
+      cores: how many cores these belong to; None where unknown.
+      node_sizes: hardware threads on each NUMA node, the largest first; empty where unknown.
+      quota_cores: the control group's CPU quota in cores; None without one.
+    """
+
+    hardware_threads: int
+    cores: int | None = None
+    node_sizes: tuple[int, ...] = ()
+    quota_cores: float | None = None
+
+    def beyond(self, nthread: int) -> tuple[Beyond, ...]:
+        """Return what a number of threads exceeds."""
+        limits = (
+            (Beyond.CORES, self.cores),
+            (Beyond.NODE, self.node_sizes[0] if self.node_sizes else None),
+            (Beyond.QUOTA, self.quota_cores),
+            (Beyond.HARDWARE_THREADS, self.hardware_threads),
+        )
+        exceeded = [kind for kind, most in limits if most is not None and nthread > most]
+        if Beyond.HARDWARE_THREADS in exceeded:  # which says it all, but for the quota
+            exceeded = [k for k in exceeded if k in (Beyond.QUOTA, Beyond.HARDWARE_THREADS)]
+        return tuple(exceeded)
+
+    def thread_counts(self) -> tuple[int, ...]:
+        """Return the numbers of threads at which something changes, in rising order."""
+        counts = {1, self.hardware_threads, self.cores or 1}
+        if self.node_sizes:
+            counts.add(self.node_sizes[0])
+        if self.quota_cores is not None:
+            counts.add(max(1, int(self.quota_cores)))
+        return tuple(sorted(count for count in counts if count <= self.hardware_threads))
+
+
+def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topology:
+    """Return the cores that this process may use.
+
+    Args:
+      usable: hardware threads, by number; None for those of this process.
+      system: the kernel's folder of devices.
+    """
+    usable = platforms.affinity() if usable is None else usable
+    quota_cores = cgroup_quota()
+    if not usable:
+        import psutil
+
+        count = os.cpu_count() or 1
+        return Topology(count, psutil.cpu_count(logical=False), quota_cores=quota_cores)
+    cores = {
+        _numbers(system / f"cpu/cpu{number}/topology/thread_siblings_list") for number in usable
+    }
+    nodes = [_numbers(file) & usable for file in system.glob("node/node[0-9]*/cpulist")]
+    return Topology(
+        hardware_threads=len(usable),
+        cores=len(cores) if all(cores) else None,
+        node_sizes=tuple(sorted((len(node) for node in nodes if node), reverse=True)),
+        quota_cores=quota_cores,
+    )
+
+
+def _numbers(file: Path) -> frozenset[int]:
+    """Return the numbers of a list such as `0-3,8`; none where the file cannot be read."""
+    numbers: set[int] = set()
+    try:
+        for part in file.read_text().strip().split(","):
+            first, _, last = part.partition("-")
+            numbers.update(range(int(first), int(last or first) + 1))
+    except (OSError, ValueError):
+        return frozenset()
+    return frozenset(numbers)

@@ -1,0 +1,148 @@
+"""Charts as Vega-Lite specifications: their text has the colour of the page around them.
+
+Colours are told apart with any colour vision (Okabe and Ito, 2008) and stand out from a light page
+as from a dark one.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from mjbench.errors import InputError
+from mjbench.pages.content import Cell, DataTable
+
+# The version of Vega-Lite whose language the specifications are in.
+VEGA_LITE = "5.20"
+WIDTH = 640
+BLUE, ORANGE, GREEN, SKY, PINK, GREY = (
+    "#2a86c4",
+    "#d55e00",
+    "#009e73",
+    "#56b4e9",
+    "#cc79a7",
+    "#8a8a8a",
+)
+# Of a chart whose rows are names: pixels a row.
+_ROW_HEIGHT = 22
+
+Spec = dict[str, Any]
+
+
+def svg(specification: Mapping[str, Any]) -> str:
+    """Return a chart as SVG.
+
+    Raises:
+      InputError: vl-convert-python is not installed.
+    """
+    try:
+        import vl_convert
+    except ImportError as error:
+        raise InputError(
+            "charts need vl-convert-python: pip install 'mjbench[report]', or give --markdown"
+        ) from error
+    return str(vl_convert.vegalite_to_svg(dict(specification), vl_version=VEGA_LITE))
+
+
+def values(table: DataTable) -> list[dict[str, Cell]]:
+    """Return the rows of a table as Vega-Lite's data, by the titles of its columns."""
+    names = [column.title for column in table.columns]
+    return [dict(zip(names, row, strict=True)) for row in table.rows]
+
+
+def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -> Spec:
+    """Return a chart of layers that share the data of a table.
+
+    Args:
+      table: the data.
+      layers: marks and encodings.
+      height: in pixels; None for one row of text a row of the table.
+    """
+    size: Spec = {"width": WIDTH}
+    size["height"] = {"step": _ROW_HEIGHT} if height is None else height
+    return {
+        "$schema": f"https://vega.github.io/schema/vega-lite/v{VEGA_LITE.split('.')[0]}.json",
+        "data": {"values": values(table)},
+        **size,
+        "layer": list(layers),
+        **page_colours(),
+    }
+
+
+def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:
+    """Return the encoding of a number.
+
+    Args:
+      field: title of the column.
+      title: of the axis.
+      log: whether the axis is logarithmic.
+      scale: further properties of the scale.
+    """
+    kind = {"type": "log"} if log else {}
+    return {
+        "field": _escaped(field),
+        "type": "quantitative",
+        "title": title,
+        "scale": {**kind, "zero": False, "nice": True, **scale},
+    }
+
+
+def names(field: str, title: str | None = None) -> Spec:
+    """Return the encoding of names, in the order of the rows."""
+    return {
+        "field": _escaped(field),
+        "type": "nominal",
+        "sort": None,
+        "title": title,
+        "axis": {"labelLimit": 300},
+    }
+
+
+def colour(field: str, colours: Mapping[str, str], title: str | None = None) -> Spec:
+    """Return the encoding of a category by colour."""
+    return {
+        "field": _escaped(field),
+        "type": "nominal",
+        "title": title,
+        "scale": {"domain": list(colours), "range": list(colours.values())},
+        "legend": {"orient": "top"},
+    }
+
+
+def page_colours() -> Spec:
+    """Return the properties of a chart that give its text the colour of the page around it."""
+    return {"background": None, "config": _CONFIG}
+
+
+def rule_at(value: float, axis: str = "x") -> Spec:
+    """Return a dashed line at a value."""
+    return {
+        "mark": {"type": "rule", "color": GREY, "strokeDash": [4, 4], "aria": False},
+        "data": {"values": [{"value": value}]},
+        "encoding": {axis: {"field": "value", "type": "quantitative"}},
+    }
+
+
+def _escaped(field: str) -> str:
+    """Return a column's title as Vega-Lite's name of a field: dots and brackets mean nesting."""
+    for character in "\\.[]'\"":
+        field = field.replace(character, f"\\{character}")
+    return field
+
+
+_TEXT = "currentColor"
+_CONFIG: Spec = {
+    "font": "system-ui, sans-serif",
+    "view": {"stroke": None},
+    "axis": {
+        "labelColor": _TEXT,
+        "titleColor": _TEXT,
+        "domainColor": GREY,
+        "tickColor": GREY,
+        "gridColor": GREY,
+        "gridOpacity": 0.25,
+        "labelFontSize": 12,
+        "titleFontSize": 12,
+        "titleFontWeight": "normal",
+    },
+    "legend": {"labelColor": _TEXT, "titleColor": _TEXT, "labelFontSize": 12},
+    "title": {"color": _TEXT, "anchor": "start"},
+}

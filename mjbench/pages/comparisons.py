@@ -1,0 +1,199 @@
+"""The part of a report that a run of `mjbench compare` gives."""
+
+from collections.abc import Iterator, Sequence
+
+from mjbench.comparison.plan import Variant
+from mjbench.pages import charts
+from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report import comparison
+from mjbench.report.advice import Advice, Loop, Reason, advise, advise_clock
+from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.results import ModelResults, PathResult
+from mjbench.status import Status
+
+# Colours of paths by whether a policy can choose each control.
+_LOOPS = {Loop.OPEN.value: charts.ORANGE, Loop.CLOSED.value: charts.BLUE}
+
+
+def conclusions(models: Sequence[ModelResults]) -> Iterator[Conclusion]:
+    """Yield what the comparison of all models comes to: disagreement first, then advice."""
+    for model_results in models:
+        for result in model_results.results:
+            if result.status == Status.DISAGREES:
+                variant = Variant(result.path, result.options)
+                yield Conclusion(
+                    f"{result.model}: {variant} does other work than the plain loop:"
+                    f" {result.agreement}",
+                    Tone.BAD,
+                )
+        if model_results.model.status not in (Status.OK, Status.INTERRUPTED):
+            record = model_results.model
+            yield Conclusion(f"{record.model}: {record.status}: {record.detail}", Tone.BAD)
+    for model_results in models:
+        for advice in advise(model_results):
+            yield _conclusion(advice)
+
+
+def _conclusion(advice: Advice) -> Conclusion:
+    loop = "open loop" if advice.loop == Loop.OPEN else "closed loop"
+    text = f"{advice.model}, {loop}: {Variant(advice.path, advice.options)}"
+    tone = Tone.UNSURE if advice.reason == Reason.UNCONFIRMED else Tone.NEUTRAL
+    if advice.reason in (Reason.FASTER, Reason.SIMPLER, Reason.PAYS) and advice.speedup:
+        tone = Tone.GOOD
+    return Conclusion(f"{text}, {comparison.why(advice)}", tone)
+
+
+def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
+    """Yield a section for each model at each size, and one for crossovers where there are any."""
+    for model_results in models:
+        yield _section(model_results, command)
+    rows = crossovers([result for model in models for result in model.results])
+    if rows:
+        yield _crossover_section(rows, models, command)
+
+
+def _section(model_results: ModelResults, command: str) -> Section:
+    record = model_results.model
+    heading, *notes = (str(line) for line in comparison.heading_lines(record))
+    concluded = [*conclusions([model_results])]
+    clock = advise_clock(model_results)
+    if clock is not None:
+        concluded.append(
+            Conclusion(
+                f"Any path: without the engine's clock, mjbench.engine_clock(False), the plain loop"
+                f" is {clock.speedup:.2f} times as fast ({clock.low:.2f} to {clock.high:.2f})",
+                Tone.GOOD,
+            )
+        )
+    table = _path_table(model_results.results)
+    timed = [r for r in model_results.results if r.speedup is not None]
+    return Section(
+        heading=heading,
+        command=command,
+        conclusions=concluded,
+        figures=[_speedup_figure(record.model, timed, advise(model_results))] if timed else [],
+        tables=[table],
+        notes=[*notes, *(str(line) for line in comparison.notes(model_results))],
+    )
+
+
+def _path_table(results: Sequence[PathResult]) -> DataTable:
+    columns = (
+        Column("path"),
+        Column("ns/step", 4),
+        Column("speed-up", 3),
+        Column("× real time", 3),
+        Column("loop"),
+        Column("agrees"),
+        Column("without the clock, ×", 3),
+        Column("rounds", 3),
+        Column("why not"),
+    )
+    rows = [
+        (
+            str(Variant(r.path, r.options)),
+            r.step_ns.median if r.step_ns else None,
+            r.speedup.median if r.speedup else None,
+            r.realtime_factor,
+            (Loop.CLOSED if r.closed_loop else Loop.OPEN).value,
+            comparison.agrees(r),
+            r.clock_gain,
+            r.rounds or None,
+            r.detail,
+        )
+        for r in results
+    ]
+    return DataTable("Paths", columns, rows)
+
+
+def _speedup_figure(
+    model: str, timed: Sequence[PathResult], all_advice: Sequence[Advice]
+) -> Figure:
+    """Return speed-ups as points; those that were confirmed have their interval."""
+    intervals = {
+        str(Variant(a.path, a.options)): (a.speedup, a.low, a.high) for a in all_advice if a.low
+    }
+    columns = (
+        Column("path"),
+        Column("speed-up", 3),
+        Column("loop"),
+        Column("confirmed", 3),
+        Column("low", 3),
+        Column("high", 3),
+    )
+    rows = [
+        (
+            name := str(Variant(r.path, r.options)),
+            r.speedup.median if r.speedup else None,
+            (Loop.CLOSED if r.closed_loop else Loop.OPEN).value,
+            *intervals.get(name, (None, None, None)),
+        )
+        for r in timed
+    ]
+    data = DataTable("Speed-ups", columns, rows)
+    fastest = max(rows, key=lambda row: float(row[1] or 0.0))
+    x = charts.quantity("speed-up", "times as fast as the plain loop", zero=True)
+    y = charts.names("path")
+    layers: list[charts.Spec] = [
+        charts.rule_at(1.0),
+        {
+            "mark": {"type": "bar", "height": 10},
+            "encoding": {"x": x, "y": y, "color": charts.colour("loop", _LOOPS, "loop")},
+        },
+        {
+            "mark": {"type": "rule", "strokeWidth": 2, "color": "currentColor"},
+            "transform": [{"filter": "isValid(datum.low)"}],
+            "encoding": {
+                "x": charts.quantity("low", "times as fast as the plain loop", zero=True),
+                "x2": {"field": "high"},
+                "y": y,
+            },
+        },
+    ]
+    return Figure(
+        title=f"{model}: speed-up over the plain loop",
+        alternative=f"Bars of {len(rows)} paths; the longest is {fastest[0]}, {fastest[1]:.2f}×."
+        " Lines are 95 % intervals from process to process, of the paths that were compared again.",
+        specification=charts.chart(data, layers),
+        data=data,
+    )
+
+
+def _crossover_section(
+    rows: Sequence[Crossover], models: Sequence[ModelResults], command: str
+) -> Section:
+    return Section(
+        heading="From how many simulations on is an accelerated path faster?",
+        command=command,
+        conclusions=[Conclusion(comparison.describe_crossover(row)) for row in rows],
+        figures=[_crossover_figure(name, models) for name in dict.fromkeys(r.model for r in rows)],
+    )
+
+
+def _crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
+    columns = (Column("simulations", 4), Column("steps per second", 4), Column("path"))
+    rows = [
+        (r.nbatch, r.steps_per_s, str(Variant(r.path, r.options)))
+        for model_results in models
+        if model_results.model.model == name
+        for r in model_results.results
+        if r.steps_per_s and r.nbatch
+    ]
+    data = DataTable("Speeds by the number of simulations", columns, rows)
+    palette = (charts.BLUE, charts.ORANGE, charts.GREEN, charts.SKY, charts.PINK, charts.GREY)
+    paths = list(dict.fromkeys(row[2] for row in rows))
+    colours = {path: palette[i % len(palette)] for i, path in enumerate(paths)}
+    layer: charts.Spec = {
+        "mark": {"type": "line", "point": True},
+        "encoding": {
+            "x": charts.quantity("simulations", "simulations", log=True),
+            "y": charts.quantity("steps per second", "steps per second", log=True),
+            "color": charts.colour("path", colours),
+        },
+    }
+    return Figure(
+        title=f"{name}: speed by the number of simulations",
+        alternative=f"Lines of {len(paths)} paths over {len({row[0] for row in rows})} sizes.",
+        specification=charts.chart(data, [layer], height=260),
+        data=data,
+    )

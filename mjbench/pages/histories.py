@@ -1,0 +1,86 @@
+"""The part of a report that a history of releases gives."""
+
+import re
+from collections.abc import Iterator
+
+from mjbench.pages import charts
+from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section
+from mjbench.releases.speed_history import SpeedSeries
+from mjbench.report import history_plots, speed_page
+from mjbench.report.speed_history import SpeedHistory, listed_changes
+
+
+def sections(history: SpeedHistory, command: str) -> Iterator[Section]:
+    """Yield the changes of all models, then the plots of each."""
+    yield Section(
+        heading="What changed between releases",
+        command=command,
+        conclusions=[Conclusion(_plain(line)) for line in speed_page.conclusion(history)],
+        tables=[_changes(history)],
+        notes=[_plain(line) for line in speed_page.provenance(history)],
+    )
+    for series in history.models:
+        yield Section(
+            heading=f"{series.name}, release by release",
+            command=command,
+            figures=[_figure(history, series)],
+        )
+
+
+def _plain(line: str) -> str:
+    """Return a line of Markdown without links and code marks."""
+    return re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", line).replace("`", "")
+
+
+def _changes(history: SpeedHistory) -> DataTable:
+    columns = (
+        Column("releases"),
+        Column("what"),
+        Column("change, %", 3),
+        Column("standard error, %", 2),
+        Column("cause"),
+    )
+    rows = []
+    for listed in listed_changes(history, [*history.models, *history.operations]):
+        before, after = listed.before, listed.after
+        rows.append(
+            (
+                f"{before.release} → {after.release}",
+                listed.series.name,
+                100 * listed.point.change,
+                100 * listed.point.deviation,
+                listed.cause.value,
+            )
+        )
+    return DataTable("Change points", columns, rows)
+
+
+def _figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
+    columns = (
+        Column("release"),
+        Column("ratio", 4),
+        Column("standard error", 2),
+        Column("contacts", 4),
+        Column("drift of one step", 2),
+    )
+    rows = []
+    for each in series.measured:
+        work = getattr(each.record, "work", None)
+        rows.append(
+            (
+                each.release,
+                each.ratio.ratio,
+                each.ratio.deviation,
+                work.contacts if work else None,
+                each.record.drift,
+            )
+        )
+    specification = {**history_plots.specification(history, series), **charts.page_colours()}
+    first, last = rows[0], rows[-1]
+    return Figure(
+        title=f"{series.name}: time, instructions, work and drift",
+        alternative=f"A step took {first[1]:.2f} times as long in {first[0]} as in the reference,"
+        f" and {last[1]:.2f} times as long in {last[0]}. Diamonds are change points.",
+        specification=specification,
+        data=DataTable(series.name, columns, rows),
+    )

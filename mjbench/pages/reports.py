@@ -1,0 +1,179 @@
+"""From run files to the content of a report."""
+
+import dataclasses
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.comparison.records import ModelRecord
+from mjbench.comparison.scaling import ScalingRecord
+from mjbench.counts.records import ExplainRecord
+from mjbench.instrument.machine import Machine
+from mjbench.instrument.runs import Run
+from mjbench.pages import comparisons, histories, scaling, verdicts
+from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
+from mjbench.paired import selfcheck
+from mjbench.paired.confirmation import ConfirmationRecord
+from mjbench.paired.placement_spread import SpreadRecord
+from mjbench.paired.records import VerdictRecord
+from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.paired.verdict import CONFIDENCE
+from mjbench.releases.release_ratios import RatioRecord
+from mjbench.report.results import derive_all
+from mjbench.report.scaling import by_model
+from mjbench.report.speed_history import SpeedHistory
+
+# Conclusions that stand at the head of a report, at most; the others are in their sections.
+_MOST_CONCLUSIONS = 40
+
+
+@dataclass(frozen=True)
+class NamedRun:
+    """A run file that was read.
+
+    Attributes:
+      file: its path.
+      run: its content.
+    """
+
+    file: Path
+    run: Run
+
+    @property
+    def command(self) -> str:
+        """The command that wrote it, as it was typed where that is known."""
+        header = self.run.header
+        return shlex.join(["mjbench", *(header.command_line or (header.command,))])
+
+
+def build(named_runs: Sequence[NamedRun], history: SpeedHistory | None = None) -> Report:
+    """Return the report of run files.
+
+    Args:
+      named_runs: in the order of their sections.
+      history: of releases, where a run holds ratios of releases.
+    """
+    conclusions: list[Conclusion] = []
+    sections: list[Section] = []
+    for named in named_runs:
+        conclusions += _conclusions(named.run)
+        sections += _sections(named)
+    if history is not None:
+        command = next(n.command for n in named_runs if n.run.of_type(RatioRecord))
+        sections += histories.sections(history, command)
+        conclusions += sections[-1 - len(history.models)].conclusions
+    if not sections:
+        conclusions.append(Conclusion("Nothing was measured.", Tone.UNSURE))
+    title = f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
+    if len(conclusions) > _MOST_CONCLUSIONS:
+        rest = len(conclusions) - _MOST_CONCLUSIONS
+        conclusions = conclusions[:_MOST_CONCLUSIONS]
+        conclusions.append(Conclusion(f"{rest} further conclusions are in their sections."))
+    return Report(title, conclusions, sections, _machines(named_runs))
+
+
+def _conclusions(run: Run) -> Iterator[Conclusion]:
+    """Yield the main conclusions of a run."""
+    if run.of_type(ModelRecord):
+        yield from comparisons.conclusions(derive_all(run.records))
+    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
+        yield from scaling.conclusions(results)
+    rows = [record.row() for record in run.of_type(VerdictRecord)]
+    yield from verdicts.conclusions(rows, _confidence(run))
+    if trials := run.of_type(TrialRecord):
+        yield _selfcheck_conclusion(trials)
+
+
+def _sections(named: NamedRun) -> Iterator[Section]:
+    """Yield the sections of a run."""
+    run, command = named.run, named.command
+    if run.of_type(ModelRecord):
+        yield from comparisons.sections(derive_all(run.records), command)
+    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
+        yield scaling.section(results, command)
+    if rows := [record.row() for record in run.of_type(VerdictRecord)]:
+        yield verdicts.section(rows, command)
+    yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
+    if trials := run.of_type(TrialRecord):
+        yield _selfcheck_section(trials, command)
+    if spreads := run.of_type(SpreadRecord):
+        yield _spread_section(spreads, command)
+
+
+def _confidence(run: Run) -> float:
+    confidence = run.header.arguments.get("confidence")
+    return confidence if isinstance(confidence, float) and 0 < confidence < 1 else CONFIDENCE
+
+
+def _selfcheck_conclusion(trials: Sequence[TrialRecord]) -> Conclusion:
+    rows = selfcheck.summary(trials)
+    wrong, count = sum(row.wrong for row in rows), sum(row.trials for row in rows)
+    tone = Tone.GOOD if wrong == 0 else Tone.BAD
+    return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
+
+
+def _selfcheck_section(trials: Sequence[TrialRecord], command: str) -> Section:
+    columns = (
+        Column("model"),
+        Column("slowdown, %", 3),
+        Column("averaged"),
+        Column("trials", 3),
+        Column("detected, share", 3),
+        Column("wrong", 3),
+        Column("bias, %", 2),
+        Column("seconds", 3),
+    )
+    rows = [
+        (
+            row.model,
+            None if row.slowdown is None else 100 * row.slowdown,
+            "yes" if row.averaged else "no",
+            row.trials,
+            row.detected,
+            row.wrong,
+            None if row.error is None else 100 * row.error,
+            row.seconds,
+        )
+        for row in selfcheck.summary(trials)
+    ]
+    return Section(
+        "How often is a verdict wrong?",
+        command,
+        [_selfcheck_conclusion(trials)],
+        tables=[DataTable("Trials", columns, rows)],
+    )
+
+
+def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
+    rows = [dataclasses.asdict(record.row()) for record in spreads]
+    names = [name for name, value in rows[0].items() if isinstance(value, str | float | int)]
+    columns = [
+        Column(name.replace("_", " "), None if isinstance(rows[0][name], str) else 3)
+        for name in names
+    ]
+    cells = [tuple(row[name] for name in names) for row in rows]
+    return Section(
+        "How far does speed depend on where code lies?",
+        command,
+        tables=[DataTable("Spreads", columns, cells)],
+    )
+
+
+def _machines(named_runs: Sequence[NamedRun]) -> DataTable:
+    columns = (
+        Column("run file"),
+        Column("processor"),
+        Column("usable cores", 3),
+        Column("system"),
+        Column("Python"),
+        Column("versions"),
+    )
+    return DataTable("Machines", columns, [_machine_cells(named) for named in named_runs])
+
+
+def _machine_cells(named: NamedRun) -> tuple[str | int, ...]:
+    machine: Machine = named.run.header.machine
+    versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
+    cpu = f"{machine.cpu} (virtual)" if machine.hypervisor else machine.cpu
+    return named.file.name, cpu, machine.usable_cores, machine.system, machine.python, versions

@@ -1,0 +1,197 @@
+"""The part of a report that paired comparisons and instruction counts give."""
+
+from collections.abc import Iterator, Sequence
+
+from mjbench.counts.function_differences import largest_differences
+from mjbench.counts.records import ExplainRow
+from mjbench.pages import charts
+from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.paired import family
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import VerdictRow
+from mjbench.report import verdicts
+from mjbench.status import Status
+
+_TONES = {
+    Verdict.SLOWER: Tone.BAD,
+    Verdict.FASTER: Tone.GOOD,
+    Verdict.SAME: Tone.NEUTRAL,
+    Verdict.INCONCLUSIVE: Tone.UNSURE,
+}
+_COLOURS = {
+    Verdict.FASTER.value: charts.BLUE,
+    Verdict.SAME.value: charts.GREY,
+    Verdict.SLOWER.value: charts.ORANGE,
+    Verdict.INCONCLUSIVE.value: charts.SKY,
+}
+# Functions of a change that are drawn.
+_MOST_FUNCTIONS = 12
+
+
+def conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
+    """Yield what all comparisons come to together, then each that found a difference."""
+    if len(rows) > 1 and all(verdicts.has_evidence(row) for row in rows):
+        text = verdicts.describe_family(family.decide(rows, confidence), confidence)
+        yield Conclusion(text)
+    for row in rows:
+        if row.verdict != Verdict.SAME or row.changed_work:
+            yield _conclusion(row)
+
+
+def _conclusion(row: VerdictRow) -> Conclusion:
+    tone = Tone.BAD if row.verdict is None else _TONES[row.verdict]
+    if row.changed_work and tone == Tone.NEUTRAL:
+        tone = Tone.UNSURE
+    return Conclusion(verdicts.describe_verdict(row), tone)
+
+
+def section(rows: Sequence[VerdictRow], command: str) -> Section:
+    """Return the section of paired comparisons."""
+    timed = [row for row in rows if row.ratio is not None]
+    return Section(
+        heading="Verdicts",
+        command=command,
+        conclusions=[_conclusion(row) for row in rows],
+        figures=[_forest(timed)] if timed else [],
+        tables=[_table(rows)],
+    )
+
+
+def _label(row: VerdictRow) -> str:
+    label = f"{row.model}, {verdicts.describe_targets(row)}"
+    return label if row.path == "python_loop" else f"{label}, {row.path}"
+
+
+def _table(rows: Sequence[VerdictRow]) -> DataTable:
+    columns = (
+        Column("comparison"),
+        Column("verdict"),
+        Column("change, %", 3),
+        Column("low, %", 3),
+        Column("high, %", 3),
+        Column("cause"),
+        Column("placement adds, %", 3),
+        Column("work"),
+        Column("launches", 3),
+        Column("seconds", 3),
+    )
+    return DataTable("Verdicts", columns, [_cells(row) for row in rows])
+
+
+def _cells(row: VerdictRow) -> tuple[str | float | None, ...]:
+    ratio, effect = row.ratio, row.placement.effect if row.placement else None
+    return (
+        _label(row),
+        (row.verdict or row.status).value,
+        _percent(ratio.estimate if ratio else None),
+        _percent(ratio.low if ratio else None),
+        _percent(ratio.high if ratio else None),
+        row.cause.value if row.cause else None,
+        _percent(effect.estimate if effect else None),
+        verdicts.describe_work(row) or ("" if row.work is None else "same"),
+        row.launches,
+        row.seconds,
+    )
+
+
+def _percent(ratio: float | None) -> float | None:
+    return None if ratio is None else 100 * (ratio - 1)
+
+
+def _forest(rows: Sequence[VerdictRow]) -> Figure:
+    columns = (
+        Column("comparison"),
+        Column("change", 3),
+        Column("low", 3),
+        Column("high", 3),
+        Column("verdict"),
+        Column("cause"),
+    )
+    cells = []
+    for row in rows:
+        assert row.ratio is not None, "rows without a ratio are left out"
+        verdict = (row.verdict or Verdict.INCONCLUSIVE).value
+        ends = (_percent(row.ratio.low), _percent(row.ratio.high))
+        cause = row.cause.value if row.cause else ""
+        cells.append((_label(row), _percent(row.ratio.estimate), *ends, verdict, cause))
+    data = DataTable("Changes in percent", columns, cells)
+    y = charts.names("comparison")
+    title = "change, % (above 0 is slower)"
+    colour = charts.colour("verdict", _COLOURS, "verdict")
+    layers: list[charts.Spec] = [
+        charts.rule_at(0.0),
+        {
+            "mark": {"type": "rule", "strokeWidth": 3},
+            "transform": [{"filter": "isValid(datum.low) && isValid(datum.high)"}],
+            "encoding": {
+                "x": charts.quantity("low", title),
+                "x2": {"field": "high"},
+                "y": y,
+                "color": colour,
+            },
+        },
+        {
+            "mark": {"type": "point", "filled": True, "size": 70},
+            "encoding": {"x": charts.quantity("change", title), "y": y, "color": colour},
+        },
+    ]
+    counts = {v: sum(cell[4] == v for cell in cells) for v in _COLOURS}
+    summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
+    return Figure(
+        title="Changes with their intervals",
+        alternative=f"{len(cells)} comparisons: {summary}.",
+        specification=charts.chart(data, layers),
+        data=data,
+    )
+
+
+def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[Section]:
+    """Yield a section for each model and pair of releases: which functions account for a change."""
+    for row in rows:
+        old, new = row.instructions_per_step.old, row.instructions_per_step.new
+        heading = f"{row.model}, instructions, {row.old} → {row.new}"
+        if not old or not new or row.status != Status.OK:
+            conclusion = Conclusion(f"not counted: {row.status}", Tone.BAD)
+            yield Section(heading, command, [conclusion])
+            continue
+        change = 100 * (new / old - 1)
+        conclusion = Conclusion(
+            f"a step executes {change:+.1f} % instructions ({old:,.0f} → {new:,.0f})"
+        )
+        figures = [_function_figure(row, old)] if row.functions else []
+        yield Section(heading, command, [conclusion], figures)
+
+
+def _function_figure(row: ExplainRow, total: float) -> Figure:
+    columns = (
+        Column("function"),
+        Column("instructions per step", 4),
+        Column("% of a step", 3),
+    )
+    cells = [
+        (
+            " and ".join(change.names),
+            change.difference,
+            100 * change.difference / total,
+        )
+        for change in largest_differences(row.functions, _MOST_FUNCTIONS)
+    ]
+    data = DataTable("Functions that changed most", columns, cells)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12},
+        "encoding": {
+            "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
+            "y": charts.names("function"),
+            "color": {
+                "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
+                "value": charts.BLUE,
+            },
+        },
+    }
+    return Figure(
+        title="Functions that account for most of the change",
+        alternative=f"Bars of {len(cells)} functions; the largest change is that of"
+        f" {cells[0][0]}, {cells[0][2]:+.1f} % of a step.",
+        specification=charts.chart(data, [charts.rule_at(0.0), layer]),
+        data=data,
+    )

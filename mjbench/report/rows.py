@@ -1,0 +1,90 @@
+"""A run file as a flat table: one row a result, for pandas, polars or a spreadsheet."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mjbench.comparison.records import ModelRecord
+from mjbench.comparison.scaling import ScalingRecord
+from mjbench.counts.records import ExplainRecord
+from mjbench.instrument import runs
+from mjbench.instrument.runs import Run, to_json
+from mjbench.paired import selfcheck
+from mjbench.paired.confirmation import ConfirmationRecord
+from mjbench.paired.placement_spread import SpreadRecord
+from mjbench.paired.records import VerdictRecord
+from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.releases.release_ratios import RatioRecord
+from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.results import derive_all
+from mjbench.report.scaling import by_model
+
+# What a cell holds.
+Cell = str | float | int | bool | None
+# Raw samples and code are left out: they are in the run file.
+_LEFT_OUT = {"snippet", "samples", "functions"}
+
+
+def load(file: str | Path) -> list[dict[str, Cell]]:
+    """Return the results of a run file, a flat dictionary each.
+
+    Keys are those of the JSON documents (docs/formats.md); those of nested values are joined by
+    dots, such as `step_ns.median`. Every row has all keys of the table.
+
+        pandas.DataFrame(mjbench.load("run.jsonl"))
+        polars.DataFrame(mjbench.load("run.jsonl"))
+
+    Args:
+      file: a run file.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    return of_run(runs.load(Path(file), RECORD_TYPES))
+
+
+def of_run(run: Run) -> list[dict[str, Cell]]:
+    """Return the results of a run that was read; see `load`."""
+    rows = [dict(_flattened(to_json(result))) for result in _results(run)]
+    keys = dict.fromkeys(key for row in rows for key in row)
+    return [{key: row.get(key) for key in keys} for row in rows]
+
+
+def _results(run: Run) -> Iterator[object]:
+    """Yield the results of a run of any command, one a row."""
+    if run.of_type(ModelRecord):
+        for model_results in derive_all(run.records):
+            yield from model_results.results
+    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
+        yield from results.rows()
+    for verdict in run.of_type(VerdictRecord):
+        yield verdict.row()
+    if trials := run.of_type(TrialRecord):
+        yield from selfcheck.summary(trials)
+    for spread in run.of_type(SpreadRecord):
+        yield spread.row()
+    yield from run.of_type(RatioRecord)
+    yield from run.of_type(ExplainRecord)
+
+
+def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Cell]]:
+    """Yield the cells of nested values; lists of plain values become text, others are left out."""
+    for name, item in value.items():
+        key = f"{prefix}{name}"
+        if name in _LEFT_OUT:
+            continue
+        match item:
+            case dict():
+                yield from _flattened(item, f"{key}.")
+            case list() | tuple():
+                if _is_plain(item):
+                    yield key, ", ".join(map(str, item))
+                elif name == "sides":
+                    for side, target in zip(("old", "new"), item, strict=False):
+                        yield from _flattened(target, f"{side}.")
+            case _:
+                yield key, item
+
+
+def _is_plain(items: Sequence[Any]) -> bool:
+    return all(isinstance(item, str | int | float) for item in items)

@@ -1,0 +1,115 @@
+"""Runs in the formats of other tools."""
+
+import csv
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner
+from commands import ROOT
+
+import mjbench
+from mjbench.cli import cli
+from mjbench.instrument import runs
+from mjbench.pages import exports
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import Ratio, TargetRow, VerdictRecord
+from mjbench.report.documents import RECORD_TYPES
+from mjbench.status import Status
+
+COMPARISON = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
+
+
+@pytest.fixture(scope="module")
+def comparison() -> runs.Run:
+    return runs.load(COMPARISON, RECORD_TYPES)
+
+
+def verdict_run(comparison: runs.Run) -> runs.Run:
+    """Return a run with a slower, an undecided and a failed comparison."""
+    sides = [TargetRow(release, "m", "python_loop", {}, {}) for release in ("3.17.0", "4.0.0")]
+    fields = {"model": "m", "path": "python_loop", "old": "3.17.0", "new": "4.0.0", "sides": sides}
+    ratio = Ratio(1.02, 1.01, 1.03)
+    records = (
+        VerdictRecord(**fields, status=Status.OK, verdict=Verdict.SLOWER, ratio=ratio),
+        VerdictRecord(**fields, status=Status.OK, verdict=Verdict.INCONCLUSIVE, ratio=ratio),
+        VerdictRecord(**fields, status=Status.FAILED, detail="it crashed"),
+    )
+    return runs.Run(comparison.header, records)
+
+
+def test_a_run_is_a_flat_table() -> None:
+    table = mjbench.load(COMPARISON)
+    assert len({tuple(row) for row in table}) == 1
+    assert {row["model"] for row in table} >= {"cartpole", "humanoid"}
+    speeds = [row["step_ns.median"] for row in table if row["status"] == "ok"]
+    assert all(isinstance(speed, float) for speed in speeds)
+
+
+@pytest.mark.parametrize("package", ["pandas", "polars"])
+def test_a_table_is_a_frame_in_one_line(package: str) -> None:
+    frames = pytest.importorskip(package)
+    frame = frames.DataFrame(mjbench.load(COMPARISON))
+    assert frame.shape[0] == len(mjbench.load(COMPARISON))
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "results").glob("*/reference-*.jsonl")))
+def test_every_committed_run_is_a_table(file: Path) -> None:
+    table = mjbench.load(file)
+    assert table
+    cells = {type(cell) for row in table for cell in row.values()}
+    assert cells <= {str, int, float, bool, type(None)}
+
+
+def test_csv_has_a_line_for_each_result(comparison: runs.Run) -> None:
+    lines = list(csv.DictReader(exports.as_csv(comparison).splitlines()))
+    assert len(lines) == len(mjbench.load(COMPARISON))
+    assert exports.as_csv(runs.Run(comparison.header, ())) == "\r\n"
+
+
+def test_benchmark_tools_get_names_units_and_values(comparison: runs.Run) -> None:
+    entries = json.loads(exports.as_github_action_benchmark(comparison))
+    assert {entry["unit"] for entry in entries} == {"ns/step"}
+    assert len({entry["name"] for entry in entries}) == len(entries)
+    bencher = json.loads(exports.as_bencher(verdict_run(comparison)))
+    assert bencher["m: 3.17.0 → 4.0.0"]["ratio"] == {
+        "value": 1.02,
+        "lower_value": 1.01,
+        "upper_value": 1.03,
+    }
+    heading, row = csv.reader(exports.as_otava(comparison, COMPARISON).splitlines())
+    assert heading[0] == "time"
+    assert len(heading) == len(row) == 1 + len(entries)
+
+
+def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: runs.Run) -> None:
+    suite = ElementTree.fromstring(exports.as_junit(verdict_run(comparison)).encode())
+    assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
+        *("3", "1", "1", "1")
+    ]
+    failure = suite.find("testcase/failure")
+    assert failure is not None
+    assert "slower by 2" in str(failure.get("message"))
+    assert ElementTree.fromstring(exports.as_junit(comparison).encode()).get("failures") == "0"
+
+
+def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in exports.FORMATS:
+        words = ["report", str(COMPARISON), "--format", name]
+        result = CliRunner().invoke(cli, words)
+        assert result.exit_code == 0, result.output
+        assert result.stdout.strip()
+    result = CliRunner().invoke(cli, ["report", str(COMPARISON), "--format", "parquet"])
+    assert "needs a file" in result.output
+    two = ["report", str(COMPARISON), str(COMPARISON), "--format", "csv"]
+    assert "takes one RUN" in CliRunner().invoke(cli, two).output
+
+
+def test_parquet_is_read_back(tmp_path: Path) -> None:
+    polars = pytest.importorskip("polars")
+    words = ["report", str(COMPARISON), "--format", "parquet", "-o", str(tmp_path / "run.parquet")]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 0, result.output
+    assert len(polars.read_parquet(tmp_path / "run.parquet")) == len(mjbench.load(COMPARISON))
