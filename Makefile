@@ -4,11 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.up-to-date
 
-.PHONY: help bench test lint c-floor slowdown soak fuzz verdicts foreign clean
+UPGRADE := build/upgrade
+.PHONY: help bench test lint upgrade c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
-	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (about 10 minutes)"
+	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (10 to 15 minutes)"
 	@echo "make test      run lint (see below) and the tests (about 10 minutes on two cores)"
+	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (half an hour)"
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"
@@ -31,6 +33,18 @@ lint: $(STAMP)
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/mypy --platform darwin --cache-dir .mypy_cache/darwin
+
+# By time and by instructions; it fails where a model is slower, after it has written its report.
+upgrade: $(STAMP)
+	rm -rf $(UPGRADE) && mkdir -p $(UPGRADE)
+	status=0; \
+	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --fail-on slower --allow-inconclusive \
+	  || status=$$?; \
+	$(BIN)/mjbench versions previous newest --results $(UPGRADE) --metric instructions --min-effect 0.5% \
+	  || status=$$?; \
+	$(BIN)/mjbench report $(UPGRADE)/*.jsonl -o $(UPGRADE)/report.html || status=$$?; \
+	$(BIN)/mjbench report $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
+	exit $$status
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor

@@ -8,6 +8,7 @@ from mjbench.cli import (  # each adds its command to the group
     ab,
     compare,
     diff,
+    doctor,
     explain,
     falls,
     history,

@@ -141,6 +141,13 @@ def compare(names: tuple[str, ...], **options: Any) -> None:
     fresh processes. Raw samples go to a run file in results/runs; `mjbench show` prints it again.
 
     Without a MODEL: all shipped models.
+
+    \b
+    Examples:
+      mjbench compare robot.xml
+      mjbench compare humanoid --threads 1,2,4 --nbatch 256 --hold 5
+      mjbench compare humanoid --scaling
+      mjbench compare cartpole --paths mjx,rollout --nbatch 16,256,4096
     """
     from mjbench.cli.compare_scaling import search_models
     from mjbench.simulation.models import resolve, shipped

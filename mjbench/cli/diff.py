@@ -24,6 +24,10 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
 
     The two were measured at different times, which no statistics can correct. For releases,
     models and options, `mjbench versions` and `mjbench ab` alternate both targets instead.
+
+    \b
+    Example:
+      mjbench diff old.jsonl new.jsonl
     """
     from mjbench.instrument import runs
     from mjbench.report.comparison import differences_table

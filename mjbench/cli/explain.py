@@ -48,6 +48,10 @@ def explain(
     first, with the work done and the ratio of wall-clock times, and says whether the machine code
     changed that executes. Times and counts are of the same simulations. Without a MODEL: all
     shipped models.
+
+    \b
+    Example:
+      mjbench explain 3.17.0 4.0.0 pile
     """
     from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter

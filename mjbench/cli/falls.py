@@ -38,6 +38,10 @@ def falls(
     The pole moves without control from random starts around each angle; it has fallen when it
     passes 0.5 rad within a second. The Python loop, mujoco.rollout and mujoco.batch must all count
     the same falls; only then are their times compared.
+
+    \b
+    Example:
+      mjbench falls --angles 0,0.1,0.2
     """
     from mjbench.instrument.machine import usable_cores
     from mjbench.loop import pole_example

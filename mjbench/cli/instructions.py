@@ -44,6 +44,10 @@ def instructions(
 
     Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
     work. Without a MODEL: all shipped models.
+
+    \b
+    Example:
+      mjbench instructions humanoid --release 3.3.0 --release 4.0.0
     """
     from mjbench.counts.instructions import InstructionCounter, ModelCount
     from mjbench.paired.block_sizes import Sizes

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import click
 
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     JSON,
     LIMIT,
+    RESULTS,
     SEED,
     STARTS,
     WAIT,
@@ -40,7 +41,7 @@ from mjbench.errors import Failure
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what 10s allow]"
 )
-@with_options(SEED, *STARTS, LIMIT, WAIT, JSON)
+@with_options(SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
 def latency(
     names: tuple[str, ...],
     deadline_s: float | None,
@@ -50,6 +51,7 @@ def latency(
     settle_s: float | None,
     states_file: Path | None,
     time_limit: float,
+    results: Path,
     wait: bool,
     json_file: str | None,
 ) -> None:
@@ -63,6 +65,7 @@ def latency(
       mjbench latency humanoid
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
+    from mjbench.instrument.runs import to_json
     from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
     from mjbench.report.documents import LatencyDocument
     from mjbench.report.latency import print_rows
@@ -72,17 +75,25 @@ def latency(
     plan = start_plan(settle_s, states_file)
     files = [*(source.path for source in sources), *([states_file] if states_file else [])]
     rows: list[LatencyRow] = []
-    with RunContext("latency", json_file, files, wait=wait) as run:
+    arguments = {
+        "models": [source.name for source in sources],
+        **{"nstep": nstep, "rate_hz": rate_hz, "deadline_s": deadline_s, "seed": seed},
+        "starts": to_json(plan),
+    }
+    storage = Storage(results, arguments)
+    with RunContext("latency", json_file, files, storage, wait) as run:
         for source in sources:
             samples = measure_or_report(
                 source,
                 lambda s: measure(LatencyRequest(s, nstep, rate_hz, seed, plan), time_limit),
             )
             if isinstance(samples, Failure):
-                rows.append(LatencyRow.failed(source.name, samples))
-                continue
-            measured = [row(source.name, of_pace, deadline_s) for of_pace in samples]
-            print_rows(run.out, measured)
+                measured = [LatencyRow.failed(source.name, samples)]
+            else:
+                measured = [row(source.name, of_pace, deadline_s) for of_pace in samples]
+                print_rows(run.out, measured)
             rows += measured
+            for each in measured:
+                run.record(each)
         run.write(LatencyDocument(machine=run.machine, results=rows))
     run.exit(each.status for each in rows)

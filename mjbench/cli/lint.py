@@ -21,6 +21,11 @@ def lint(names: tuple[str, ...], json_file: str | None) -> None:
     MJB001` at the end of a line suppresses its finding.
 
     The exit code is 1 if there are findings; without any, 2 if a file could not be checked.
+
+    \b
+    Examples:
+      mjbench lint train.py
+      mjbench lint notebooks src
     """
     from mjbench.loop.lint import Finding, check_all
     from mjbench.loop.script_files import UncheckedFile, regular_files, script_files

@@ -14,6 +14,11 @@ def models(names: tuple[str, ...], time_limit: float, json_file: str | None) -> 
     """List models: sizes, contacts and constraints at the start, timestep, integrator, solver.
 
     Without a MODEL: all shipped models.
+
+    \b
+    Examples:
+      mjbench models
+      mjbench models gymnasium:ant
     """
     from mjbench.comparison.listing import list_models
     from mjbench.report import listings

@@ -1,25 +1,36 @@
 """`mjbench overhead`: what the habits of a Python loop cost."""
 
+from pathlib import Path
+
 import click
 
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, WAIT, with_options
+from mjbench.cli.shared import JSON, LIMIT, RESULTS, WAIT, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@with_options(LIMIT, WAIT, JSON)
+@with_options(LIMIT, RESULTS, WAIT, JSON)
 def overhead(
-    names: tuple[str, ...], code: bool, time_limit: float, wait: bool, json_file: str | None
+    names: tuple[str, ...],
+    code: bool,
+    time_limit: float,
+    results: Path,
+    wait: bool,
+    json_file: str | None,
 ) -> None:
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
     Without a MODEL: cartpole.
+
+    \b
+    Example:
+      mjbench overhead cartpole
     """
     from mjbench.loop.overhead import OverheadRow, measure
     from mjbench.report.documents import OverheadDocument
@@ -28,14 +39,16 @@ def overhead(
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
     files = [source.path for source in sources]
-    rows = []
-    with RunContext("overhead", json_file, files, wait=wait) as run:
+    rows: list[OverheadRow] = []
+    storage = Storage(results, {"models": [source.name for source in sources]})
+    with RunContext("overhead", json_file, files, storage, wait) as run:
         for source in sources:
             table = measure_or_report(source, lambda source: measure(source, time_limit))
             if isinstance(table, Failure):
                 rows.append(OverheadRow.failed(source.name, table))
-                continue
-            print_table(run.out, table, code)
-            rows.append(OverheadRow.measured(table))
+            else:
+                rows.append(OverheadRow.measured(table))
+                print_table(run.out, table, code)
+            run.record(rows[-1])
         run.write(OverheadDocument(machine=run.machine, results=rows))
     run.exit(row.status for row in rows)

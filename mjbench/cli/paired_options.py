@@ -52,7 +52,7 @@ def _model(name: str) -> "ModelSource":
     try:
         return models.resolve(name)
     except models.UnknownModelError:
-        known = [installs.INSTALLED, *models.shipped()]
+        known = [installs.INSTALLED, installs.NEWEST, installs.PREVIOUS, *models.shipped()]
         raise InputError(
             f"{shown(name)} is neither a release nor a model{suggestion(name, known)}:"
             f" a release is {installs.FORMS}; a model is one of {', '.join(models.shipped())},"

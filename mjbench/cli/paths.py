@@ -8,7 +8,12 @@ from mjbench.cli.shared import JSON
 @cli.command()
 @JSON
 def paths(json_file: str | None) -> None:
-    """List the ways of stepping, their options, and why one is not available here."""
+    """List the ways of stepping, their options, and why one is not available here.
+
+    \b
+    Example:
+      mjbench paths
+    """
     from mjbench.paths import registry
     from mjbench.report import listings
     from mjbench.report.documents import PathsDocument

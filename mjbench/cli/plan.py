@@ -2,16 +2,18 @@
 
 import functools
 import itertools
+from pathlib import Path
 
 import click
 
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
     JSON,
     LIMIT,
+    RESULTS,
     SEED,
     WAIT,
     Names,
@@ -67,7 +69,7 @@ from mjbench.status import Status
     "  [default: all C paths]",
 )
 @click.option("--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: usable cores]")
-@with_options(SEED, LIMIT, WAIT, JSON)
+@with_options(SEED, LIMIT, RESULTS, WAIT, JSON)
 def plan(
     names: tuple[str, ...],
     algorithm: str,
@@ -79,6 +81,7 @@ def plan(
     threads: list[int] | None,
     seed: int,
     time_limit: float,
+    results: Path,
     wait: bool,
     json_file: str | None,
 ) -> None:
@@ -98,6 +101,7 @@ def plan(
     from mjbench.comparison.planner import Algorithm, PlannerSettings
     from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
     from mjbench.instrument import machine
+    from mjbench.instrument.runs import to_json
     from mjbench.report.documents import PlanDocument
     from mjbench.report.planning import print_rows, print_sizes
     from mjbench.simulation import models
@@ -118,7 +122,13 @@ def plan(
     rows: list[PlanningRow] = []
     statuses: list[Status] = []
     files = [source.path for source in sources]
-    with RunContext("plan", json_file, files, wait=wait) as run:
+    arguments = {
+        "models": [source.name for source in sources],
+        "variants": to_json(variants),
+        "settings": to_json(all_settings),
+        **{"hold": hold, "duration_s": duration_s},
+    }
+    with RunContext("plan", json_file, files, Storage(results, arguments), wait) as run:
         for source, settings in itertools.product(sources, all_settings):
             planned = measure_or_report(
                 source,
@@ -129,6 +139,8 @@ def plan(
                 continue
             print_rows(run.out, planned)
             rows += planned
+            for row in planned:
+                run.record(row)
             statuses += [row.status for row in planned]
         print_sizes(run.out, rows)
         run.write(PlanDocument(machine=run.machine, results=rows))

@@ -12,6 +12,8 @@ from mjbench.cli.shared import JSON
 from mjbench.errors import InputError, MachineError
 from mjbench.status import ExitCode
 
+_DAY_S = 86_400.0
+
 HISTORY = click.option(
     "--history",
     metavar="FILE",
@@ -92,6 +94,10 @@ def install_releases(names: tuple[str, ...]) -> None:
     """Install releases, each alone, in the cache folder, for `mjbench versions`.
 
     RELEASE is a version such as 3.5.0, a wheel of mujoco, or a folder with its wheels.
+
+    \b
+    Example:
+      mjbench releases install 3.17.0 4.0.0
     """
     from mjbench.releases import installs
 
@@ -102,12 +108,51 @@ def install_releases(names: tuple[str, ...]) -> None:
 
 @releases.command("installs")
 def list_installs() -> None:
-    """List the installs in the cache folder."""
+    """List the installs in the cache folder, with their size and when they were last used."""
     from mjbench.releases import installs
 
     click.echo(f"In {installs.cache_folder()}:")
-    for name in installs.install_names():
-        click.echo(name)
+    sizes = installs.install_sizes()
+    for install in sizes:
+        days = int(install.unused_s / _DAY_S)
+        used = "today" if days < 1 else f"{days} day{'s' * (days > 1)} ago"
+        click.echo(f"{install.name}  {_mebibytes(install.size_bytes)}, used {used}")
+    if len(sizes) > 1:
+        click.echo(f"{len(sizes)} installs, {_mebibytes(sum(s.size_bytes for s in sizes))}")
+
+
+@releases.command("prune")
+@click.option(
+    "--days",
+    type=click.IntRange(0, 36_500),
+    default=30,
+    show_default=True,
+    help="Keep what was used within so many days.",
+)
+def prune_installs(days: int) -> None:
+    """Remove installs from the cache folder that were not used for some time.
+
+    They are installed again when they are needed. The folder is MJBENCH_CACHE, or `mjbench` in
+    the user's cache folder.
+
+    \b
+    Example:
+      mjbench releases prune --days 7
+    """
+    from mjbench.releases import installs
+
+    freed_bytes = 0
+    for install in installs.install_sizes():
+        if install.unused_s < days * _DAY_S:
+            continue
+        try:
+            installs.remove(install.name)
+        except MachineError as error:  # it is in use
+            click.echo(f"kept {install.name}: {error}", err=True)
+            continue
+        freed_bytes += install.size_bytes
+        click.echo(f"removed {install.name}")
+    click.echo(f"freed {_mebibytes(freed_bytes)}")
 
 
 @releases.command("remove")
@@ -118,6 +163,10 @@ def remove_releases(names: tuple[str, ...], all_installs: bool) -> None:
 
     NAME is an install's name (`mjbench releases installs`) or a version, which stands for all
     installs of it.
+
+    \b
+    Example:
+      mjbench releases remove 3.17.0
     """
     from mjbench.releases import installs
 
@@ -129,3 +178,7 @@ def remove_releases(names: tuple[str, ...], all_installs: bool) -> None:
         for match in matches or [name]:
             installs.remove(match)
             click.echo(f"removed {match}")
+
+
+def _mebibytes(size_bytes: int) -> str:
+    return f"{size_bytes / 2**20:,.0f} MiB"

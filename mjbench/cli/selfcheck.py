@@ -82,6 +82,11 @@ def selfcheck(
     is given.
 
     Without a MODEL: cartpole and humanoid, and all shipped models for --between-builds.
+
+    \b
+    Examples:
+      mjbench selfcheck
+      mjbench selfcheck cartpole --slowdowns 0,1 --trials 20
     """
     from mjbench.paired import selfcheck as checks
     from mjbench.paired import selfcheck_cases

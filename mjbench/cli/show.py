@@ -1,5 +1,6 @@
 """`mjbench show`: print a run file again."""
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,13 @@ if TYPE_CHECKING:
 @CODE
 @with_options(RESULTS, JSON)
 def show(file: Path | None, code: bool, results: Path, json_file: str | None) -> None:
-    """Print a run FILE again; without one, the newest in results/runs."""
+    """Print a run FILE again; without one, the newest in results/runs.
+
+    \b
+    Examples:
+      mjbench show
+      mjbench show results/runs/run.jsonl --code
+    """
     from mjbench.comparison.scaling import ScalingRecord
     from mjbench.counts.records import ExplainRecord
     from mjbench.instrument import runs
@@ -46,7 +53,7 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
             run.write(ExplainDocument(results=rows))
         elif stored.of_type(ScalingRecord):
             _show_scaling(run, stored, code)
-        else:
+        elif not _show_loops(run, stored, code):
             _show_comparison(run, stored, code)
 
 
@@ -107,6 +114,39 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
     for results in models:
         report.print_results(run.out, results, code)
     run.write(CompareDocument.of_scaling(stored.header.machine, models))
+
+
+def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
+    """Print what `overhead`, `profile`, `latency` or `plan` measured; return whether one did."""
+    from mjbench.comparison.planning_run import PlanningRow
+    from mjbench.loop.latency import LatencyRow
+    from mjbench.loop.overhead import OverheadRow
+    from mjbench.loop.profile import ProfileRow
+    from mjbench.report import documents, latency, overhead, planning
+    from mjbench.report.profile import print_profile
+
+    machine = stored.header.machine
+    if costs := stored.of_type(OverheadRow):
+        for table in filter(None, (row.table() for row in costs)):
+            overhead.print_table(run.out, table, code)
+        run.write(documents.OverheadDocument(machine=machine, results=costs))
+    elif profiles := stored.of_type(ProfileRow):
+        for profile in filter(None, (row.profile() for row in profiles)):
+            print_profile(run.out, profile)
+        run.write(documents.ProfileDocument(machine=machine, results=profiles))
+    elif latencies := stored.of_type(LatencyRow):
+        measured = [row for row in latencies if row.work is not None]
+        for _, of_model in itertools.groupby(measured, lambda row: row.model):
+            latency.print_rows(run.out, list(of_model))
+        run.write(documents.LatencyDocument(machine=machine, results=latencies))
+    elif plans := stored.of_type(PlanningRow):
+        for _, of_size in itertools.groupby(plans, lambda r: (r.model, r.samples, r.horizon)):
+            planning.print_rows(run.out, list(of_size))
+        planning.print_sizes(run.out, plans)
+        run.write(documents.PlanDocument(machine=machine, results=plans))
+    else:
+        return False
+    return True
 
 
 def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:

@@ -68,13 +68,15 @@ def versions(
 ) -> None:
     """Is MODEL slower with a NEW release of MuJoCo than with the OLD one?
 
-    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each is
-    installed in a folder of its own in the cache (`mjbench releases installs`). There may be
-    several NEW ones. Without a MODEL: all shipped models.
+    A release is a version (3.5.0), a wheel or a folder of wheels, `installed`, `newest` or
+    `previous`, the last release on the package index and the one before it. Each is installed in a
+    folder of its own in the cache (`mjbench releases installs`). There may be several NEW ones.
+    Without a MODEL: all shipped models.
 
     \b
     Examples:
       mjbench versions 3.3.0 4.0.0 humanoid
+      mjbench versions previous newest robot.xml
       mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower,changed-work
       mjbench versions 3.17.0 4.0.0 robot.xml --metric instructions --min-effect 0.5%
       mjbench versions --old installed --new dist/mujoco-4.1.0-cp311-….whl cartpole

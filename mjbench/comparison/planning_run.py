@@ -11,7 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -108,6 +108,7 @@ class PlanningRow:
       state_digest: names all states of the loop, bit by bit.
     """
 
+    record_type: ClassVar[str] = "plan"
     model: str
     task: str | None = None
     algorithm: Algorithm

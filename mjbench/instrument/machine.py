@@ -239,7 +239,7 @@ def describe() -> Machine:
         memory_bytes=psutil.virtual_memory().total,
         load_1min=round(psutil.getloadavg()[0], 2),
         governor=_read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-        hypervisor=_is_virtual(),
+        hypervisor=is_virtual(),
         python=platform.python_version(),
         versions={name: version for name in _PACKAGES if (version := _version(name))},
         flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
@@ -287,7 +287,8 @@ def _cpu_name() -> str:
     return name or platform.processor() or platform.machine()
 
 
-def _is_virtual() -> bool:
+def is_virtual() -> bool:
+    """Return whether this is a virtual machine, as far as it says so."""
     return "hypervisor" in _cpuinfo("flags").split() or _sysctl("kern.hv_vmm_present") == "1"
 
 

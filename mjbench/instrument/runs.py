@@ -23,7 +23,7 @@ from mjbench.instrument.machine import Machine
 #   1  first version
 SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
-_MULTILINE_KEYS = {"snippet"}
+_MULTILINE_KEYS = {"snippet", "code"}
 
 _T = TypeVar("_T")
 

@@ -11,12 +11,12 @@ import gc
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import Failure
+from mjbench.errors import Failure, InputError, one_line
 from mjbench.instrument import isolate, stats
 from mjbench.instrument.isolate import Channel
 from mjbench.simulation import compat, models, sampling, starts, work
@@ -139,6 +139,7 @@ class LatencyRow:
       histogram: all latencies in nanoseconds, as an HdrHistogram (V2, compressed, base64).
     """
 
+    record_type: ClassVar[str] = "latency"
     model: str
     pace: Pace | None = None
     status: Status = Status.OK
@@ -223,6 +224,21 @@ def _histogram(latency_ns: np.ndarray) -> str:
     for value, count in zip(*np.unique(latency_ns.astype(int), return_counts=True), strict=True):
         histogram.record_value(min(int(value), LARGEST_NS), int(count))
     return str(histogram.encode().decode())
+
+
+def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]:
+    """Return quantiles of the latencies in an encoded HdrHistogram, in nanoseconds.
+
+    Raises:
+      InputError: it cannot be decoded.
+    """
+    from hdrh.histogram import HdrHistogram
+
+    try:
+        histogram = HdrHistogram.decode(encoded)
+    except Exception as error:  # whatever its parser raises of a damaged text
+        raise InputError(f"not an HdrHistogram: {one_line(error)}") from error
+    return [float(histogram.get_value_at_percentile(100 * q)) for q in quantiles]
 
 
 def measure_in_child(request: LatencyRequest, channel: Channel) -> None:

@@ -10,7 +10,8 @@ import math
 import random
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
 from mjbench.errors import Failure
 from mjbench.instrument import isolate, timing
@@ -76,7 +77,7 @@ class OverheadTable:
 
 @dataclass(frozen=True)
 class OverheadRow:
-    """What `mjbench overhead --json` holds for one model.
+    """What the run file and `mjbench overhead --json` hold for one model.
 
     The other attributes are those of `OverheadTable`, and None where the measurement failed.
 
@@ -86,6 +87,7 @@ class OverheadRow:
       detail: why it failed, in one line; empty when ok.
     """
 
+    record_type: ClassVar[str] = "overhead"
     model: str
     status: Status = Status.OK
     detail: str = ""
@@ -99,6 +101,13 @@ class OverheadRow:
     def measured(cls, table: OverheadTable) -> "OverheadRow":
         """Return the row of a model whose habits were measured."""
         return cls(**vars(table))
+
+    def table(self) -> OverheadTable | None:
+        """Return what was measured; None where that failed."""
+        if None in (self.bare_ns, self.engine_ns, self.binding_ns, self.nstep, self.costs):
+            return None
+        values = {field.name: getattr(self, field.name) for field in fields(OverheadTable)}
+        return OverheadTable(**values)
 
     @classmethod
     def failed(cls, model: str, failure: Failure) -> "OverheadRow":

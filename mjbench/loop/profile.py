@@ -9,7 +9,8 @@ measures: so only shares of a step come from the timers, and times come from run
 import statistics
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -103,7 +104,7 @@ class StepProfile:
 
 @dataclass(frozen=True)
 class ProfileRow:
-    """What `mjbench profile --json` holds for one model.
+    """What the run file and `mjbench profile --json` hold for one model.
 
     The attributes from `timestep` on are those of `StepTimes` and `StepProfile`, and None where
     the measurement failed.
@@ -114,6 +115,7 @@ class ProfileRow:
       detail: why it failed, in one line; empty when ok.
     """
 
+    record_type: ClassVar[str] = "profile"
     model: str
     status: Status = Status.OK
     detail: str = ""
@@ -138,6 +140,13 @@ class ProfileRow:
             simulated_second=profile.simulated_second(),
             **vars(profile.steps),
         )
+
+    def profile(self) -> StepProfile | None:
+        """Return the profile; None where it could not be measured."""
+        if self.status != Status.OK or self.frames is None:
+            return None
+        steps = StepTimes(**{field.name: getattr(self, field.name) for field in fields(StepTimes)})
+        return StepProfile(self.model, steps, self.frames)
 
     @classmethod
     def failed(cls, model: str, failure: Failure) -> "ProfileRow":

@@ -6,13 +6,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import Run
-from mjbench.pages import comparisons, histories, scaling, verdicts
+from mjbench.pages import comparisons, histories, loops, scaling, verdicts
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
+from mjbench.loop.latency import LatencyRow
+from mjbench.loop.overhead import OverheadRow
+from mjbench.loop.profile import ProfileRow
 from mjbench.paired import selfcheck
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
@@ -94,6 +98,12 @@ def _sections(named: NamedRun) -> Iterator[Section]:
         yield scaling.section(results, command)
     if rows := [record.row() for record in run.of_type(VerdictRecord)]:
         yield verdicts.section(rows, command)
+    for table in filter(None, (row.table() for row in run.of_type(OverheadRow))):
+        yield loops.overhead_section(table, command)
+    for profile in filter(None, (row.profile() for row in run.of_type(ProfileRow))):
+        yield loops.profile_section(profile, command)
+    yield from loops.latency_sections(run.of_type(LatencyRow), command)
+    yield from loops.planning_sections(run.of_type(PlanningRow), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
     if trials := run.of_type(TrialRecord):
         yield _selfcheck_section(trials, command)

@@ -15,7 +15,8 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -25,14 +26,19 @@ from packaging.version import InvalidVersion, Version
 
 from mjbench.errors import InputError, MachineError, one_line, suggestion
 from mjbench.instrument import platforms
-from mjbench.releases import install_check, pip, wheels
-from mjbench.releases.release import OLDEST
+from mjbench.releases import install_check, package_index, pip, wheels
+from mjbench.releases.release import OLDEST, version_key
 
 _LOG = logging.getLogger(__name__)
 # Names the release of the environment that mjbench runs in.
 INSTALLED = "installed"
+# Name the last release on the package index, and the one before it.
+NEWEST, PREVIOUS = "newest", "previous"
 # What a release can be, for messages.
-FORMS = f"a version such as 3.5.0, a wheel of mujoco, a folder of its wheels, or `{INSTALLED}`"
+FORMS = (
+    f"a version such as 3.5.0, a wheel of mujoco, a folder of its wheels, `{INSTALLED}`,"
+    f" `{NEWEST}` or `{PREVIOUS}`"
+)
 # No version has more characters; an install's name, of which it is part, must fit a file system.
 _LONGEST_VERSION = 64
 # Written last into an install; a folder without it is not one.
@@ -74,7 +80,8 @@ class ReleaseSpec:
 
 def is_release(text: str) -> bool:
     """Return whether an argument of the command line names a release rather than a model."""
-    return text == INSTALLED or _version(text) is not None or wheels.names_wheels(text)
+    is_named = text in (INSTALLED, NEWEST, PREVIOUS)
+    return is_named or _version(text) is not None or wheels.names_wheels(text)
 
 
 def parse_release(text: str) -> ReleaseSpec:
@@ -82,7 +89,12 @@ def parse_release(text: str) -> ReleaseSpec:
 
     Raises:
       InputError: it names no release, one that is too old, or wheels that cannot be installed.
+      MachineError: the package index is needed to know it, and cannot be reached.
     """
+    if text in (NEWEST, PREVIOUS):
+        known = sorted((r.version for r in package_index.releases()), key=version_key)
+        last = known[-1 if text == NEWEST else -2]
+        return ReleaseSpec(last, last)
     if text == INSTALLED:
         installed = install_check.installed_version()
         if installed is None:
@@ -95,7 +107,7 @@ def parse_release(text: str) -> ReleaseSpec:
         files, version = [], _version(text)
     if version is None:
         raise InputError(
-            f"{one_line(repr(text), 100)} is not a release{suggestion(text, [INSTALLED])}:"
+            f"{one_line(repr(text), 100)} is not a release{suggestion(text, [INSTALLED, NEWEST, PREVIOUS])}:"
             f" give {FORMS}"
         )
     if Version(version).release < OLDEST:
@@ -151,6 +163,33 @@ def install_names() -> list[str]:
     return sorted(folder.name for folder in folders if not folder.name.startswith("."))
 
 
+@dataclass(frozen=True)
+class InstallSize:
+    """An install, and what it takes up.
+
+    Attributes:
+      name: of the install.
+      size_bytes: of its files.
+      unused_s: seconds since it was last used.
+    """
+
+    name: str
+    size_bytes: int
+    unused_s: float
+
+
+def install_sizes(now: Callable[[], float] = time.time) -> list[InstallSize]:
+    """Return what each install in the cache folder takes up; `now` returns seconds of the epoch."""
+    sizes = []
+    for name in install_names():
+        folder = cache_folder() / name
+        with contextlib.suppress(OSError):  # it is being removed
+            size_bytes = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
+            unused_s = now() - (folder / _MARKER).stat().st_mtime
+            sizes.append(InstallSize(name, size_bytes, unused_s))
+    return sizes
+
+
 @contextlib.contextmanager
 def use(release: ReleaseSpec) -> Iterator[Path | None]:
     """Yield the folder of a release's install, which is not removed while the block runs.
@@ -173,6 +212,8 @@ def use(release: ReleaseSpec) -> Iterator[Path | None]:
         with _locked(release.key, _Lock.SHARED):
             if _is_complete(folder):
                 _check_files(folder)
+                with contextlib.suppress(OSError):  # a cache that may only be read
+                    os.utime(folder / _MARKER)  # when it was used last (see `install_sizes`)
                 yield folder
                 return
         install(release)

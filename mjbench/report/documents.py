@@ -19,6 +19,7 @@ from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
+from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.latency import LatencyRow
@@ -33,6 +34,7 @@ from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.doctor import NoiseRow
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
@@ -47,6 +49,10 @@ RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     ConfirmationRecord.record_type: ConfirmationRecord,
     ScalingRecord.record_type: ScalingRecord,
+    OverheadRow.record_type: OverheadRow,
+    ProfileRow.record_type: ProfileRow,
+    LatencyRow.record_type: LatencyRow,
+    PlanningRow.record_type: PlanningRow,
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
@@ -248,6 +254,16 @@ class FallsDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DoctorDocument:
+    """What `mjbench doctor --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    conditions: Sequence[Condition]
+    noise: NoiseRow
+
+
+@dataclass(frozen=True, kw_only=True)
 class InstructionsDocument:
     """What `mjbench instructions --json` writes."""
 
@@ -288,6 +304,7 @@ DOCUMENTS: Mapping[str, type] = {
     "profile": ProfileDocument,
     "latency": LatencyDocument,
     "plan": PlanDocument,
+    "doctor": DoctorDocument,
     "falls": FallsDocument,
     "lint": LintDocument,
     "releases": ReleasesDocument,

@@ -4,11 +4,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord
 from mjbench.instrument import runs
 from mjbench.instrument.runs import Run, to_json
+from mjbench.loop.latency import LatencyRow
+from mjbench.loop.overhead import OverheadRow
+from mjbench.loop.profile import ProfileRow
 from mjbench.paired import selfcheck
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
@@ -22,7 +26,7 @@ from mjbench.report.scaling import by_model
 # What a cell holds.
 Cell = str | float | int | bool | None
 # Raw samples and code are left out: they are in the run file.
-_LEFT_OUT = {"snippet", "samples", "functions"}
+_LEFT_OUT = {"snippet", "samples", "functions", "histogram"}
 
 
 def load(file: str | Path) -> list[dict[str, Cell]]:
@@ -63,6 +67,8 @@ def _results(run: Run) -> Iterator[object]:
         yield from selfcheck.summary(trials)
     for spread in run.of_type(SpreadRecord):
         yield spread.row()
+    for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow):
+        yield from run.of_type(kind)
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)
 

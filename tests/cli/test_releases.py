@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -76,4 +77,26 @@ def test_installs_are_listed_and_removed_by_version(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stdout.splitlines() == ["removed 3.5.0+abc-cpython", "removed 3.5.0-cpython"]
     done = mjbench("releases", "installs", env=here)
-    assert done.stdout.splitlines() == [f"In {tmp_path}:", "3.5.0.post1-cpython"]
+    assert done.stdout.splitlines() == [
+        f"In {tmp_path}:",
+        "3.5.0.post1-cpython  0 MiB, used today",
+    ]
+
+
+def test_installs_that_were_not_used_for_long_are_pruned(tmp_path: Path) -> None:
+    for name, days in (("3.5.0-cpython", 40), ("3.6.0-cpython", 3)):
+        marker = tmp_path / name / "installed-by-mjbench"
+        marker.parent.mkdir()
+        marker.write_text("")
+        (marker.parent / "library").write_bytes(bytes(3 * 2**20))
+        used = time.time() - days * 86_400
+        os.utime(marker, (used, used))
+    here = {"MJBENCH_CACHE": str(tmp_path)}
+    done = mjbench("releases", "installs", env=here)
+    assert "3.5.0-cpython  3 MiB, used 40 days ago" in done.stdout
+    assert "2 installs, 6 MiB" in done.stdout
+    done = mjbench("releases", "prune", env=here)
+    assert done.stdout.splitlines() == ["removed 3.5.0-cpython", "freed 3 MiB"]
+    done = mjbench("releases", "prune", "--days", "0", env=here)
+    assert done.stdout.splitlines() == ["removed 3.6.0-cpython", "freed 3 MiB"]
+    assert mjbench("releases", "prune", env=here).stdout.splitlines() == ["freed 0 MiB"]

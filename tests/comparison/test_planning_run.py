@@ -58,9 +58,12 @@ def test_several_sizes_of_plans_are_tried(tmp_path: Path) -> None:
     assert sizes == [(2, 15), (2, 25), (4, 15), (4, 25)]
     assert len(rows) == 4 * 4  # rollout with two threads keeps its pool, or has a new one
     assert "cartpole, by the size of the plan" in done.stdout
+    again = mjbench("show", "--json", "-", cwd=tmp_path)
+    assert json.loads(again.stdout)["results"] == rows
+    assert "cartpole, by the size of the plan" in again.stderr
 
 
-def test_a_model_without_controls_is_refused_in_a_line() -> None:
-    done = mjbench("plan", "cube_table", "--duration", "0.1s")
+def test_a_model_without_controls_is_refused_in_a_line(tmp_path: Path) -> None:
+    done = mjbench("plan", "cube_table", "--duration", "0.1s", cwd=tmp_path)
     assert done.returncode == 2
     assert "has no controls to plan" in done.stderr

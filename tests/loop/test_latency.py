@@ -1,12 +1,15 @@
 """What is computed from single steps, with a clock that the test turns."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import mjbench
 from hdrh.histogram import HdrHistogram
 
+from mjbench.errors import InputError
 from mjbench.loop import latency
 from mjbench.loop.latency import RUN_NSTEP, WARM_UP_NSTEP, Pace, StepSamples
 from mjbench.simulation import models, workload
@@ -105,15 +108,28 @@ def test_steps_that_wait_for_a_late_one_are_late_as_well() -> None:
     assert (np.diff(late) < 0).all()
 
 
-def test_latency_prints_both_paces_and_what_slow_steps_share(tmp_path: object) -> None:
-    done = mjbench("latency", "cartpole", "--nstep", "1000", "--rate", "5000")
+def test_latency_prints_both_paces_and_what_slow_steps_share(tmp_path: Path) -> None:
+    words = ["--nstep", "1000", "--rate", "5000", "--json", "out.json"]
+    done = mjbench("latency", "cartpole", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "free-running" in done.stdout
     assert "paced at 5000 Hz" in done.stdout
     assert done.stdout.count("Slow steps") == 2
+    again = mjbench("show", "--json", "-", cwd=tmp_path)
+    assert json.loads(again.stdout) == json.loads((tmp_path / "out.json").read_text())
+    assert "free-running" in again.stderr
 
 
-def test_a_model_that_cannot_be_loaded_is_one_line() -> None:
-    done = mjbench("latency", "nothing.xml")
+def test_quantiles_are_read_back_from_the_histogram() -> None:
+    latency_ns = np.arange(1_000, 101_000, 100)
+    median, slow = latency.histogram_quantiles(latency._histogram(latency_ns), [0.5, 0.99])
+    assert median == pytest.approx(np.quantile(latency_ns, 0.5), rel=0.01)
+    assert slow == pytest.approx(np.quantile(latency_ns, 0.99), rel=0.01)
+    with pytest.raises(InputError, match="not an HdrHistogram"):
+        latency.histogram_quantiles("damaged", [0.5])
+
+
+def test_a_model_that_cannot_be_loaded_is_one_line(tmp_path: Path) -> None:
+    done = mjbench("latency", "nothing.xml", cwd=tmp_path)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr

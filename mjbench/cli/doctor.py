@@ -1,0 +1,88 @@
+"""`mjbench doctor`: what on this machine spoils measurements."""
+
+import sys
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli
+from mjbench.cli.shared import JSON
+from mjbench.status import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mjbench.instrument.conditions import Condition
+    from mjbench.report.doctor import NoiseRow
+
+
+@cli.command()
+@JSON
+def doctor(json_file: str | None) -> None:
+    """What on this machine spoils measurements, and how small a change can it decide?
+
+    It looks at the processor, its clock, the load, the host and Python, and then compares the
+    cart-pole with itself for some seconds. Exit code 1: changes of 1 % cannot be decided within a
+    minute.
+
+    \b
+    Example:
+      mjbench doctor && mjbench versions 3.17.0 4.0.0 robot.xml --fail-on slower
+    """
+    from mjbench.instrument import conditions
+    from mjbench.instrument.neighbours import Presence
+    from mjbench.report.doctor import print_conditions, print_noise
+    from mjbench.report.documents import DoctorDocument
+
+    with Presence("doctor") as presence, RunContext("doctor", json_file) as run:
+        others = presence.enter(wait=False)
+        rows = [*conditions.all_conditions(others), *_mujoco_conditions()]
+        print_conditions(run.out, rows)
+        try:
+            noise = _noise()
+        except KeyboardInterrupt:
+            run.interrupt()
+            run.exit([])
+        print_noise(run.out, noise)
+        run.write(DoctorDocument(machine=run.machine, conditions=rows, noise=noise))
+    sys.exit(ExitCode.OK if noise.trusted else ExitCode.FINDING)
+
+
+def _mujoco_conditions() -> "Iterator[Condition]":
+    """Yield what the engine's clock costs here, and which tools are missing."""
+    from mjbench.counts import instructions
+    from mjbench.instrument.conditions import Condition, Grade
+    from mjbench.paired import machine_check
+
+    share = machine_check.clock_share()
+    if share is not None:
+        detail = f"takes {100 * share:.0f} % of a cart-pole's step"
+        yield Condition("engine's clock", Grade.NOTE, detail, "mjbench.engine_clock(False)")
+    missing = instructions.unavailable()
+    if missing:
+        yield Condition("valgrind", Grade.NOTE, "is missing", missing)
+    else:
+        yield Condition("valgrind", Grade.GOOD, "is there: instructions can be counted")
+
+
+def _noise() -> "NoiseRow":
+    """Return what a comparison of the cart-pole with itself shows."""
+    from mjbench.errors import MjbenchError
+    from mjbench.paired import machine_check
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report.doctor import TRUSTED, NoiseRow
+
+    try:
+        with WorkerPool() as pool:
+            noise = machine_check.noise(pool)
+    except MjbenchError as error:
+        return NoiseRow(detail=str(error))
+    decidable = noise.decidable()
+    return NoiseRow(
+        launches=noise.launches,
+        deviation=noise.deviation,
+        ratio=noise.ratio,
+        decidable=decidable,
+        trusted=decidable <= TRUSTED,
+    )

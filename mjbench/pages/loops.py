@@ -1,0 +1,256 @@
+"""The part of a report that `overhead`, `profile`, `latency` and `plan` give."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from mjbench.comparison.plan import Variant
+from mjbench.comparison.planning_run import PlanningRow
+from mjbench.loop.latency import LatencyRow, histogram_quantiles
+from mjbench.loop.overhead import OverheadTable
+from mjbench.loop.profile import StepProfile
+from mjbench.pages import charts
+from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.status import Status
+
+# Habits that are drawn: those that add most.
+_MOST_HABITS = 12
+# Shares of steps at which latency is drawn: denser towards the slowest.
+_SHARES = 1 - np.logspace(0, -4, 41)
+_PACES = {"free-running": charts.BLUE, "paced": charts.ORANGE}
+
+
+def overhead_section(table: OverheadTable, command: str) -> Section:
+    """Return what a bare loop and the habits beside it cost for one model."""
+    python_ns = table.bare_ns - table.engine_ns
+    conclusions = [
+        Conclusion(
+            f"a step of the bare loop takes {table.bare_ns:,.0f} ns, of which the engine has"
+            f" {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
+        )
+    ]
+    if table.costs and table.costs[0].low > 0:
+        cost = table.costs[0]
+        remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
+        conclusions.append(
+            Conclusion(
+                f"the most expensive habit is {cost.source}: {cost.ns:,.0f} ns a step,"
+                f" {100 * cost.share:.0f} % of it{remedy}",
+                Tone.UNSURE,
+            )
+        )
+    columns = (
+        Column("in the loop"),
+        Column("adds ns/step", 4),
+        Column("low", 4),
+        Column("high", 4),
+        Column("% of a step", 3),
+        Column("cheaper"),
+        Column("saves ns", 4),
+    )
+    rows = [
+        (c.source, c.ns, c.low, c.high, 100 * c.share, c.cheaper, c.saved_ns) for c in table.costs
+    ]
+    return Section(
+        heading=f"{table.model}: what a Python loop wastes",
+        command=command,
+        conclusions=conclusions,
+        figures=[_waterfall(table)],
+        tables=[DataTable("Habits", columns, rows)],
+    )
+
+
+def _waterfall(table: OverheadTable) -> Figure:
+    """Return a step, part by part: the engine, the loop, and then each habit on top of it."""
+    columns = (Column("part"), Column("from", 4), Column("to", 4), Column("kind"))
+    loop = table.bare_ns
+    rows: list[tuple[str, float, float, str]] = [
+        ("engine", 0.0, table.engine_ns, "step"),
+        ("Python loop", table.engine_ns, loop, "step"),
+    ]
+    rows += [
+        (f"+ {cost.source}", loop, loop + max(0.0, cost.ns), "habit")
+        for cost in table.costs[:_MOST_HABITS]
+    ]
+    data = DataTable("Nanoseconds of a step", columns, rows)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12},
+        "encoding": {
+            "x": charts.quantity("from", "ns of a step", zero=True),
+            "x2": {"field": "to"},
+            "y": charts.names("part"),
+            "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
+        },
+    }
+    return Figure(
+        title=f"{table.model}: a step, and what each habit adds to it",
+        alternative=f"The engine takes {table.engine_ns:,.0f} ns; the loop ends at {loop:,.0f} ns;"
+        " habits begin there.",
+        specification=charts.chart(data, [layer]),
+        data=data,
+    )
+
+
+def profile_section(profile: StepProfile, command: str) -> Section:
+    """Return where the time of a model's step goes."""
+    steps = profile.steps
+    share = steps.engine_ns / steps.loop_ns
+    columns = (Column("stage"), Column("% of the engine", 3), Column("ns", 4))
+    rows = [
+        (stage, 100 * part, part * steps.engine_ns)
+        for stage, part in sorted(steps.stages.items(), key=lambda item: -item[1])
+        if part > 0
+    ]
+    data = DataTable("Stages of a step", columns, rows)
+    layer: charts.Spec = {
+        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
+        "encoding": {
+            "x": charts.quantity("ns", "ns of a step", zero=True),
+            "y": charts.names("stage"),
+        },
+    }
+    conclusions = [
+        Conclusion(
+            f"a step of a Python loop takes {steps.loop_ns:,.0f} ns, {100 * share:.0f} % of it in"
+            " the engine"
+        )
+    ]
+    if steps.clock_ns and steps.clock_ns > 0.02 * steps.loop_ns:
+        conclusions.append(
+            Conclusion(
+                f"the engine's own clock takes {100 * steps.clock_ns / steps.loop_ns:.0f} % of it;"
+                " mjbench.engine_clock(False) turns it off",
+                Tone.UNSURE,
+            )
+        )
+    figure = Figure(
+        title=f"{profile.model}: stages of a step",
+        alternative=f"Bars of {len(rows)} stages; the longest is {rows[0][0]}, {rows[0][1]:.0f} %.",
+        specification=charts.chart(data, [layer]),
+        data=data,
+    )
+    return Section(
+        heading=f"{profile.model}: where a step's time goes",
+        command=command,
+        conclusions=conclusions,
+        figures=[figure],
+    )
+
+
+def latency_sections(rows: Sequence[LatencyRow], command: str) -> Iterator[Section]:
+    """Yield a section for each model whose single steps were timed."""
+    for model, group in itertools.groupby(rows, lambda row: row.model):
+        of_model = [row for row in group if row.status == Status.OK and row.max_ns is not None]
+        if of_model:
+            yield Section(
+                heading=f"{model}: latency of single steps",
+                command=command,
+                conclusions=[_missed(row) for row in of_model],
+                figures=[_latency_figure(model, of_model)],
+                tables=[_latency_table(of_model)],
+            )
+
+
+def _missed(row: LatencyRow) -> Conclusion:
+    assert row.deadline_s is not None, "it was measured"
+    missed = row.missed or 0
+    text = f"{row.pace}: {missed:,} of {row.nstep:,} steps missed {1e3 * row.deadline_s:g} ms"
+    return Conclusion(text, Tone.BAD if missed else Tone.GOOD)
+
+
+def _latency_table(rows: Sequence[LatencyRow]) -> DataTable:
+    quantiles = [f"p{100 * q.quantile:g}, µs" for q in rows[0].quantiles]
+    columns = (
+        Column("pace"),
+        Column("steps", 4),
+        *(Column(name, 4) for name in quantiles),
+        Column("max, µs", 4),
+        Column("missed", 4),
+    )
+    cells = [
+        (
+            str(row.pace),
+            row.nstep,
+            *(q.ns / 1e3 for q in row.quantiles),
+            (row.max_ns or 0.0) / 1e3,
+            row.missed,
+        )
+        for row in rows
+    ]
+    return DataTable("Latency", columns, cells)
+
+
+def _latency_figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
+    columns = (Column("one step in", 4), Column("latency, µs", 4), Column("pace"))
+    cells = [
+        (1 / (1 - share), ns / 1e3, str(row.pace))
+        for row in rows
+        for share, ns in zip(
+            _SHARES, histogram_quantiles(row.histogram, _SHARES.tolist()), strict=True
+        )
+        if 1 / (1 - share) <= (row.nstep or 0)
+    ]
+    data = DataTable("Latency by share of steps", columns, cells)
+    layer: charts.Spec = {
+        "mark": {"type": "line", "interpolate": "step-after"},
+        "encoding": {
+            "x": charts.quantity("one step in", "one step in so many is slower", log=True),
+            "y": charts.quantity("latency, µs", "latency, µs", log=True),
+            "color": charts.colour("pace", _PACES),
+        },
+    }
+    longest = max((row.max_ns or 0.0) / 1e3 for row in rows)
+    return Figure(
+        title=f"{model}: latency of single steps",
+        alternative=f"Lines that rise from the usual step to the slowest, {longest:,.0f} µs.",
+        specification=charts.chart(data, [layer], height=240),
+        data=data,
+    )
+
+
+def planning_sections(rows: Sequence[PlanningRow], command: str) -> Iterator[Section]:
+    """Yield a section for each model and size of plans."""
+    for (model, samples, horizon), group in itertools.groupby(
+        rows, lambda row: (row.model, row.samples, row.horizon)
+    ):
+        of_size = [row for row in group if row.status != Status.UNAVAILABLE]
+        timed = [row for row in of_size if row.plans_per_s is not None]
+        conclusions = [
+            Conclusion(f"{Variant(row.path, row.options)}: {row.detail}", Tone.BAD)
+            for row in of_size
+            if row.status == Status.DISAGREES
+        ]
+        if timed:
+            fastest = max(timed, key=lambda row: row.speedup or 0.0)
+            variant = Variant(fastest.path, fastest.options)
+            conclusions.append(
+                Conclusion(f"fastest here: {variant}, {fastest.plans_per_s:,.0f} plans per second")
+            )
+        yield Section(
+            heading=f"{model}: plans of {samples} samples × {horizon} steps",
+            command=command,
+            conclusions=conclusions,
+            tables=[_planning_table(of_size)],
+        )
+
+
+def _planning_table(rows: Sequence[PlanningRow]) -> DataTable:
+    columns = (
+        Column("path"),
+        Column("ms/plan", 3),
+        Column("plans/s", 4),
+        Column("speed-up", 3),
+        Column("status"),
+    )
+    cells = [
+        (
+            str(Variant(row.path, row.options)),
+            None if row.plan_s is None else 1e3 * row.plan_s,
+            row.plans_per_s,
+            row.speedup,
+            row.status.value,
+        )
+        for row in rows
+    ]
+    return DataTable("Plans", columns, cells)

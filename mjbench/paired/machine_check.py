@@ -1,0 +1,109 @@
+"""How well this machine can tell two targets apart, measured for a few seconds.
+
+The cart-pole is compared with itself, as `mjbench versions` compares releases. What its launches
+differ by is noise; from it follows how small a change a verdict of a minute can decide.
+"""
+
+import math
+import statistics
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import mujoco
+
+from mjbench.errors import MachineError
+from mjbench.instrument import timing
+from mjbench.paired import verdict
+from mjbench.paired.judgement import MIN_LAUNCHES, judge
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.simulation import compat, models
+from mjbench.simulation.engine_clock import engine_clock
+from mjbench.status import Status
+
+MODEL = "cartpole"
+# Seconds of the comparison, and of the verdict whose size follows.
+CHECK_S, VERDICT_S = 12.0, 60.0
+# Verdicts that are larger are not asked for.
+_MAX_LAUNCHES = 200
+# Quads with and without the engine's clock, and steps of each of their blocks.
+_CLOCK_QUADS, _CLOCK_STEPS = 40, 500
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What launches of identical targets showed.
+
+    Attributes:
+      launches: how many there were.
+      deviation: standard deviation of their log ratios.
+      launch_s: seconds of one.
+      ratio: their estimate, which should be 1.
+    """
+
+    launches: int
+    deviation: float
+    launch_s: float
+    ratio: float
+
+    def decidable(self, seconds: float = VERDICT_S) -> float:
+        """Return the smallest change that a verdict of so many seconds decides, as a share.
+
+        It is twice the half-width of the interval that as many launches as fit would have, if their
+        log ratios had this deviation and a normal distribution. A change of that size has an even
+        chance, and more, to be decided; a larger one nearly always.
+        """
+        count = min(_MAX_LAUNCHES, max(MIN_LAUNCHES, int(seconds / self.launch_s)))
+        normal = NormalDist(0.0, max(self.deviation, 1e-6))
+        launches = [normal.inv_cdf((i + 0.5) / count) for i in range(count)]
+        judged = judge(launches, min_effect=0.01, confidence=verdict.CONFIDENCE, precision=1e-6)
+        return judged.high - judged.low
+
+
+def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
+    """Compare the cart-pole with itself for some seconds.
+
+    Raises:
+      MachineError: it cannot be compared.
+      KeyboardInterrupt: it was interrupted.
+    """
+    target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
+    plan = VerdictPlan(precision=1e-6, time_limit_s=seconds, as_shipped=True)
+    result = verdict.decide(pool, target, target, plan)
+    ratios = [launch.log_ratio for launch in result.launches]
+    if result.status == Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if result.status != Status.OK or not ratios:
+        raise MachineError(result.detail or "no launch ended")
+    return Noise(
+        launches=len(ratios),
+        deviation=statistics.stdev(ratios) if len(ratios) > 1 else math.inf,
+        launch_s=result.seconds / len(ratios),
+        ratio=math.exp(statistics.fmean(ratios)),
+    )
+
+
+def clock_share() -> float | None:
+    """Return the share of a cart-pole's step that the engine's own clock takes.
+
+    None where the engine has no clock that can be turned off and on.
+    """
+    model = models.load(models.resolve(MODEL))
+    if not compat.has_clock(model):
+        return None
+    data = mujoco.MjData(model)
+
+    def step() -> None:
+        mujoco.mj_step(model, data, _CLOCK_STEPS)
+
+    def step_without_clock() -> None:
+        with engine_clock(False):
+            step()
+
+    step_without_clock()
+    if not compat.has_clock(model):
+        return None
+    quads = timing.quads(step, step_without_clock, _CLOCK_QUADS)
+    return 1 - statistics.median(quad.candidate_s / quad.baseline_s for quad in quads)

@@ -1,0 +1,60 @@
+"""`mjbench doctor`: conditions, what can be decided, and the exit code."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from commands import mjbench
+
+from mjbench.cli import cli
+from mjbench.errors import MachineError
+from mjbench.paired import machine_check
+from mjbench.paired.machine_check import Noise
+from mjbench.paired.worker_pool import WorkerPool
+
+
+def test_a_machine_is_described_and_checked(tmp_path: Path) -> None:
+    done = mjbench("doctor", "--json", "out.json", cwd=tmp_path)
+    assert done.returncode in (0, 1), done.stderr  # what it can decide depends on its noise
+    document = json.loads((tmp_path / "out.json").read_text())
+    assert {c["name"] for c in document["conditions"]} >= {"cores", "load", "Python", "clock"}
+    noise = document["noise"]
+    assert noise["launches"] >= 8
+    assert noise["trusted"] == (noise["decidable"] <= 0.01) == (done.returncode == 0)
+    assert "A verdict of a minute decides changes of" in done.stdout
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    monkeypatch.setattr(machine_check, "clock_share", lambda: 0.3)
+    yield monkeypatch
+
+
+@pytest.mark.parametrize(("deviation", "code"), [(0.003, 0), (0.05, 1)])
+def test_noise_decides_the_exit_code(
+    quick: pytest.MonkeyPatch, deviation: float, code: int
+) -> None:
+    noise = Noise(launches=20, deviation=deviation, launch_s=0.6, ratio=1.0)
+    quick.setattr(machine_check, "noise", lambda pool: noise)
+    result = CliRunner().invoke(cli, ["doctor"])
+    assert result.exit_code == code, result.output
+    assert ("cannot be trusted with 1 %" in result.output) == bool(code)
+    assert "takes 30 % of a cart-pole's step" in result.output
+
+
+def test_a_check_that_fails_is_no_trust(quick: pytest.MonkeyPatch) -> None:
+    def fail(pool: WorkerPool) -> Noise:
+        raise MachineError("no processes")
+
+    quick.setattr(machine_check, "noise", fail)
+    result = CliRunner().invoke(cli, ["doctor"])
+    assert result.exit_code == 1
+    assert "Not measured: no processes" in result.output
+
+
+def test_more_noise_needs_larger_changes() -> None:
+    sizes = [Noise(20, deviation, 0.5, 1.0).decidable() for deviation in (0.001, 0.01, 0.1)]
+    assert sizes == sorted(sizes)
+    assert Noise(20, 0.01, 5.0, 1.0).decidable() > sizes[1]

@@ -1,0 +1,55 @@
+"""The examples in the help of commands: each is a command line that the command takes."""
+
+import re
+import shlex
+from collections.abc import Iterator
+
+import click
+import pytest
+
+from mjbench.cli import cli
+
+
+def commands(group: click.Group, name: str = "mjbench") -> Iterator[tuple[str, click.Command]]:
+    """Yield every command with its name, those of subgroups, too."""
+    for key, command in group.commands.items():
+        yield f"{name} {key}", command
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{name} {key}")
+
+
+COMMANDS = dict(commands(cli))
+
+
+def examples(command: click.Command) -> list[str]:
+    """Return the example lines of a command, without what a shell adds to them."""
+    _, _, after = (command.help or "").partition("Example")
+    lines = [line.strip() for line in after.splitlines()]
+    shown = [line for line in lines if line.startswith("mjbench ")]
+    return [re.split(r"\s(?:>>|&&|\|)\s|\s{3,}", line)[0] for line in shown]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_takes_arguments_shows_an_example(name: str) -> None:
+    command = COMMANDS[name]
+    takes_arguments = any(isinstance(p, click.Argument) for p in command.params)
+    if takes_arguments or name.count(" ") == 1:
+        assert examples(command) or isinstance(command, click.Group), name
+
+
+@pytest.mark.parametrize(
+    "line", sorted({line for c in (cli, *COMMANDS.values()) for line in examples(c)})
+)
+def test_an_example_is_parsed_by_its_command(line: str) -> None:
+    words = shlex.split(line)[1:]
+    command: click.Command = cli
+    context: click.Context | None = None
+    while isinstance(command, click.Group):
+        name, *words = words
+        command = command.commands[name]
+        context = click.Context(command, parent=context, info_name=name)
+        if not words and isinstance(command, click.Group):
+            return
+        if isinstance(command, click.Group) and words[0].startswith("-"):
+            break
+    command.make_context(command.name, words)

@@ -1,0 +1,129 @@
+"""What spoils measurements, on invented machines."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import psutil
+import pytest
+
+from mjbench.instrument import conditions, machine
+from mjbench.instrument.conditions import Grade
+from mjbench.instrument.machine import ProcessorTime
+from mjbench.instrument.neighbours import Neighbour
+from mjbench.instrument.topology import Topology
+
+
+def kernel_file(folder: Path, name: str, text: str) -> Path:
+    file = folder / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(f"{text}\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("topology", "grade", "words"),
+    [
+        (Topology(8, 8, (8,)), Grade.GOOD, "8 hardware threads of 8 cores"),
+        (Topology(8, 4, (4, 4)), Grade.NOTE, "on 2 NUMA nodes: hyper-threads share a core"),
+        (Topology(8, 8, (8,), 2.5), Grade.BAD, "a quota of 2.5 cores"),
+        (Topology(1, 1, (1,)), Grade.NOTE, "the core that is being measured"),
+    ],
+)
+def test_cores_are_told_apart(
+    monkeypatch: pytest.MonkeyPatch, topology: Topology, grade: Grade, words: str
+) -> None:
+    monkeypatch.setattr(conditions.topology, "read", lambda: topology)
+    condition = conditions.cores()
+    assert condition.grade == grade
+    assert words in condition.detail
+    assert bool(condition.remedy) == (grade != Grade.GOOD)
+
+
+def test_a_governor_that_follows_the_load_is_bad(tmp_path: Path) -> None:
+    assert conditions.governor(tmp_path) is None
+    kernel_file(tmp_path, "cpu0/cpufreq/scaling_governor", "performance")
+    good = conditions.governor(tmp_path)
+    assert good is not None
+    assert good.grade == Grade.GOOD
+    kernel_file(tmp_path, "cpu1/cpufreq/scaling_governor", "powersave")
+    bad = conditions.governor(tmp_path)
+    assert bad is not None
+    assert (bad.grade, bad.detail[:22]) == (Grade.BAD, "performance, powersave")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "grade"),
+    [
+        ("intel_pstate/no_turbo", "1", Grade.GOOD),
+        ("intel_pstate/no_turbo", "0", Grade.NOTE),
+        ("cpufreq/boost", "0", Grade.GOOD),
+        ("cpufreq/boost", "1", Grade.NOTE),
+    ],
+)
+def test_turbo_is_read_as_each_driver_says_it(
+    tmp_path: Path, name: str, text: str, grade: Grade
+) -> None:
+    assert conditions.turbo(tmp_path) is None
+    condition = conditions.turbo(kernel_file(tmp_path, name, text))
+    assert condition is not None
+    assert condition.grade == grade
+
+
+@pytest.mark.parametrize(("average", "grade"), [(0.5, Grade.GOOD), (1.5, Grade.BAD)])
+def test_a_load_takes_time_from_measurements(
+    monkeypatch: pytest.MonkeyPatch, average: float, grade: Grade
+) -> None:
+    monkeypatch.setattr(machine, "usable_cores", lambda: 2)
+    monkeypatch.setattr(psutil, "getloadavg", lambda: (average, 0.0, 0.0))
+    assert conditions.load().grade == grade
+
+
+@pytest.mark.parametrize(("stolen_s", "grade"), [(0.0, Grade.GOOD), (0.1, Grade.BAD)])
+def test_a_host_that_takes_time_is_bad(
+    monkeypatch: pytest.MonkeyPatch, stolen_s: float, grade: Grade
+) -> None:
+    times = iter([ProcessorTime(0.0, 0.0), ProcessorTime(0.5, stolen_s)])
+    spent = iter([0.0, 0.2, 0.4, 0.6])
+    monkeypatch.setattr(machine, "is_virtual", lambda: True)
+    monkeypatch.setattr(ProcessorTime, "now", lambda: next(times))
+    monkeypatch.setattr(conditions.time, "process_time", lambda: next(spent))
+    condition = conditions.stolen(lambda seconds: None)
+    assert condition is not None
+    assert condition.grade == grade
+
+
+def test_a_machine_of_its_own_has_no_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "is_virtual", lambda: False)
+    assert conditions.stolen(lambda seconds: None) is None
+
+
+@pytest.mark.parametrize(("plugged", "grade"), [(True, Grade.GOOD), (False, Grade.BAD)])
+def test_a_battery_slows_the_clock(
+    monkeypatch: pytest.MonkeyPatch, plugged: bool, grade: Grade
+) -> None:
+    state = SimpleNamespace(power_plugged=plugged)
+    monkeypatch.setattr(psutil, "sensors_battery", lambda: state, raising=False)
+    condition = conditions.battery()
+    assert condition is not None
+    assert condition.grade == grade
+    monkeypatch.setattr(psutil, "sensors_battery", lambda: None, raising=False)
+    assert conditions.battery() is None
+
+
+def test_what_watches_python_is_bad(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "gettrace", lambda: object())
+    assert conditions.debug_build().grade == Grade.BAD
+
+
+def test_other_measurements_are_named() -> None:
+    assert conditions.neighbours([]).grade == Grade.GOOD
+    condition = conditions.neighbours([Neighbour(12, "compare")])
+    assert condition.grade == Grade.BAD
+    assert "mjbench compare (process 12)" in condition.detail
+
+
+@pytest.mark.parametrize(("step_ns", "grade"), [(50, Grade.GOOD), (4_000_000, Grade.BAD)])
+def test_a_coarse_clock_cannot_time_a_step(step_ns: int, grade: Grade) -> None:
+    readings = iter(range(0, 10_000 * step_ns, step_ns))
+    assert conditions.timer(lambda: next(readings)).grade == grade

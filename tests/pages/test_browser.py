@@ -1,0 +1,138 @@
+"""Reports in a browser: no error, no request, tables that sort, dark, on a phone, accessible."""
+
+import importlib.resources
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import ROOT
+
+from mjbench.instrument import runs
+from mjbench.pages import html, reports
+from mjbench.pages.reports import NamedRun
+from mjbench.report.documents import RECORD_TYPES
+
+# One run of each kind that has charts, and one without any.
+RUNS = ("reference-mujoco-4.0.0", "reference-between-builds", "reference-selfcheck-quiet")
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    webdriver = pytest.importorskip("selenium.webdriver")
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not (chromium and driver):
+        pytest.skip("needs chromium and chromedriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    session = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    yield session
+    session.quit()
+
+
+@pytest.fixture(scope="module", params=RUNS)
+def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the report of a committed run."""
+    pytest.importorskip("jinja2")
+    pytest.importorskip("vl_convert")
+    file = ROOT / f"results/runs/{request.param}.jsonl"
+    report = reports.build([NamedRun(file, runs.load(file, RECORD_TYPES))])
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    path.write_text(html.render(report))
+    return path
+
+
+@pytest.fixture
+def opened(browser: Any, page: Path) -> Any:
+    """Open the report at the size of a desktop, in light colours."""
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    browser.get_log("browser")
+    browser.get_log("performance")
+    browser.get(page.as_uri())
+    return browser
+
+
+def test_it_opens_without_errors_and_asks_the_network_for_nothing(opened: Any) -> None:
+    assert opened.get_log("browser") == []
+    sent = [json.loads(entry["message"])["message"] for entry in opened.get_log("performance")]
+    urls = [
+        event["params"]["request"]["url"]
+        for event in sent
+        if event["method"] == "Network.requestWillBeSent"
+    ]
+    assert urls
+    assert all(url.startswith(("file:", "data:")) for url in urls)
+
+
+def test_every_chart_has_marks(opened: Any) -> None:
+    empty = opened.execute_script(
+        "return [...document.querySelectorAll('figure')].filter("
+        "f => !f.querySelector('svg [class^=\"mark-\"] path, svg [class^=\"mark-\"] line'))"
+        ".map(f => f.querySelector('figcaption').textContent)"
+    )
+    assert empty == []
+
+
+def test_tables_sort_and_filter(opened: Any) -> None:
+    table = opened.find_element("css selector", "details[open] table")
+    heading = table.find_element("css selector", "th.number button")
+    index = opened.execute_script("return arguments[0].closest('th').cellIndex", heading)
+    read = (
+        "return [...arguments[0].tBodies[0].rows].map(r => r.cells[arguments[1]].dataset.value)"
+        ".filter(v => v !== undefined).map(Number)"
+    )
+    heading.click()
+    rising = opened.execute_script(read, table, index)
+    assert rising == sorted(rising)
+    assert heading.find_element("xpath", "..").get_attribute("aria-sort") == "ascending"
+    heading.click()
+    assert opened.execute_script(read, table, index) == sorted(rising, reverse=True)
+    filters = opened.find_elements("css selector", "details[open] input")
+    if filters:
+        filters[0].send_keys("no row has this")
+        rows = opened.execute_script(
+            "return [...arguments[0].closest('details').querySelectorAll('tbody tr')]"
+            ".filter(r => !r.hidden).length",
+            filters[0],
+        )
+        assert rows == 0
+
+
+def test_a_dark_page_is_dark(opened: Any) -> None:
+    read = "return getComputedStyle(document.body).backgroundColor"
+    light = opened.execute_script(read)
+    dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+    opened.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
+    assert opened.execute_script(read) != light
+
+
+def test_a_phone_scrolls_no_wider_than_its_screen(opened: Any) -> None:
+    size = {"width": 375, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+    opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    assert opened.execute_script("return document.documentElement.scrollWidth") <= 375
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_serious_fault(opened: Any, scheme: str) -> None:
+    package = pytest.importorskip("axe_core_python")
+    scheme_feature = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+    opened.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme_feature)
+    script = importlib.resources.files(package).joinpath("axe.min.js").read_text()
+    opened.execute_script(script)
+    result = opened.execute_async_script("axe.run().then(arguments[arguments.length - 1])")
+    serious = [
+        (violation["id"], violation["nodes"][0]["html"][:200])
+        for violation in result["violations"]
+        if violation["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
