@@ -77,7 +77,10 @@ def latency(
     rows: list[LatencyRow] = []
     arguments = {
         "models": [source.name for source in sources],
-        **{"nstep": nstep, "rate_hz": rate_hz, "deadline_s": deadline_s, "seed": seed},
+        "nstep": nstep,
+        "rate_hz": rate_hz,
+        "deadline_s": deadline_s,
+        "seed": seed,
         "starts": to_json(plan),
     }
     storage = Storage(results, arguments)

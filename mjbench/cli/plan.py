@@ -126,7 +126,8 @@ def plan(
         "models": [source.name for source in sources],
         "variants": to_json(variants),
         "settings": to_json(all_settings),
-        **{"hold": hold, "duration_s": duration_s},
+        "hold": hold,
+        "duration_s": duration_s,
     }
     with RunContext("plan", json_file, files, Storage(results, arguments), wait) as run:
         for source, settings in itertools.product(sources, all_settings):

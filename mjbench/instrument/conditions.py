@@ -4,6 +4,7 @@ Each function looks at one thing, and returns a `Condition`; those that do not a
 None. On Linux most of it is in /sys and /proc.
 """
 
+import itertools
 import os
 import statistics
 import sys
@@ -114,9 +115,7 @@ def cores() -> Condition:
 def governor(folder: Path = _CPU) -> Condition | None:
     """Return how the processor's clock is chosen; None where that is not known."""
     names = {
-        name
-        for file in folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
-        if (name := _text(file))
+        name for file in folder.glob("cpu[0-9]*/cpufreq/scaling_governor") if (name := _text(file))
     }
     if not names:
         return None
@@ -214,10 +213,12 @@ def neighbours(others: Sequence[Neighbour]) -> Condition:
 def timer(clock: Callable[[], int] = time.perf_counter_ns) -> Condition:
     """Return the smallest step of the clock, and what reading it costs."""
     readings = [clock() for _ in range(2000)]
-    steps = [b - a for a, b in zip(readings, readings[1:], strict=False)]
+    steps = [b - a for a, b in itertools.pairwise(readings)]
     cost_ns = statistics.median(steps)
     resolution_ns = min((step for step in steps if step > 0), default=0)
-    detail = f"reading the clock takes {cost_ns:.0f} ns; its smallest step is {resolution_ns:.0f} ns"
+    detail = (
+        f"reading the clock takes {cost_ns:.0f} ns; its smallest step is {resolution_ns:.0f} ns"
+    )
     if max(cost_ns, resolution_ns) <= _MAX_TIMER_NS:
         return Condition("clock", Grade.GOOD, detail)
     return Condition(

@@ -54,7 +54,10 @@ def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
 
 def _section(model_results: ModelResults, command: str) -> Section:
     record = model_results.model
-    heading, *notes = (str(line) for line in comparison.heading_lines(record))
+    notes = [str(line) for line in comparison.heading_lines(record)]
+    heading = (
+        record.model if record.nbatch is None else f"{record.model}, {record.nbatch:,} simulations"
+    )
     concluded = [*conclusions([model_results])]
     clock = advise_clock(model_results)
     if clock is not None:

@@ -12,11 +12,11 @@ from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import Run
-from mjbench.pages import comparisons, histories, loops, scaling, verdicts
-from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
+from mjbench.pages import comparisons, histories, loops, scaling, verdicts
+from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.paired import selfcheck
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
@@ -118,7 +118,8 @@ def _confidence(run: Run) -> float:
 
 def _selfcheck_conclusion(trials: Sequence[TrialRecord]) -> Conclusion:
     rows = selfcheck.summary(trials)
-    wrong, count = sum(row.wrong for row in rows), sum(row.trials for row in rows)
+    wrong = sum(round(row.wrong * row.trials) for row in rows)
+    count = sum(row.trials for row in rows)
     tone = Tone.GOOD if wrong == 0 else Tone.BAD
     return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
 
@@ -126,17 +127,19 @@ def _selfcheck_conclusion(trials: Sequence[TrialRecord]) -> Conclusion:
 def _selfcheck_section(trials: Sequence[TrialRecord], command: str) -> Section:
     columns = (
         Column("model"),
+        Column("builds"),
         Column("slowdown, %", 3),
         Column("averaged"),
         Column("trials", 3),
         Column("detected, share", 3),
-        Column("wrong", 3),
+        Column("wrong, share", 3),
         Column("bias, %", 2),
         Column("seconds", 3),
     )
     rows = [
         (
             row.model,
+            f"{row.old} → {row.new}" if row.old != row.new else row.old,
             None if row.slowdown is None else 100 * row.slowdown,
             "yes" if row.averaged else "no",
             row.trials,

@@ -23,9 +23,10 @@ def conclusions(results: ScalingResults) -> Iterator[Conclusion]:
 
 def section(results: ScalingResults, command: str) -> Section:
     """Return the section of one model."""
-    heading, *notes = (str(line) for line in comparison.heading_lines(results.records[0].model))
+    record = results.records[0].model
+    notes = [str(line) for line in comparison.heading_lines(record)]
     return Section(
-        heading=f"{heading}: how many threads?",
+        heading=f"{record.model}: how many threads?",
         command=command,
         conclusions=[*conclusions(results)],
         figures=[_thread_figure(results.points, advice) for advice in results.advice()],

@@ -106,10 +106,8 @@ def parse_release(text: str) -> ReleaseSpec:
     else:
         files, version = [], _version(text)
     if version is None:
-        raise InputError(
-            f"{one_line(repr(text), 100)} is not a release{suggestion(text, [INSTALLED, NEWEST, PREVIOUS])}:"
-            f" give {FORMS}"
-        )
+        meant = suggestion(text, [INSTALLED, NEWEST, PREVIOUS])
+        raise InputError(f"{one_line(repr(text), 100)} is not a release{meant}: give {FORMS}")
     if Version(version).release < OLDEST:
         oldest = ".".join(map(str, OLDEST))
         raise InputError(

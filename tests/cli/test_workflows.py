@@ -55,8 +55,11 @@ def test_the_action_compares_releases_and_writes_a_report(tmp_path: Path, cube_t
         "GITHUB_OUTPUT": str(tmp_path / "output"),
     }
     inputs = {
-        **{"OLD": "installed", "NEW": "installed", "MODELS": str(cube_table)},
-        **{"FAIL_ON": "changed-work", "ARGUMENTS": "--allow-inconclusive --time-limit 0.2s"},
+        "OLD": "installed",
+        "NEW": "installed",
+        "MODELS": str(cube_table),
+        "FAIL_ON": "changed-work",
+        "ARGUMENTS": "--allow-inconclusive --time-limit 0.2s",
     }
     assert set(inputs) == set(compare["env"])
     for step in (compare, report):

@@ -77,7 +77,7 @@ def test_it_opens_without_errors_and_asks_the_network_for_nothing(opened: Any) -
 def test_every_chart_has_marks(opened: Any) -> None:
     empty = opened.execute_script(
         "return [...document.querySelectorAll('figure')].filter("
-        "f => !f.querySelector('svg [class^=\"mark-\"] path, svg [class^=\"mark-\"] line'))"
+        'f => !f.querySelector(\'svg [class^="mark-"] path, svg [class^="mark-"] line\'))'
         ".map(f => f.querySelector('figcaption').textContent)"
     )
     assert empty == []
