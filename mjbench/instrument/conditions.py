@@ -55,21 +55,18 @@ class Condition:
     remedy: str = ""
 
 
-def all_conditions(
-    others: Sequence[Neighbour], sleep: Callable[[float], None] = time.sleep
-) -> Iterator[Condition]:
+def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
     """Yield every condition that applies to this machine.
 
     Args:
       others: other mjbench that measure now.
-      sleep: waits for seconds, while the host's share of processor time is measured.
     """
     for condition in (
         cores(),
         governor(),
         turbo(),
         load(),
-        stolen(sleep),
+        stolen(),
         battery(),
         debug_build(),
         neighbours(others),
@@ -159,14 +156,14 @@ def load() -> Condition:
     return Condition("load", Grade.BAD, detail, "end other programs, and wait a minute")
 
 
-def stolen(sleep: Callable[[float], None]) -> Condition | None:
+def stolen() -> Condition | None:
     """Return the share of processor time that the host takes; None on a machine of its own."""
     if not machine.is_virtual():
         return None
     before = ProcessorTime.now()
     end = time.process_time() + 0.5
     while time.process_time() < end:  # a machine that asks for nothing gets all of it
-        sleep(0.0)
+        pass
     share = ProcessorTime.now().stolen_since(before)
     detail = f"a virtual machine; its host takes {100 * share:.0f} % of the processor time"
     if share <= _MAX_STOLEN:

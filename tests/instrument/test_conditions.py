@@ -88,14 +88,14 @@ def test_a_host_that_takes_time_is_bad(
     monkeypatch.setattr(machine, "is_virtual", lambda: True)
     monkeypatch.setattr(ProcessorTime, "now", lambda: next(times))
     monkeypatch.setattr(conditions.time, "process_time", lambda: next(spent))
-    condition = conditions.stolen(lambda seconds: None)
+    condition = conditions.stolen()
     assert condition is not None
     assert condition.grade == grade
 
 
 def test_a_machine_of_its_own_has_no_host(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "is_virtual", lambda: False)
-    assert conditions.stolen(lambda seconds: None) is None
+    assert conditions.stolen() is None
 
 
 @pytest.mark.parametrize(("plugged", "grade"), [(True, Grade.GOOD), (False, Grade.BAD)])
