@@ -5,11 +5,13 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.up-to-date
 
 UPGRADE := build/upgrade
-.PHONY: help bench test lint upgrade c-floor slowdown soak fuzz verdicts foreign clean
+SITE := build/site
+.PHONY: help bench test lint upgrade site picture c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
-	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (10 to 15 minutes)"
+	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (about 15 minutes)"
 	@echo "make test      run lint (see below) and the tests (about 10 minutes on two cores)"
+	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (half an hour)"
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
@@ -45,6 +47,12 @@ upgrade: $(STAMP)
 	$(BIN)/mjbench report $(UPGRADE)/*.jsonl -o $(UPGRADE)/report.html || status=$$?; \
 	$(BIN)/mjbench report $(UPGRADE)/*.jsonl --markdown -o $(UPGRADE)/report.md || status=$$?; \
 	exit $$status
+
+site: $(STAMP)
+	$(BIN)/mjbench site -o $(SITE)
+
+picture: $(STAMP)
+	$(BIN)/python -m benchmarks.picture
 
 c-floor: $(STAMP)
 	$(BIN)/python -m benchmarks.c_floor

@@ -2,10 +2,12 @@
 
     python -m benchmarks.advice [MODEL …] [--threads N,N] [--returns PRODUCT]
 
-compares each model as `mjbench compare` does, with its advice. The advised path is then compared,
-in fresh processes, with every other C path that is at least 80 % as fast in one process. The regret
-is by how much the fastest of them is faster than the advised path; it is 0 where none is. The table
-has a row for each model and loop; below it stand the largest regret and the mean.
+compares each model as `mjbench compare` does, with its advice. The advised path then competes, in
+fresh processes again, with every other C path that is at least 80 % as fast in one process. The
+regret is by how much the fastest of them is faster than the advised path; it is 0 where none is.
+The fastest is chosen in one half of the launches, and measured in the other: where it is chosen, it
+seems faster than it is. The table has a row for each model and loop; below it stand the largest
+regret and the mean.
 """
 
 import argparse
@@ -15,14 +17,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError, MjbenchError
+from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.simulation import models
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.comparison.plan import ComparisonPlan, Variant
-    from mjbench.paired.confirmation import ConfirmationRecord
+    from mjbench.paired.contest import ContestRecord
     from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.advice import Advice
     from mjbench.report.results import ModelResults, PathResult
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 # Paths that are slower than this share of the fastest one's speed cannot be the best.
 MAY_BE_BEST = 0.8
+# Seconds of launches that decide which is the best.
+TIME_LIMIT_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class Regret:
       best: path and options; the advised ones where nothing is faster.
       share: time of the advised path over that of the best, less one.
       candidates: how many paths it was compared with.
+      low: lower end of the share's 95 % interval; None without one.
+      high: upper end.
     """
 
     model: str
@@ -51,6 +57,8 @@ class Regret:
     best: str
     share: float
     candidates: int
+    low: float | None = None
+    high: float | None = None
 
 
 def regrets(pool: "WorkerPool", source: "ModelSource", plan: "ComparisonPlan") -> list[Regret]:
@@ -60,28 +68,27 @@ def regrets(pool: "WorkerPool", source: "ModelSource", plan: "ComparisonPlan") -
       InputError: nothing can be advised.
     """
     from mjbench.comparison import compare
-    from mjbench.paired.confirmation import compare_again
-    from mjbench.report.advice import advise, next_pairing
+    from mjbench.paired import contest
+    from mjbench.report.advice import advise, contest_groups
     from mjbench.report.results import derive
 
     records = compare.compare_model(source, plan, lambda name, share: None)
     if records.interrupted:
         raise KeyboardInterrupt
     results = derive(records.model, records.measurements)
-    while pairing := next_pairing(results):
-        sides, sizes = (pairing.baseline, pairing.candidate), results.compared_sizes
-        record = compare_again(pool, source, plan, sides, sizes, pairing.min_effect)
-        results = _with(results, record)
+    if groups := contest_groups(results):
+        record = contest.run(pool, source, plan, groups, results.compared_sizes)
+        results = replace(results, contest=_complete(record))
     advice = advise(results)
     if not advice:
         raise InputError(f"{source.name}: {records.model.detail or 'the plain loop was not timed'}")
     return [_regret(pool, source, plan, results, row) for row in advice]
 
 
-def _with(results: "ModelResults", record: "ConfirmationRecord") -> "ModelResults":
+def _complete(record: "ContestRecord") -> "ContestRecord":
     if record.status == Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return replace(results, confirmations=(*results.confirmations, record))
+    return record
 
 
 def _regret(
@@ -92,22 +99,43 @@ def _regret(
     advice: "Advice",
 ) -> Regret:
     from mjbench.comparison.plan import Variant
-    from mjbench.paired.confirmation import compare_again
+    from mjbench.paired import contest
     from mjbench.report.advice import Loop
 
     advised = Variant(advice.path, advice.options)
     able = [r for r in results.results if r.step_ns and not r.is_accelerated]
     able = [r for r in able if advice.loop == Loop.OPEN or r.closed_loop]
     fastest = max(result.rate for result in able)
-    rivals = [r for r in able if r.rate >= MAY_BE_BEST * fastest and _variant(r) != advised]
-    best, share = advised, 0.0
-    for rival in map(_variant, rivals):
-        record = compare_again(pool, source, plan, (rival, advised), results.compared_sizes)
-        if record.status == Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        if record.ratio is not None and record.ratio.estimate - 1 > share:
-            best, share = rival, record.ratio.estimate - 1
-    return Regret(source.name, str(advice.loop), str(advised), str(best), share, len(rivals))
+    rivals = [_variant(r) for r in able if r.rate >= MAY_BE_BEST * fastest]
+    group = [advised, *(variant for variant in rivals if variant != advised)]
+    regret = Regret(source.name, str(advice.loop), str(advised), str(advised), 0.0, len(group) - 1)
+    if len(group) == 1:
+        return regret
+    sizes = results.compared_sizes
+    record = _complete(contest.run(pool, source, plan, [group], sizes, TIME_LIMIT_S))
+    if record.status != Status.OK or not record.launches:
+        raise MachineError(f"{source.name}: {record.detail}")
+    best = record.fastest(group)
+    if best == advised:
+        return regret
+    ratio = record.ratio(best, advised)
+    assert ratio is not None, "the two took part in the first launch"
+    share = statistics.mean(_regret_in_halves(record, group, advised))
+    low, high = (end - 1 if end else None for end in (ratio.low, ratio.high))
+    return replace(regret, best=str(best), share=max(0.0, share), low=low, high=high)
+
+
+def _regret_in_halves(
+    record: "ContestRecord", group: "Sequence[Variant]", advised: "Variant"
+) -> list[float]:
+    """Return the regret in each half of the launches, of the path that is best in the other."""
+    halves = [replace(record, launches=record.launches[i::2]) for i in (0, 1)]
+    shares = []
+    for chosen_in, measured_in in (halves, halves[::-1]):
+        ratio = measured_in.ratio(chosen_in.fastest(group), advised)
+        if ratio is not None:
+            shares.append(ratio.estimate - 1)
+    return shares
 
 
 def _variant(result: "PathResult") -> "Variant":
@@ -151,7 +179,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _row(regret: Regret) -> str:
-    better = "" if regret.best == regret.advised else f"; {regret.best} is faster"
+    better = ""
+    if regret.best != regret.advised:
+        better = f"; {regret.best} seems faster"
+        if regret.low is not None and regret.high is not None:
+            better += f", by {100 * regret.low:.1f} to {100 * regret.high:.1f} %"
     return (
         f"{regret.model:18} {regret.loop:6} {100 * regret.share:5.1f} %  {regret.advised}"
         f" (beside {regret.candidates} others){better}"

@@ -18,7 +18,9 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     missing = [name for name in _REQUIRED if not _is_installed(name)]
     if missing:
-        _fail(f'the command line needs {", ".join(missing)}: python -m pip install "mjbench[cli]"')
+        from mjbench.instrument import extras
+
+        _fail(f"the command line needs {', '.join(missing)}: {extras.install_command('cli')}")
     try:
         from mjbench.cli import cli, interrupts
     except Exception as error:  # a broken package, too few file descriptors

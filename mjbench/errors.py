@@ -76,7 +76,10 @@ def printable(text: object) -> str:
     Names of files and models, messages of MuJoCo and texts in run files are somebody else's: a
     control character in them would change the terminal, a line break would forge a line of output.
     """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
+    line = str(text)
+    if line.isprintable():
+        return line
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 def one_line(text: object, limit: int = 300) -> str:

@@ -27,6 +27,7 @@ from mjbench.cli import (  # each adds its command to the group
     report,
     selfcheck,
     show,
+    site,
     versions,
 )
 from mjbench.cli.group import cli

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mjbench.cli.confirmation import Confirmation
 from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.comparison.scaling import ScalingRequest
     from mjbench.instrument.runs import Record
-    from mjbench.paired.worker_pool import WorkerPool
     from mjbench.report.results import ModelResults
     from mjbench.simulation.models import ModelSource
 
@@ -120,14 +120,16 @@ class _Options:
     "--confirm/--no-confirm",
     default=True,
     show_default=True,
-    help="Compare the best paths again in fresh processes, up to 20 seconds each; without it, only"
-    " the plain loop is advised.",
+    help="Compare the paths that may be the fastest again in fresh processes, up to 40 seconds a"
+    " model; without it, only the plain loop is advised.",
 )
 @click.option(
     "--scaling",
     is_flag=True,
     help="Search how many threads, which chunk size, and how many simulations: from one thread to"
-    " twice as many as can run at once. --threads, --chunk and --nbatch fix what is tried."
+    " twice as many as can run at once. --threads, --chunk and --nbatch fix what is tried. It takes"
+    " about three times the --budget, and up to 20 seconds for each"
+    " comparison in fresh processes."
     "  [paths by default: rollout, batch_step]",
 )
 @CODE
@@ -181,6 +183,8 @@ def _scaling_request(options: _Options) -> "ScalingRequest":
     expanded = selection.expand(given)
     choices = selection.choices(options.option_words, expanded)
     several = [name for name, values in choices.items() if len(values) > 1]
+    if "chunk" in choices:
+        raise InputError("--option chunk: give --chunk with --scaling")
     if several:
         raise InputError(f"--option {several[0]}: give one value with --scaling")
     return ScalingRequest(
@@ -243,7 +247,7 @@ def _compare(
     from mjbench.report import comparison as report
     from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
-    from mjbench.report.results import ModelResults, confirmations_of, derive
+    from mjbench.report.results import ModelResults, derive
 
     arguments = {**to_json(plans[0]), "models": [source.name for source in sources]}
     arguments["nbatch"] = [plan.nbatch for plan in plans]
@@ -260,28 +264,28 @@ def _compare(
     files += [plans[0].starts.file] if plans[0].starts.file else []
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance, contextlib.ExitStack() as closing:
-            confirm = _Confirmation(run, closing)
+            confirmation = Confirmation(run, closing)
             for number, (source, plan) in enumerate(turns):
+                on_progress = functools.partial(advance, number)
                 records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
-                    on_progress = functools.partial(advance, number)
                     records = compare.compare_model(source, plan, on_progress)
                     try:
                         for record in records.all:
                             run.record(record)
                     except MachineError as error:
                         failure = error
-                stored = confirmations_of(records.model, run.resumed_records)
-                results = derive(records.model, records.measurements, stored)
+                results = derive(records.model, records.measurements, run.resumed_records)
                 is_over = records.interrupted or failure is not None
                 if options.confirm and not is_over:
-                    results = confirm.all_of(source, plan, results)
+                    on_progress(f"{source.name}: in fresh processes", 1.0)
+                    results = _confirmed(confirmation, source, plan, results)
                 report.print_model(run.out, results, options.code)
                 models.append(results)
                 statuses += [records.model.status, *(r.status for r in results.results)]
-                if records.interrupted or confirm.is_interrupted:
+                if records.interrupted or confirmation.is_interrupted:
                     run.interrupt()
-                if is_over or confirm.is_interrupted:
+                if is_over or confirmation.is_interrupted:
                     break
         report.print_crossovers(run.out, crossovers([r for m in models for r in m.results]))
         if len(models) > 1:
@@ -295,52 +299,31 @@ def _compare(
 
 
 def _finished(records: "Sequence[Record]", nvariant: int) -> "list[Record]":
-    """Return the records that need not be measured again: of models, and their confirmations."""
+    """Return the records that need not be measured again: of models, and of fresh processes."""
     from mjbench.comparison.records import ModelRecord, finished
-    from mjbench.report.results import confirmations_of
+    from mjbench.report.results import again_of
 
     done: list[Record] = []
     for record in finished(records, nvariant):
         done.append(record)
         if isinstance(record, ModelRecord):
-            done += [c for c in confirmations_of(record, records) if c.status in FINISHED]
+            done += [c for c in again_of(record, records) if c.status in FINISHED]
     return done
 
 
-class _Confirmation:
-    """Compares again what advice needs, in processes that are started when the first is needed.
+def _confirmed(
+    confirmation: Confirmation,
+    source: "ModelSource",
+    plan: "ComparisonPlan",
+    results: "ModelResults",
+) -> "ModelResults":
+    """Return the results of a model with the comparisons in fresh processes that advice needs."""
+    from mjbench.report.advice import clock_pairing, contest_groups
 
-    Attributes:
-      is_interrupted: whether the user stopped it.
-    """
-
-    def __init__(self, run: RunContext, closing: contextlib.ExitStack):
-        self.is_interrupted = False
-        self._run, self._closing = run, closing
-        self._pool: WorkerPool | None = None
-
-    def all_of(
-        self, source: "ModelSource", plan: "ComparisonPlan", results: "ModelResults"
-    ) -> "ModelResults":
-        """Return the results of a model with every confirmation that advice on it needs."""
-        from mjbench.paired.confirmation import compare_again
-        from mjbench.paired.worker_pool import WorkerPool
-        from mjbench.report.advice import next_pairing
-
-        while pairing := next_pairing(results):
-            if self._pool is None:
-                self._pool = self._closing.enter_context(WorkerPool())
-            record = compare_again(
-                self._pool,
-                source,
-                plan,
-                (pairing.baseline, pairing.candidate),
-                results.compared_sizes,
-                pairing.min_effect,
-            )
-            self._run.record(record)
-            results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
-            if record.status == Status.INTERRUPTED:
-                self.is_interrupted = True
-                break
-        return results
+    if pairing := clock_pairing(results):
+        record = confirmation.compare(source, plan, pairing, results.compared_sizes)
+        results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
+    if not confirmation.is_interrupted and (groups := contest_groups(results)):
+        contest = confirmation.contest(source, plan, groups, results.compared_sizes)
+        results = dataclasses.replace(results, contest=contest)
+    return results

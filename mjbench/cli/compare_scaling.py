@@ -2,17 +2,20 @@
 
 import contextlib
 import dataclasses
+import functools
 from typing import TYPE_CHECKING
 
-from mjbench.cli.context import Advance, OutputOptions, RunContext, Storage
+from mjbench.cli.confirmation import Confirmation
+from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.status import FINISHED, Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mjbench.comparison.compare import Progress
     from mjbench.comparison.scaling import ScalingRecord, ScalingRequest, ScalingRun
     from mjbench.instrument.runs import Record
-    from mjbench.report.scaling import ScalingResults
+    from mjbench.report.thread_advice import ScalingResults
     from mjbench.simulation.models import ModelSource
 
 
@@ -44,9 +47,11 @@ def search_models(
     files += [request.plan.starts.file] if request.plan.starts.file else []
     models: list[ScalingResults] = []
     with RunContext("compare", output.json_file, files, storage, output.wait) as run:
-        with run.progress(len(sources)) as advance:
+        with run.progress(len(sources)) as advance, contextlib.ExitStack() as closing:
+            confirmation = Confirmation(run, closing)
             for number, source in enumerate(sources):
-                search = _ModelSearch(run, source, request, number, advance)
+                on_progress = functools.partial(advance, number)
+                search = _ModelSearch(run, source, request, on_progress, confirmation)
                 models.append(search.results(confirm))
                 report.print_results(run.out, models[-1], code)
                 if run.interrupted:
@@ -78,32 +83,34 @@ def _statuses(models: "Sequence[ScalingResults]") -> list[Status]:
 
 
 class _ModelSearch:
-    """The search on one model: runs that are in the run file already are not made again."""
+    """The search on one model: what is in the run file already is not measured again."""
 
     def __init__(
         self,
         run: RunContext,
         source: "ModelSource",
         request: "ScalingRequest",
-        number: int,
-        advance: Advance,
+        on_progress: "Progress",
+        confirmation: Confirmation,
     ):
         self._run, self._source, self._request = run, source, request
-        self._number, self._advance = number, advance
+        self._on_progress, self._confirmation = on_progress, confirmation
 
     def results(self, confirm: bool) -> "ScalingResults":
         """Return the results; `confirm`: whether to compare again what is advised."""
-        from mjbench.comparison import scaling
+        from mjbench.comparison import scaling_search
         from mjbench.paired.confirmation import ConfirmationRecord
-        from mjbench.report.scaling import ScalingResults
+        from mjbench.report.thread_advice import ScalingResults
 
         records: list[ScalingRecord] = []
-        search = scaling.search(self._request)
-        with contextlib.suppress(StopIteration):
-            wanted = next(search)
-            while not self._run.interrupted:
-                records.append(self._stored(wanted) or self._measure(wanted, len(records)))
+        search = scaling_search.search(self._request)
+        wanted = next(search, None)
+        while wanted is not None and not self._run.interrupted:
+            records.append(self._stored(wanted) or self._measure(wanted, len(records)))
+            try:
                 wanted = search.send(records[-1])
+            except StopIteration:
+                wanted = None
         stored = [
             record
             for record in self._run.resumed_records
@@ -124,11 +131,12 @@ class _ModelSearch:
 
     def _measure(self, wanted: "ScalingRun", completed: int) -> "ScalingRecord":
         from mjbench.comparison import compare
-        from mjbench.comparison.scaling import ScalingRecord, share_done
+        from mjbench.comparison.scaling import ScalingRecord
+        from mjbench.comparison.scaling_search import share_done
 
         def on_progress(name: str, share: float) -> None:
             done = share_done(completed, share)
-            self._advance(self._number, f"{name}: {wanted.stage}", done)
+            self._on_progress(f"{name}: {wanted.stage}", done)
 
         records = compare.compare_model(self._source, wanted.plan, on_progress)
         record = ScalingRecord(
@@ -144,27 +152,12 @@ class _ModelSearch:
 
     def _confirmed(self, results: "ScalingResults") -> "ScalingResults":
         """Return the results with the comparisons in fresh processes that advice needs."""
-        from mjbench.paired.confirmation import compare_again
-        from mjbench.paired.worker_pool import WorkerPool
-
-        pairings = results.pairings()
-        if not pairings:
-            return results
         plan = dataclasses.replace(self._request.plan, nbatch=self._request.first_nbatch)
-        with WorkerPool() as pool:
-            for pairing in pairings:
-                record = compare_again(
-                    pool,
-                    self._source,
-                    plan,
-                    (pairing.baseline, pairing.candidate),
-                    results.compared_sizes,
-                    pairing.min_effect,
-                )
-                self._run.record(record)
-                confirmations = (*results.confirmations, record)
-                results = dataclasses.replace(results, confirmations=confirmations)
-                if record.status == Status.INTERRUPTED:
-                    self._run.interrupt()
-                    break
+        while pairing := results.next_pairing():
+            record = self._confirmation.compare(self._source, plan, pairing, results.compared_sizes)
+            confirmations = (*results.confirmations, record)
+            results = dataclasses.replace(results, confirmations=confirmations)
+            if self._confirmation.is_interrupted:
+                self._run.interrupt()
+                break
         return results

@@ -5,6 +5,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from mjbench.instrument.runs import Record
 
 Advance = Callable[[int, str, float], None]
-# The share of processor time that the host must take for others before a line says so.
-_MIN_STOLEN = 0.02
 
 
 @dataclass(frozen=True)
@@ -143,9 +142,11 @@ class RunContext:
             if self._run_file is not None and error is None:
                 self.out.print(f"\nRun file: {self._run_file.path}", soft_wrap=True)
             if self._presence is not None and (others := self._presence.later_neighbours()):
+                from mjbench.instrument import neighbours
+
                 report_line(
                     "another mjbench began to measure on this machine during this run"
-                    f" ({_names(others)}): these timings are unreliable"
+                    f" ({neighbours.describe(others)}): these timings are unreliable"
                 )
             if self._begin is not None and error is None:
                 self._print_stolen(self._begin)
@@ -155,7 +156,7 @@ class RunContext:
         from mjbench.instrument import machine
 
         share = machine.ProcessorTime.now().stolen_since(begin)
-        if share >= _MIN_STOLEN:
+        if share >= machine.NOTABLE_STOLEN:
             self.out.print(
                 f"The host took {100 * share:.0f} % of this machine's processor time for others:"
                 " timings are noisier for it, and verdicts take longer.",
@@ -175,6 +176,7 @@ class RunContext:
             runs.to_json(storage.arguments),
             tuple(runs.InputFile.of(path) for path in dict.fromkeys(self._inputs)),
             tuple(printable(word) for word in command_line()),
+            datetime.now(UTC).isoformat(timespec="seconds"),
         )
         if storage.resume is None:
             return RunFile.create(storage.results, header)
@@ -262,23 +264,18 @@ class RunContext:
 @contextlib.contextmanager
 def _announced(command: str, wait: bool) -> Iterator["Presence"]:
     """Take part in measuring on this machine: warn of others that do, or wait for them."""
-    from mjbench.instrument.neighbours import Presence
+    from mjbench.instrument import neighbours
 
-    with Presence(command) as presence:
+    with neighbours.Presence(command) as presence:
         if others := presence.enter(wait, _report_wait):
             report_line(
-                f"another mjbench is measuring on this machine ({_names(others)}): timings of both"
-                " are unreliable; use --wait to start after it"
+                f"another mjbench is measuring on this machine ({neighbours.describe(others)}):"
+                " timings of both are unreliable; use --wait to start after it"
             )
         yield presence
 
 
 def _report_wait(others: Sequence["Neighbour"]) -> None:
-    report_line(f"waiting for {_names(others)} to finish measuring")
+    from mjbench.instrument import neighbours
 
-
-def _names(others: Sequence["Neighbour"]) -> str:
-    return ", ".join(
-        f"mjbench {other.command}, process {other.pid}" if other.pid else "an unidentified process"
-        for other in others
-    )
+    report_line(f"waiting for {neighbours.describe(others)} to finish measuring")

@@ -8,6 +8,9 @@ from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON
 from mjbench.status import ExitCode
 
+# Seconds after which a backend that renders nothing does not work.
+_FRAME_LIMIT_S = 20.0
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -20,9 +23,9 @@ if TYPE_CHECKING:
 def doctor(json_file: str | None) -> None:
     """What on this machine spoils measurements, and how small a change can it decide?
 
-    It looks at the processor, its clock, the load, the host and Python, and then compares the
-    cart-pole with itself for some seconds. Exit code 1: changes of 1 % cannot be decided within a
-    minute.
+    It looks at the processor, its clock, the load, the host, Python, valgrind and rendering, and
+    then compares the cart-pole with itself for some seconds. Exit code 1: changes of 1 % cannot be
+    decided within a minute.
 
     \b
     Example:
@@ -44,6 +47,8 @@ def doctor(json_file: str | None) -> None:
             run.exit([])
         print_noise(run.out, noise)
         run.write(DoctorDocument(machine=run.machine, conditions=rows, noise=noise))
+    if noise.decidable is None:
+        sys.exit(ExitCode.ENVIRONMENT)
     sys.exit(ExitCode.OK if noise.trusted else ExitCode.FINDING)
 
 
@@ -62,6 +67,22 @@ def _mujoco_conditions() -> "Iterator[Condition]":
         yield Condition("valgrind", Grade.NOTE, "is missing", missing)
     else:
         yield Condition("valgrind", Grade.GOOD, "is there: instructions can be counted")
+    yield _rendering()
+
+
+def _rendering() -> "Condition":
+    """Return which backends render, and how fast."""
+    from mjbench.instrument.conditions import Condition, Grade
+    from mjbench.loop import rendering
+    from mjbench.simulation import models
+
+    source = models.resolve("cartpole")
+    frames = [rendering.measure(source, name, _FRAME_LIMIT_S) for name in rendering.BACKENDS]
+    speeds = [f"{f.backend} {1e3 * f.seconds:.1f} ms a frame" for f in frames if f.seconds]
+    if speeds:
+        return Condition("rendering", Grade.GOOD, f"works: {', '.join(speeds)}")
+    reasons = "; ".join(f"{frame.backend}: {frame.detail}" for frame in frames)
+    return Condition("rendering", Grade.NOTE, "does not work", reasons)
 
 
 def _noise() -> "NoiseRow":

@@ -65,7 +65,6 @@ def latency(
       mjbench latency humanoid
       mjbench latency robot.xml --rate 1000 --deadline 500us
     """
-    from mjbench.instrument.runs import to_json
     from mjbench.loop.latency import LatencyRequest, LatencyRow, measure, row
     from mjbench.report.documents import LatencyDocument
     from mjbench.report.latency import print_rows
@@ -81,7 +80,7 @@ def latency(
         "rate_hz": rate_hz,
         "deadline_s": deadline_s,
         "seed": seed,
-        "starts": to_json(plan),
+        "starts": plan,
     }
     storage = Storage(results, arguments)
     with RunContext("latency", json_file, files, storage, wait) as run:

@@ -1,8 +1,9 @@
 """`mjbench plan`: plans per second of a sampling planner, by the path that rolls out."""
 
-import functools
 import itertools
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -25,6 +26,30 @@ from mjbench.cli.shared import (
 from mjbench.errors import Failure
 from mjbench.instrument.limits import MAX_THREADS
 from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
+    from mjbench.simulation.models import ModelSource
+
+
+@dataclass(frozen=True)
+class _Options:
+    """The options of the command, as click parses them."""
+
+    algorithm: str
+    samples: list[int]
+    knots: list[int]
+    hold: int
+    duration_s: float
+    path_names: list[str] | None
+    threads: list[int] | None
+    seed: int
+    time_limit: float
+    results: Path
+    wait: bool
+    json_file: str | None
 
 
 @cli.command()
@@ -70,21 +95,7 @@ from mjbench.status import Status
 )
 @click.option("--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: usable cores]")
 @with_options(SEED, LIMIT, RESULTS, WAIT, JSON)
-def plan(
-    names: tuple[str, ...],
-    algorithm: str,
-    samples: list[int],
-    knots: list[int],
-    hold: int,
-    duration_s: float,
-    path_names: list[str] | None,
-    threads: list[int] | None,
-    seed: int,
-    time_limit: float,
-    results: Path,
-    wait: bool,
-    json_file: str | None,
-) -> None:
+def plan(names: tuple[str, ...], **options: Any) -> None:
     """How many plans per second does a sampling planner make, by the path that rolls them out?
 
     The planner runs in a closed loop on MODEL (default: cartpole, which must swing up its pole; any
@@ -97,52 +108,61 @@ def plan(
       mjbench plan humanoid --algorithm cem --samples 128
       mjbench plan --samples 16,64,256 --knots 10,25 --threads 1,2
     """
-    from mjbench.comparison import planning_run, selection
-    from mjbench.comparison.planner import Algorithm, PlannerSettings
-    from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
-    from mjbench.instrument import machine
-    from mjbench.instrument.runs import to_json
+    from mjbench.comparison.planning_run import PlanningRow
     from mjbench.report.documents import PlanDocument
     from mjbench.report.planning import print_rows, print_sizes
     from mjbench.simulation import models
-    from mjbench.simulation.models import ModelSource
 
-    import_from = own_path_folder(path_names)
+    parsed = _Options(**options)
     sources = [models.resolve(name) for name in names or ("cartpole",)]
-    variants = selection.variants(path_names or [], threads or [machine.usable_cores()])
-    all_settings = [
-        PlannerSettings(Algorithm(algorithm), number, count, seed=seed)
-        for number, count in itertools.product(samples, knots)
-    ]
-
-    def plans_of(source: ModelSource, settings: PlannerSettings) -> list[PlanningRow]:
-        request = PlanningRequest(source, variants, settings, hold, duration_s)
-        return planning_run.run(request, import_from, time_limit)
-
+    import_from = own_path_folder(parsed.path_names)
+    requests = [request for source in sources for request in _requests(source, parsed)]
     rows: list[PlanningRow] = []
     statuses: list[Status] = []
-    files = [source.path for source in sources]
     arguments = {
         "models": [source.name for source in sources],
-        "variants": to_json(variants),
-        "settings": to_json(all_settings),
-        "hold": hold,
-        "duration_s": duration_s,
+        "variants": requests[0].variants,
+        "settings": list(dict.fromkeys(request.settings for request in requests)),
+        "hold": parsed.hold,
+        "duration_s": parsed.duration_s,
     }
-    with RunContext("plan", json_file, files, Storage(results, arguments), wait) as run:
-        for source, settings in itertools.product(sources, all_settings):
-            planned = measure_or_report(
-                source,
-                functools.partial(plans_of, settings=settings),
-            )
+    storage = Storage(parsed.results, arguments)
+    files = [source.path for source in sources]
+    with RunContext("plan", parsed.json_file, files, storage, parsed.wait) as run:
+        for request in requests:
+            planned = _plan(request, import_from, parsed.time_limit)
             if isinstance(planned, Failure):
                 statuses.append(planned.status)
                 continue
             print_rows(run.out, planned)
-            rows += planned
             for row in planned:
                 run.record(row)
+            rows += planned
             statuses += [row.status for row in planned]
         print_sizes(run.out, rows)
         run.write(PlanDocument(machine=run.machine, results=rows))
     run.exit(statuses)
+
+
+def _requests(source: "ModelSource", options: _Options) -> "Iterator[PlanningRequest]":
+    """Yield a request for each size of plans."""
+    from mjbench.comparison import selection
+    from mjbench.comparison.planner import Algorithm, PlannerSettings
+    from mjbench.comparison.planning_run import PlanningRequest
+    from mjbench.instrument import machine
+
+    threads = options.threads or [machine.usable_cores()]
+    variants = selection.variants(options.path_names or [], threads)
+    for samples, knots in itertools.product(options.samples, options.knots):
+        settings = PlannerSettings(Algorithm(options.algorithm), samples, knots, seed=options.seed)
+        yield PlanningRequest(source, variants, settings, options.hold, options.duration_s)
+
+
+def _plan(
+    request: "PlanningRequest", import_from: str | None, limit_s: float
+) -> "list[PlanningRow] | Failure":
+    from mjbench.comparison import planning_run
+
+    return measure_or_report(
+        request.source, lambda source: planning_run.run(request, import_from, limit_s)
+    )

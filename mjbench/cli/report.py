@@ -18,7 +18,6 @@ FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "ota
 
 if TYPE_CHECKING:
     from mjbench.pages.reports import NamedRun
-    from mjbench.report.speed_history import SpeedHistory
 
 
 @cli.command()
@@ -46,7 +45,7 @@ def report(
     """Write a report of run files: one HTML file to look at, mail or attach to a CI run.
 
     Without a RUN: the newest in results/runs. The file needs no network and nothing beside it.
-    Charts need vl-convert-python and Jinja2: pip install 'mjbench[report]'.
+    Charts need vl-convert-python and Jinja2: the extra `report`.
 
     \b
     Examples:
@@ -86,19 +85,6 @@ def _text(form: str, named_runs: "list[NamedRun]") -> str:
 
     if form not in _PAGES:
         (named,) = named_runs
-        return exports.FORMATS[form](named.run, named.file)
-    content = reports.build(named_runs, _history(named_runs))
+        return exports.FORMATS[form](named.run)
+    content = reports.build(named_runs)
     return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"
-
-
-def _history(named_runs: "list[NamedRun]") -> "SpeedHistory | None":
-    """Return the history that runs with ratios of releases hold; None without such runs."""
-    from mjbench.releases import bundle
-    from mjbench.releases.release_ratios import RatioRecord
-    from mjbench.report import history_files
-
-    if not any(named.run.of_type(RatioRecord) for named in named_runs):
-        return None
-    causes = bundle.default_path().with_name("causes.toml")
-    files = [named.file for named in named_runs]
-    return history_files.read(files, causes if causes.exists() else None)

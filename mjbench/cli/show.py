@@ -71,15 +71,11 @@ def _show_selfcheck(run: RunContext, stored: "Run") -> None:
 
 def _show_verdicts(run: RunContext, stored: "Run") -> None:
     from mjbench.paired.records import VerdictRecord
-    from mjbench.paired.verdict import CONFIDENCE
     from mjbench.report import verdicts
     from mjbench.report.documents import VerdictDocument
 
     rows = [record.row() for record in stored.of_type(VerdictRecord)]
-    confidence = stored.header.arguments.get("confidence")
-    if not isinstance(confidence, float) or not 0 < confidence < 1:
-        confidence = CONFIDENCE
-    verdicts.print_table(run.out, rows, confidence)
+    verdicts.print_table(run.out, rows, verdicts.confidence_of(stored.header))
     run.write(VerdictDocument(machine=stored.header.machine, results=rows))
 
 
@@ -107,10 +103,11 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
     from mjbench.comparison.scaling import ScalingRecord
     from mjbench.paired.confirmation import ConfirmationRecord
     from mjbench.report import scaling as report
+    from mjbench.report import thread_advice
     from mjbench.report.documents import CompareDocument
 
     confirmations = stored.of_type(ConfirmationRecord)
-    models = report.by_model(stored.of_type(ScalingRecord), confirmations)
+    models = thread_advice.by_model(stored.of_type(ScalingRecord), confirmations)
     for results in models:
         report.print_results(run.out, results, code)
     run.write(CompareDocument.of_scaling(stored.header.machine, models))

@@ -22,7 +22,7 @@ from mjbench.comparison.messages import (
     ModelReady,
     RoundTimed,
 )
-from mjbench.comparison.plan import ComparisonPlan
+from mjbench.comparison.plan import MAY_BE_FASTEST, ComparisonPlan
 from mjbench.comparison.sizes import BlockSizes, check_memory, choose_sizes
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
 from mjbench.errors import MachineError, MjbenchError, describe
@@ -31,7 +31,7 @@ from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
 from mjbench.simulation import agreement, compat, models, sampling, starts, work
 from mjbench.simulation.agreement import Difference
-from mjbench.simulation.engine_clock import engine_clock
+from mjbench.simulation.engine_clock import can_be_switched, engine_clock
 from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.sampling import Sample, SampleRequest
@@ -140,8 +140,20 @@ def _time(
     timer = _RoundTimer(prepared_by_index, case, guard, plan, channel)
     round_s = timer.warm_up()
     end = time.perf_counter() + plan.budget_s
-    timer.run(list(prepared_by_index), plan.budget_s / 2, MIN_ROUNDS, MAX_ROUNDS)
-    channel.doing("choosing what to time further")
+    budget_s = plan.budget_s / 2 if plan.narrows else plan.budget_s
+    timer.run(list(prepared_by_index), budget_s, MIN_ROUNDS, MAX_ROUNDS)
+    if plan.narrows:
+        _time_finalists(timer, plan, end, round_s)
+    if plan.times_clock:
+        timer.run_without_clock(plan.budget_s / 4)
+    for index, difference in timer.differences.items():
+        channel.send(BlockDisagreed(index, f"in a timed block: {difference}"))
+
+
+def _time_finalists(timer: "_RoundTimer", plan: ComparisonPlan, end: float, round_s: float) -> None:
+    """Time the plain loop, and the variants that may be the fastest, until the budget is used."""
+    prepared_by_index = timer.prepared_by_index
+    timer.channel.doing("choosing what to time further")
     base = [i for i in prepared_by_index if plan.variants[i].path == paths.BASE]
     # the plain loop with options is no path to be advised
     open_loop = [i for i in prepared_by_index if i not in base or not plan.variants[i].options]
@@ -153,10 +165,6 @@ def _time(
             break
         groups = [[i for i in group if i in remaining] for group in (open_loop, closed_loop)]
         remaining = finalists(timer.rounds, groups, base)
-    if plan.times_clock:
-        timer.run_without_clock(plan.budget_s / 4)
-    for index, difference in timer.differences.items():
-        channel.send(BlockDisagreed(index, f"in a timed block: {difference}"))
 
 
 @dataclass
@@ -213,20 +221,15 @@ class _RoundTimer:
         """Time rounds of these variants; send each, and add it to `rounds`."""
         contenders = [*(self._contenders[i] for i in indices), *self._calibration_contenders()]
         seed = self.plan.seed + len(self.rounds)
-        rounds = timing.rounds(contenders, budget_s, min_rounds, max_rounds, seed)
-        while True:
-            self.case.reorder(self._rng)
-            with _failures_reported():
-                seconds = next(rounds, None)
-            if seconds is None:
-                return
+        for seconds in self._reordered(
+            timing.rounds(contenders, budget_s, min_rounds, max_rounds, seed)
+        ):
             cores = 1.0
             if self._calibration:
                 cores = self._calibration.cores(single_s=seconds[-2], together_s=seconds[-1])
             # the calibration's two blocks come after the variants'
             self.rounds.append(dict(zip(indices, seconds[: len(indices)], strict=True)))
             self.channel.send(RoundTimed(self.rounds[-1], cores))
-            self.channel.allow_silence(self._patience_s)
 
     def run_without_clock(self, budget_s: float) -> None:
         """Time every variant of this process with and without the engine's clock; send each round.
@@ -235,27 +238,29 @@ class _RoundTimer:
         """
         model = self.case.workload.model
         indices = [i for i in self._contenders if self._variant_path(i).in_process]
-        if not indices or not compat.has_clock(model):
-            return
-        with engine_clock(False):
-            pass
-        if not compat.has_clock(model):
+        if not indices or not can_be_switched(model):
             return
         with_clock = [self._contenders[i] for i in indices]
         without_clock = [_without_clock(contender) for contender in with_clock]
         contenders = [*with_clock, *without_clock]
         seed = self.plan.seed + len(self.rounds)
-        rounds = timing.rounds(contenders, budget_s, MIN_CLOCK_ROUNDS, MAX_ROUNDS, seed)
+        for seconds in self._reordered(
+            timing.rounds(contenders, budget_s, MIN_CLOCK_ROUNDS, MAX_ROUNDS, seed)
+        ):
+            halves = seconds[: len(indices)], seconds[len(indices) :]
+            with_s, without_s = (dict(zip(indices, half, strict=True)) for half in halves)
+            self.channel.send(ClockRoundTimed(with_s, without_s))
+
+    def _reordered(self, rounds: Iterator[list[float]]) -> Iterator[list[float]]:
+        """Yield rounds, with the simulations reordered before each."""
         while True:
+            self.channel.allow_silence(self._patience_s)
             self.case.reorder(self._rng)
             with _failures_reported():
                 seconds = next(rounds, None)
             if seconds is None:
                 return
-            halves = seconds[: len(indices)], seconds[len(indices) :]
-            with_s, without_s = (dict(zip(indices, half, strict=True)) for half in halves)
-            self.channel.send(ClockRoundTimed(with_s, without_s))
-            self.channel.allow_silence(self._patience_s)
+            yield seconds
 
     def _variant_path(self, index: int) -> paths.SteppingPath:
         return paths.find(self.plan.variants[index].path)
@@ -310,8 +315,8 @@ def finalists(
 ) -> list[int]:
     """Return the variants that may be the fastest of a group, and those of `always`.
 
-    A variant may be the fastest unless the 95 % interval of its time over that of the group's
-    fastest lies above 1.
+    A variant may be the fastest unless its speed is less than MAY_BE_FASTEST of that of the group's
+    fastest, and the 95 % interval is, too.
 
     Args:
       rounds: seconds by variant; one that is missing from a round is missing from all later ones.
@@ -325,8 +330,7 @@ def finalists(
             continue
         fastest = min(group, key=lambda i: statistics.median(seconds[i]))
         for i in group:
-            count = min(len(seconds[i]), len(seconds[fastest]))
-            lead = stats.speedup(seconds[i][:count], seconds[fastest][:count])
-            if i == fastest or lead.low is None or lead.low <= 1.0:
+            lead = stats.speedup_in_common(seconds[i], seconds[fastest])
+            if i == fastest or lead.low is None or lead.low <= 1 / MAY_BE_FASTEST:
                 remaining.add(i)
     return sorted(remaining)

@@ -11,6 +11,9 @@ from mjbench.simulation.workload import Product
 
 # Seconds of timing for each model.
 BUDGET_S = 8.0
+# Paths whose speed in one process is at least this share of the fastest's may be the fastest: in
+# fresh processes, ratios of paths differ from those in one (docs/method/timing.md).
+MAY_BE_FASTEST = 0.85
 # A child process that is silent for longer, in seconds, is killed.
 LIMIT_S = 60.0
 
@@ -54,6 +57,7 @@ class ComparisonPlan:
       import_from: a folder that the user's own paths may be imported from.
       named: paths that the user asked for by name; they are tried even where that is slow.
       times_clock: whether to time every path without the engine's clock, too.
+      narrows: whether the last rounds hold only the variants that may be the fastest.
       total_steps: steps that the user will take in all, within which compiling must pay; None for
         those of one block.
     """
@@ -70,6 +74,7 @@ class ComparisonPlan:
     import_from: str | None = None
     named: tuple[str, ...] = ()
     times_clock: bool = True
+    narrows: bool = True
     total_steps: int | None = None
 
     def size_request(self, has_accelerated: bool) -> SizeRequest:

@@ -1,18 +1,13 @@
-"""How many threads, which chunk size, how many simulations: what to measure next, and the results.
-
-A search has three stages. Numbers of threads are tried first, from one to twice as many as can run
-at once: by factors of two, then between those around the best. With the smallest number that is
-about as fast as any (the knee), chunk sizes are tried, and then numbers of simulations.
+"""How many threads, which chunk size, how many simulations: what is asked, run and measured.
 
 Each run of a search is a comparison of its own (`compare.compare_model`). It has the plain loop,
 one thread of every path, and what is to be tried, so every speed is relative to another one in the
-same rounds.
+same rounds. `scaling_search` says which run comes next.
 """
 
-import dataclasses
 import math
 import statistics
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar
@@ -26,7 +21,7 @@ from mjbench.instrument import stats
 from mjbench.instrument.stats import Estimate
 from mjbench.instrument.topology import Topology
 from mjbench.paths.parallelism import nthread
-from mjbench.status import FINISHED, Status
+from mjbench.status import FINISHED
 
 # Paths that are searched unless the user names others: for open and for closed loop.
 USUAL_PATHS = ("rollout", "batch_step")
@@ -34,12 +29,6 @@ USUAL_PATHS = ("rollout", "batch_step")
 ENOUGH = 0.95
 # Simulations for each of the most threads that are tried.
 NBATCH_PER_THREAD = 4
-# Between two numbers of threads whose ratio is below this, none is tried.
-_MIN_RATIO = 1.3
-# Factor from one chunk size, or number of simulations, to the next.
-_FACTOR = 4
-# More simulations are tried up to so many, and while a block of the plain loop takes no longer.
-MAX_NBATCH, LONG_BLOCK_S = 4096, 0.3
 
 
 class Stage(StrEnum):
@@ -48,10 +37,6 @@ class Stage(StrEnum):
     THREADS = "threads"
     CHUNK = "chunk size"
     NBATCH = "simulations"
-
-
-# Shares of a model's time that a run of each stage has.
-_BUDGET_SHARES = {Stage.THREADS: 0.5, Stage.CHUNK: 0.25, Stage.NBATCH: 0.25}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +120,7 @@ class ScalingRequest:
         """The numbers of threads that are tried first."""
         if self.thread_counts is not None:
             return sorted({1, *self.thread_counts})
-        most = self.topology.hardware_threads
+        most = self.topology.usable
         powers = {2**i for i in range(int(math.log2(most)) + 1)}
         return sorted({*powers, *self.topology.thread_counts(), 2 * most})
 
@@ -171,7 +156,7 @@ class ScalingPoint:
       over_one: over one thread of the same path in the same rounds; None where that was not timed.
       over_usual: over the path's own chunk size, with the same threads, in the same rounds; None
         where that was not timed.
-      cores_had: that threads got in this run; None where it has no calibration.
+      cores_had: that threads got in this run, the median of its calibrations; None without rounds.
     """
 
     stage: Stage
@@ -205,24 +190,6 @@ class ScalingPoint:
         return self.over_one.median / min(self.nthread, self.cores_had)
 
 
-# Runs that a search usually has, for a bar of progress.
-_USUAL_RUNS = 8
-
-
-def share_done(completed: int, share: float) -> float:
-    """Return the share of a search that is done, roughly, from 0 to 1.
-
-    Args:
-      completed: runs that ended.
-      share: of the next one that is done.
-    """
-    return min(1.0, (completed + share) / _USUAL_RUNS)
-
-
-# What a search yields are runs to make; it is sent their records.
-Search = Generator[ScalingRun, ScalingRecord, None]
-
-
 def parallel_option(path_name: str) -> str | None:
     """Return the option of a path that sets its threads or worker processes; None without one."""
     names = [option.name for option in paths.find(path_name).options]
@@ -250,30 +217,29 @@ def _point(
     usual_options = {n: v for n, v in measurement.options.items() if n != "chunk"}
     one = [m for m in same_path if nthread(m.options) == 1]
     usual = [m for m in same_path if m.options == usual_options]
-    cores = record.model.cores_had
+    own, cores = measurement.samples_s, record.model.cores_had
     return ScalingPoint(
         stage=record.stage,
         variant=Variant(measurement.path, measurement.options),
         nbatch=nbatch,
         nstep=nstep,
         step_s=statistics.median(measurement.samples_s) / (nbatch * nstep),
-        speedup=_speedup(measurement, base),
-        over_one=_speedup(measurement, one[0]) if one else None,
-        over_usual=_speedup(measurement, usual[0]) if usual else None,
+        speedup=stats.speedup_in_common(base.samples_s, own),
+        over_one=stats.speedup_in_common(one[0].samples_s, own) if one else None,
+        over_usual=stats.speedup_in_common(usual[0].samples_s, own) if usual else None,
         cores_had=statistics.median(cores) if cores else None,
     )
 
 
-def _speedup(measurement: MeasurementRecord, reference: MeasurementRecord) -> Estimate:
-    """Return how much faster one is than another, in the rounds that have both."""
-    count = min(len(measurement.samples_s), len(reference.samples_s))
-    return stats.speedup(reference.samples_s[:count], measurement.samples_s[:count])
-
-
 def knee(speedup_by_number: Mapping[int, float]) -> int:
-    """Return the smallest number that is enough: whose speed-up is at least ENOUGH of the best."""
+    """Return the smallest number that is sufficient."""
+    return sufficient(speedup_by_number)[0]
+
+
+def sufficient(speedup_by_number: Mapping[int, float]) -> list[int]:
+    """Return the numbers whose speed-up is at least ENOUGH of the best, from the smallest on."""
     best = max(speedup_by_number.values())
-    return min(n for n, speedup in speedup_by_number.items() if speedup >= ENOUGH * best)
+    return sorted(n for n, speedup in speedup_by_number.items() if speedup >= ENOUGH * best)
 
 
 def knees(all_points: Sequence[ScalingPoint]) -> dict[str, int]:
@@ -282,148 +248,13 @@ def knees(all_points: Sequence[ScalingPoint]) -> dict[str, int]:
     Args:
       all_points: of a search on one model; a later one of the same variant counts.
     """
-    return {path: knee(speedups) for path, speedups in _speedups_by_threads(all_points).items()}
+    return {path: knee(speedups) for path, speedups in speedups_by_threads(all_points).items()}
 
 
-def _speedups_by_threads(all_points: Sequence[ScalingPoint]) -> dict[str, dict[int, float]]:
+def speedups_by_threads(all_points: Sequence[ScalingPoint]) -> dict[str, dict[int, float]]:
     """Return speed-ups over one thread, by path and number of threads."""
     speedups: dict[str, dict[int, float]] = {}
     for point in all_points:
         if point.stage == Stage.THREADS and point.over_one is not None:
             speedups.setdefault(point.variant.path, {})[point.nthread] = point.over_one.median
     return speedups
-
-
-def search(request: ScalingRequest) -> Search:
-    """Yield the runs of a search on one model, one after the other; each needs the one before.
-
-    It ends early where a run fails.
-    """
-    known = yield from _search_threads(request)
-    if not known:
-        return
-    enough, nstep = knees(known), known[0].nstep
-    yield from _search_chunks(request, enough, nstep)
-    yield from _search_nbatch(request, enough, known)
-
-
-def _search_threads(
-    request: ScalingRequest,
-) -> Generator[ScalingRun, ScalingRecord, list[ScalingPoint]]:
-    """Return the points of all numbers of threads; none where a run fails."""
-    known: list[ScalingPoint] = []
-    pending = dict.fromkeys(request.path_names, request.first_counts)
-    while pending:
-        variants = [
-            request.variant(name, count)
-            for name, counts in pending.items()
-            for count in sorted({1, *counts})
-        ]
-        nstep = known[0].nstep if known else request.plan.nstep
-        record = yield _run(request, Stage.THREADS, variants, request.first_nbatch, nstep)
-        if record.model.status != Status.OK:
-            return []
-        known += points(record)
-        pending = {}
-        if request.thread_counts is None:
-            for name, speedups in _speedups_by_threads(known).items():
-                if between := _between(speedups):
-                    # the best once more, to compare with
-                    pending[name] = [max(speedups, key=speedups.__getitem__), *between]
-    return known
-
-
-def _between(speedups: Mapping[int, float]) -> list[int]:
-    """Return numbers of threads between the best and those tried below and above it."""
-    tried = sorted(speedups)
-    best = tried.index(max(speedups, key=speedups.__getitem__))
-    gaps = [(tried[i], tried[i + 1]) for i in (best - 1, best) if 0 <= i < len(tried) - 1]
-    return [
-        round(math.sqrt(low * high))
-        for low, high in gaps
-        if high - low > 1 and high / low > _MIN_RATIO
-    ]
-
-
-def _search_chunks(request: ScalingRequest, enough: Mapping[str, int], nstep: int) -> Search:
-    """Try chunk sizes with the threads of the knee, then those around the best."""
-    nbatch = request.first_nbatch
-    sizes = {
-        name: _chunk_sizes(request, count, nbatch)
-        for name, count in enough.items()
-        if count > 1 and any(option.name == "chunk" for option in paths.find(name).options)
-    }
-    if not any(sizes.values()):
-        return
-    variants = [
-        request.variant(name, count, chunk)
-        for name in sizes
-        for count, chunk in [
-            (1, None),
-            (enough[name], None),
-            *((enough[name], c) for c in sizes[name]),
-        ]
-    ]
-    yield _run(request, Stage.CHUNK, variants, nbatch, nstep)
-
-
-def _chunk_sizes(request: ScalingRequest, count: int, nbatch: int) -> list[int]:
-    """Return the chunk sizes to try: from one simulation to one chunk a thread."""
-    if request.chunk_sizes is not None:
-        return list(request.chunk_sizes)
-    share = math.ceil(nbatch / count)
-    powers = [_FACTOR**i for i in range(int(math.log(share, _FACTOR)) + 1)]
-    return sorted({*powers, share})
-
-
-def _search_nbatch(
-    request: ScalingRequest, enough: Mapping[str, int], known: Sequence[ScalingPoint]
-) -> Search:
-    """Try numbers of simulations with one thread, and with the threads of the knee."""
-    nstep = known[0].nstep
-    plain_step_s = statistics.median(point.step_s * point.speedup.median for point in known)
-    for nbatch in _nbatch_values(request, max(enough.values()), plain_step_s * nstep):
-        variants = [
-            request.variant(name, count)
-            for name, most in enough.items()
-            for count in sorted({1, most})
-        ]
-        record = yield _run(request, Stage.NBATCH, variants, nbatch, nstep)
-        if record.model.status != Status.OK:
-            return
-
-
-def _nbatch_values(request: ScalingRequest, count: int, simulation_s: float) -> list[int]:
-    """Return the numbers of simulations to try beside the first.
-
-    Args:
-      request: what to search.
-      count: most threads.
-      simulation_s: seconds that the plain loop takes for one simulation.
-    """
-    first = request.first_nbatch
-    if request.nbatch is not None:
-        return [n for n in sorted(request.nbatch) if n != first]
-    most = min(MAX_NBATCH, int(LONG_BLOCK_S / simulation_s))
-    powers = [first * _FACTOR**i for i in range(1, 8)]
-    fewer = [first // _FACTOR**i for i in range(1, 8)]
-    return sorted([n for n in fewer if n >= count] + [n for n in powers if n <= most])
-
-
-def _run(
-    request: ScalingRequest,
-    stage: Stage,
-    variants: Sequence[Variant],
-    nbatch: int,
-    nstep: int | None,
-) -> ScalingRun:
-    unique = [v for i, v in enumerate(variants) if v not in variants[:i]]
-    plan = dataclasses.replace(
-        request.plan,
-        variants=(Variant(paths.BASE, {}), *unique),
-        nbatch=nbatch,
-        nstep=nstep,
-        budget_s=_BUDGET_SHARES[stage] * request.plan.budget_s,
-        times_clock=False,
-    )
-    return ScalingRun(stage, plan)

@@ -22,6 +22,7 @@ from mjbench.counts.records import (
     FunctionDifference,
 )
 from mjbench.errors import MachineError
+from mjbench.instrument import extras
 from mjbench.paired.outcomes import Metric, Verdict
 from mjbench.paired.records import (
     DivergedPair,
@@ -186,7 +187,7 @@ class Explainer:
             from mjbench.counts.code_comparison import CodeComparer
         except ImportError as error:
             raise MachineError(
-                f"{error.name} is missing; install it by `pip install 'mjbench[cli]'`"
+                f"{error.name} is missing; install it by `{extras.install_command('cli')}`"
             ) from error
         self._comparer = self._comparer or CodeComparer()
         return self._comparer.compare(baseline.places, candidate.places)

@@ -15,15 +15,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from mjbench.instrument import machine, topology
+from mjbench.instrument import machine, neighbours, topology
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.neighbours import Neighbour
 
 _CPU = Path("/sys/devices/system/cpu")
 # A load above this share of the usable cores leaves too little to measurements.
 _MAX_LOAD = 0.3
-# The share of processor time that the host may take before it counts.
-_MAX_STOLEN = 0.02
+# How long the processor is kept busy while the host's share is measured, in seconds.
+_STOLEN_S = 2.0
+_BETTER_CLOCK = "have the kernel use the processor's counter: boot with clocksource=tsc"
 # A clock whose smallest step is longer cannot time a step, in nanoseconds.
 _MAX_TIMER_NS = 1000.0
 
@@ -69,7 +70,7 @@ def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
         stolen(),
         battery(),
         debug_build(),
-        neighbours(others),
+        other_mjbench(others),
         timer(),
     ):
         if condition is not None:
@@ -112,7 +113,9 @@ def cores() -> Condition:
 def governor(folder: Path = _CPU) -> Condition | None:
     """Return how the processor's clock is chosen; None where that is not known."""
     names = {
-        name for file in folder.glob("cpu[0-9]*/cpufreq/scaling_governor") if (name := _text(file))
+        name
+        for file in folder.glob("cpu[0-9]*/cpufreq/scaling_governor")
+        if (name := machine.read_text(file))
     }
     if not names:
         return None
@@ -129,8 +132,8 @@ def governor(folder: Path = _CPU) -> Condition | None:
 
 def turbo(folder: Path = _CPU) -> Condition | None:
     """Return whether the clock rises while few cores work; None where that is not known."""
-    no_turbo = _text(folder / "intel_pstate/no_turbo")
-    boost = _text(folder / "cpufreq/boost")
+    no_turbo = machine.read_text(folder / "intel_pstate/no_turbo")
+    boost = machine.read_text(folder / "cpufreq/boost")
     if not no_turbo and not boost:
         return None
     if no_turbo == "1" or boost == "0":
@@ -146,27 +149,33 @@ def turbo(folder: Path = _CPU) -> Condition | None:
 
 
 def load() -> Condition:
-    """Return what else runs."""
+    """Return what else runs on the machine, whose load is that of all its cores."""
     import psutil
 
     usable, average = machine.usable_cores(), psutil.getloadavg()[0]
-    detail = f"load average {average:.1f} on {usable} usable cores"
-    if average <= _MAX_LOAD * usable:
+    total = max(usable, os.cpu_count() or 1)
+    detail = f"load average {average:.1f} on {total} cores"
+    if usable < total:
+        detail += f", of which {usable} are usable here"
+    if average <= total - (1 - _MAX_LOAD) * usable:
         return Condition("load", Grade.GOOD, detail)
     return Condition("load", Grade.BAD, detail, "end other programs, and wait a minute")
 
 
 def stolen() -> Condition | None:
-    """Return the share of processor time that the host takes; None on a machine of its own."""
-    if not machine.is_virtual():
-        return None
+    """Return the share of processor time that the host takes; None on a machine of its own.
+
+    Some hypervisors hide themselves: time that was ever taken gives them away.
+    """
     before = ProcessorTime.now()
-    end = time.process_time() + 0.5
+    if not (machine.is_virtual() or before.stolen_s > 0):
+        return None
+    end = time.process_time() + _STOLEN_S
     while time.process_time() < end:  # a machine that asks for nothing gets all of it
         pass
     share = ProcessorTime.now().stolen_since(before)
     detail = f"a virtual machine; its host takes {100 * share:.0f} % of the processor time"
-    if share <= _MAX_STOLEN:
+    if share < machine.NOTABLE_STOLEN:
         return Condition("host", Grade.GOOD, detail)
     return Condition(
         "host", Grade.BAD, detail, "measure at another hour, or on a machine of your own"
@@ -179,7 +188,7 @@ def battery() -> Condition | None:
 
     read = getattr(psutil, "sensors_battery", None)
     state = read() if read else None
-    if state is None:
+    if state is None or state.power_plugged is None:  # none, or the system does not know
         return None
     if state.power_plugged:
         return Condition("power", Grade.GOOD, "plugged in")
@@ -192,42 +201,38 @@ def debug_build() -> Condition:
         detail, remedy = "a debug build of Python", "use a release build"
     elif sys.gettrace() is not None or sys.getprofile() is not None:
         detail, remedy = "a debugger, profiler or coverage is active", "run without it"
-    elif sys.flags.dev_mode or os.environ.get("PYTHONMALLOC"):
+    elif sys.flags.dev_mode or "debug" in os.environ.get("PYTHONMALLOC", ""):
         detail, remedy = "Python checks its memory", "unset PYTHONDEVMODE and PYTHONMALLOC"
     else:
         return Condition("Python", Grade.GOOD, sys.version.split()[0])
     return Condition("Python", Grade.BAD, detail, remedy)
 
 
-def neighbours(others: Sequence[Neighbour]) -> Condition:
+def other_mjbench(others: Sequence[Neighbour]) -> Condition:
     """Return whether another mjbench measures now."""
     if not others:
         return Condition("other mjbench", Grade.GOOD, "none measures now")
-    names = ", ".join(f"mjbench {other.command} (process {other.pid})" for other in others)
-    return Condition("other mjbench", Grade.BAD, f"{names} measures now", "wait until it ends")
+    verb = "measures" if len(others) == 1 else "measure"
+    return Condition(
+        "other mjbench",
+        Grade.BAD,
+        f"{neighbours.describe(others)} {verb} now",
+        "wait until it ends, or use --wait",
+    )
 
 
 def timer(clock: Callable[[], int] = time.perf_counter_ns) -> Condition:
     """Return the smallest step of the clock, and what reading it costs."""
     readings = [clock() for _ in range(2000)]
     steps = [b - a for a, b in itertools.pairwise(readings)]
-    cost_ns = statistics.median(steps)
-    resolution_ns = min((step for step in steps if step > 0), default=0)
+    moves = [step for step in steps if step > 0]
+    if not moves:
+        detail = f"the clock did not move during {len(readings):,} readings"
+        return Condition("clock", Grade.BAD, detail, _BETTER_CLOCK)
+    cost_ns, resolution_ns = statistics.median(steps), min(moves)
     detail = (
         f"reading the clock takes {cost_ns:.0f} ns; its smallest step is {resolution_ns:.0f} ns"
     )
     if max(cost_ns, resolution_ns) <= _MAX_TIMER_NS:
         return Condition("clock", Grade.GOOD, detail)
-    return Condition(
-        "clock",
-        Grade.BAD,
-        f"{detail}: too long for single steps",
-        "have the kernel use the processor's counter: boot with clocksource=tsc",
-    )
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text().strip()
-    except OSError:
-        return ""
+    return Condition("clock", Grade.BAD, f"{detail}: too long for single steps", _BETTER_CLOCK)

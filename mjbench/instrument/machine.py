@@ -53,6 +53,8 @@ _SPINNER = (
     "<geom size='.1' contype='0' conaffinity='0'/></body></worldbody></mujoco>"
 )
 _CALIBRATION_STEPS = 5000
+# The share of processor time that the host of a virtual machine must take before it counts.
+NOTABLE_STOLEN = 0.02
 # Share of the available memory that work may take.
 MEMORY_SHARE = 0.6
 
@@ -238,7 +240,7 @@ def describe() -> Machine:
         cgroup_quota_cores=cgroup_quota(),
         memory_bytes=psutil.virtual_memory().total,
         load_1min=round(psutil.getloadavg()[0], 2),
-        governor=_read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        governor=read_text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         hypervisor=is_virtual(),
         python=platform.python_version(),
         versions={name: version for name in _PACKAGES if (version := _version(name))},
@@ -293,7 +295,7 @@ def is_virtual() -> bool:
 
 
 def _cpuinfo(key: str) -> str:
-    for line in _read("/proc/cpuinfo").splitlines():
+    for line in read_text("/proc/cpuinfo").splitlines():
         if line.startswith(key):
             return line.partition(":")[2].strip()
     return ""
@@ -310,7 +312,8 @@ def _sysctl(name: str) -> str:
         return ""
 
 
-def _read(path: str) -> str:
+def read_text(path: str | Path) -> str:
+    """Return the text of a file of the kernel; empty where there is none."""
     try:
         return Path(path).read_text().strip()
     except OSError:

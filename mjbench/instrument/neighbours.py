@@ -47,6 +47,14 @@ class Neighbour:
     command: str
 
 
+def describe(others: Sequence[Neighbour]) -> str:
+    """Return the names of other processes that measure, for a message."""
+    return ", ".join(
+        f"mjbench {other.command}, process {other.pid}" if other.pid else "an unidentified process"
+        for other in others
+    )
+
+
 def shared_folder() -> Path:
     """Return the folder that all users of this machine share."""
     root = Path("/tmp")  # not TMPDIR, which may be each user's own

@@ -71,6 +71,7 @@ class RunHeader:
       arguments: of the command. Only `resume` looks at them: they must be the same.
       files: that the command was given.
       command_line: the words after `mjbench`, as they were typed; empty in older files.
+      began: when the run began, in UTC, as ISO 8601; empty in older files.
     """
 
     record_type: ClassVar[str] = "run"
@@ -80,6 +81,7 @@ class RunHeader:
     arguments: dict[str, Any]
     files: tuple[InputFile, ...] = ()
     command_line: tuple[str, ...] = ()
+    began: str = ""
 
 
 @dataclass(frozen=True)
@@ -179,14 +181,14 @@ def _lines(path: Path) -> tuple[list[Any], bool]:
 
 def _printable_texts(value: Any, key: str = "") -> Any:
     """Return a JSON value whose texts have no control characters, nor line breaks in a name."""
-    match value:
-        case str():
-            lines = value.split("\n") if key in _MULTILINE_KEYS else [value]
-            return "\n".join(map(printable, lines))
-        case list():
-            return [_printable_texts(item, key) for item in value]
-        case dict():
-            return {printable(k): _printable_texts(item, k) for k, item in value.items()}
+    if isinstance(value, str):
+        lines = value.split("\n") if key in _MULTILINE_KEYS else [value]
+        return "\n".join(map(printable, lines))
+    if isinstance(value, list):  # most are of numbers
+        containers = (str, list, dict)
+        return [_printable_texts(v, key) if isinstance(v, containers) else v for v in value]
+    if isinstance(value, dict):
+        return {printable(k): _printable_texts(item, k) for k, item in value.items()}
     return value
 
 

@@ -42,16 +42,36 @@ def speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estima
     Raises:
       ValueError: the two differ in length, or are empty.
     """
-    counts = len(baseline_s), len(candidate_s)
-    if counts[0] != counts[1] or not counts[0]:
-        raise ValueError(f"need samples of the same rounds, got {counts[0]} and {counts[1]}")
-    log_ratios = np.log(np.asarray(baseline_s)) - np.log(np.asarray(candidate_s))
+    log_ratios = _log_ratios(baseline_s, candidate_s)
     low, high = median_interval(log_ratios)
     return Estimate(
         float(np.exp(np.median(log_ratios))),
         None if low is None else float(np.exp(low)),
         None if high is None else float(np.exp(high)),
     )
+
+
+def median_speedup(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> float:
+    """Return the median of `speedup` alone, in the rounds that both have, the first of each.
+
+    Raises:
+      ValueError: one of the two is empty.
+    """
+    count = min(len(baseline_s), len(candidate_s))
+    return float(np.exp(np.median(_log_ratios(baseline_s[:count], candidate_s[:count]))))
+
+
+def _log_ratios(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> np.ndarray:
+    counts = len(baseline_s), len(candidate_s)
+    if counts[0] != counts[1] or not counts[0]:
+        raise ValueError(f"need samples of the same rounds, got {counts[0]} and {counts[1]}")
+    return np.asarray(np.log(np.asarray(baseline_s)) - np.log(np.asarray(candidate_s)))
+
+
+def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
+    """Return the speed-up in the rounds that both have, which are the first of each."""
+    count = min(len(baseline_s), len(candidate_s))
+    return speedup(baseline_s[:count], candidate_s[:count])
 
 
 @dataclass(frozen=True)

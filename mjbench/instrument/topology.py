@@ -5,6 +5,7 @@ share its memory. On Linux the kernel describes them in /sys/devices/system (ker
 admin-guide/cputopology.rst); elsewhere only the number of cores is known.
 """
 
+import math
 import os
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
@@ -46,6 +47,12 @@ class Topology:
     node_sizes: tuple[int, ...] = ()
     quota_cores: float | None = None
 
+    @property
+    def usable(self) -> int:
+        """How many threads can run at once, within the quota."""
+        quota = self.hardware_threads if self.quota_cores is None else math.ceil(self.quota_cores)
+        return max(1, min(self.hardware_threads, quota))
+
     def beyond(self, nthread: int) -> tuple[Beyond, ...]:
         """Return what a number of threads exceeds."""
         limits = (
@@ -61,12 +68,12 @@ class Topology:
 
     def thread_counts(self) -> tuple[int, ...]:
         """Return the numbers of threads at which something changes, in rising order."""
-        counts = {1, self.hardware_threads, self.cores or 1}
+        counts = {1, self.usable, self.cores or 1}
         if self.node_sizes:
             counts.add(self.node_sizes[0])
         if self.quota_cores is not None:
             counts.add(max(1, int(self.quota_cores)))
-        return tuple(sorted(count for count in counts if count <= self.hardware_threads))
+        return tuple(sorted(count for count in counts if count <= self.usable))
 
 
 def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topology:

@@ -5,13 +5,13 @@ The rules are in lint_rules.py; stepping_script.py knows the script that they lo
 
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.loop.lint_rules import RULES
+from mjbench.loop.lint_rules import RULES, Match, Rule
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_files import UncheckedFile
 from mjbench.loop.stepping_script import SteppingScript
@@ -40,28 +40,66 @@ class Finding:
     cell: int | None
 
 
-def check(file: str) -> list[Finding]:
+ALL_CODES = tuple(rule.code for rule in RULES)
+
+
+def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
+    """Return the codes of the rules to check.
+
+    Args:
+      select: codes, or how they begin; none for all.
+      ignore: likewise; they win.
+
+    Raises:
+      InputError: no rule has such a code.
+    """
+    selected = _matching(select) if select else set(ALL_CODES)
+    return sorted(selected - _matching(ignore))
+
+
+def _matching(beginnings: Iterable[str]) -> set[str]:
+    matching = set()
+    for beginning in beginnings:
+        of_beginning = {code for code in ALL_CODES if code.startswith(beginning.upper())}
+        if not beginning or not of_beginning:
+            raise InputError(f"no rule {beginning!r}; there are {', '.join(ALL_CODES)}")
+        matching |= of_beginning
+    return matching
+
+
+def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
     """Return the findings of a Python file or a notebook, in the order of its lines.
+
+    Args:
+      file: its name.
+      codes: of the rules to check.
 
     Raises:
       InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
     try:
-        return _findings(file, read_program(file))
+        return _findings(file, read_program(file), codes)
     except (RecursionError, MemoryError) as error:
         raise InputError(
             f"{file}: nested too deeply, or too large, for Python's parser or for lint"
         ) from error
 
 
-def check_all(files: Iterable[str | UncheckedFile]) -> Iterator[Finding | UncheckedFile]:
-    """Yield the findings of all files in turn; in place of those of a file, why it has none."""
+def check_all(
+    files: Iterable[str | UncheckedFile], codes: Collection[str] = ALL_CODES
+) -> Iterator[Finding | UncheckedFile]:
+    """Yield the findings of all files in turn; in place of those of a file, why it has none.
+
+    Args:
+      files: their names, and those that cannot be checked.
+      codes: of the rules to check.
+    """
     for file in files:
         if isinstance(file, UncheckedFile):
             yield file
             continue
         try:
-            yield from check(file)
+            yield from check(file, codes)
         except InputError as error:
             yield UncheckedFile.of(file, error)
 
@@ -80,25 +118,32 @@ def costs_ns() -> dict[str, float]:
     return {cost["source"]: cost["ns"] for cost in row["costs"]}
 
 
-def _findings(file: str, program: Program) -> list[Finding]:
+def _findings(file: str, program: Program, codes: Collection[str]) -> list[Finding]:
+    return [
+        Finding(
+            file=file,
+            line=line.number,
+            col=line.column(match.node.col_offset),
+            code=rule.code,
+            message=rule.message,
+            ns_per_step=costs_ns().get(match.habit),
+            cell=line.cell,
+        )
+        for rule, match in matches(program, codes)
+        for line in [program.line_of(match.node)]
+    ]
+
+
+def matches(program: Program, codes: Collection[str] = ALL_CODES) -> list[tuple[Rule, Match]]:
+    """Return what breaks rules in a program and is not suppressed, in the order of its lines."""
     script = SteppingScript(program.tree)
-    findings = {}  # by place and rule: nested loops match the same node twice
+    by_place = {}  # and rule: nested loops match the same node twice
     for rule in RULES:
-        for match in rule.matches(script):
-            line = program.line_of(match.node)
-            if _is_suppressed(line.text, rule.code):
-                continue
-            place = (match.node.lineno, match.node.col_offset, rule.code)
-            findings[place] = Finding(
-                file=file,
-                line=line.number,
-                col=line.column(match.node.col_offset),
-                code=rule.code,
-                message=rule.message,
-                ns_per_step=costs_ns().get(match.habit),
-                cell=line.cell,
-            )
-    return [finding for _, finding in sorted(findings.items())]
+        for match in rule.matches(script) if rule.code in codes else ():
+            if not _is_suppressed(program.line_of(match.node).text, rule.code):
+                place = (match.node.lineno, match.node.col_offset, rule.code)
+                by_place[place] = rule, match
+    return [each for _, each in sorted(by_place.items(), key=lambda item: item[0])]
 
 
 def _is_suppressed(line: str, code: str) -> bool:

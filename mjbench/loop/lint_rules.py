@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from mjbench.loop.stepping_script import SteppingScript, last_name
 
+# The code of the rule on views that outlive their step.
+STORED_VIEW = "MJB001"
 # Habits of the overhead table (mjbench/loop/habits.py) by which rules say what a match costs.
 NAMED_ACCESS_HABIT = "named access by name"
 # Functions of NumPy that allocate an array, with the habit that costs about as much.
@@ -62,9 +64,13 @@ class Rule:
 
 def _stored_views(script: SteppingScript) -> Iterator[Match]:
     """Yield views that outlive the iteration in which they were taken."""
-    for loop in script.loops:
+    for loop in (*script.loops, *script.environment_loops):
         for node in loop.inner:
             yield from map(Match, script.stored_views(node))
+    for method in script.methods:
+        for node in method.inner:
+            if script.attribute_of_self(node):
+                yield from map(Match, script.stored_views(node))
     for comprehension in script.comprehensions:
         element = comprehension.elt
         elements = element.elts if isinstance(element, ast.Tuple) else [element]
@@ -72,7 +78,7 @@ def _stored_views(script: SteppingScript) -> Iterator[Match]:
 
 
 def _named_access(script: SteppingScript) -> Iterator[Match]:
-    for loop in script.loops:
+    for loop in (*script.loops, *script.environment_loops):
         for node in loop.inner:
             if (
                 isinstance(node, ast.Call)
@@ -98,7 +104,7 @@ def _allocations(script: SteppingScript) -> Iterator[Match]:
 
 
 def _contacts_beyond_ncon(script: SteppingScript) -> Iterator[Match]:
-    for loop in script.loops:
+    for loop in (*script.loops, *script.environment_loops):
         yield from (Match(node) for node in loop.inner if script.uses_all_contacts(node))
 
 
@@ -121,7 +127,7 @@ def _serial_simulations(script: SteppingScript) -> Iterator[Match]:
 
 RULES = (
     Rule(
-        "MJB001",
+        STORED_VIEW,
         "a view is stored: every entry will show the last state; add .copy()",
         _stored_views,
     ),

@@ -10,7 +10,7 @@ import stat
 import tokenize
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError, one_line
@@ -49,10 +49,12 @@ class Program:
     Attributes:
       tree: its syntax.
       lines: the lines that the line numbers of `tree` count, from 1.
+      encoding: of a Python file; that of notebooks is UTF-8.
     """
 
     tree: ast.Module
     lines: Sequence[SourceLine]
+    encoding: str = "utf-8"
 
     def line_of(self, node: ast.expr | ast.stmt) -> SourceLine:
         """Return the line at which a node begins."""
@@ -83,7 +85,11 @@ def read_program(file: str) -> Program:
     """
     try:
         data = _read(Path(file))
-        return _parse(_notebook_parts(data) if file.endswith(NOTEBOOK_SUFFIX) else _parts(data))
+        if file.endswith(NOTEBOOK_SUFFIX):
+            return _parse(_notebook_parts(data))
+        encoding = _encoding(data)
+        text = data.decode(encoding)
+        return replace(_parse([_Part(text, text)]), encoding=encoding)
     except FileNotFoundError as error:
         raise InputError(f"{file}: no such file") from error
     except OSError as error:
@@ -103,19 +109,14 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _parts(data: bytes) -> list[_Part]:
-    text = _decode(data)
-    return [_Part(text, text)]
-
-
 def _notebook_parts(data: bytes) -> list[_Part]:
     return [_Part(cell.text, cell.python, cell.number) for cell in notebook.code_cells(data)]
 
 
-def _decode(data: bytes) -> str:
+def _encoding(data: bytes) -> str:
     first_lines = _NEWLINE_BYTES.split(data, maxsplit=2)[:2]
     encoding, _ = tokenize.detect_encoding(iter([line + b"\n" for line in first_lines]).__next__)
-    return data.decode(encoding)
+    return encoding
 
 
 def _parse(parts: Sequence[_Part]) -> Program:

@@ -1,8 +1,10 @@
 """What a script's syntax says of its stepping loops: its MjData, its views, what runs each step.
 
-A loop steps when it calls `mj_step`, or a function of the same file that does. What an MjData is
-follows from how it is used and named: the second argument of `mj_step`, what `MjData(…)` was
-assigned to, and what is called `data` or `mjdata`, such as `self.data`.
+A loop steps when it calls `mj_step`, or a function of the same file that does. Others step an
+environment: by its `step`, that of dm_control's physics, or Gymnasium's `do_simulation`. What an
+MjData is follows from how it is used and named: the second argument of `mj_step`, what `MjData(…)`
+was assigned to, and what is called `data` or `mjdata`, such as `self.data`. An environment is what
+`make(…)`, `load(…)` or a class whose name ends in `Env` was assigned to, and what is called `env`.
 """
 
 import ast
@@ -11,6 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 _STEPS = {"mj_step", "mj_step1", "mj_step2"}
+# Methods that step an environment; that of Gymnasium's MujocoEnv, which no other class has.
+_ENVIRONMENT_STEPS, _SIMULATION_STEPS = {"step", "step_wait"}, {"do_simulation"}
+# Names of environments, and what creates one.
+_ENVIRONMENTS = {"env", "envs", "environment", "physics", "venv", "vec_env"}
+_CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorEnv|Environment))$")
+_ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
 _ACCESSORS = {"actuator", "body", "camera", "geom", "joint", "light", "sensor", "site", "tendon"}
 # Methods of an array that return a view of it, and methods of a container that store an argument.
 _VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
@@ -45,11 +53,26 @@ class SteppingLoop:
     inner: Sequence[ast.expr | ast.stmt]
 
 
+@dataclass(frozen=True, eq=False)
+class SteppingMethod:
+    """A method that steps, such as `step` of an environment: somebody calls it in a loop.
+
+    Attributes:
+      node: the method.
+      inner: as of a `SteppingLoop`.
+    """
+
+    node: ast.FunctionDef | ast.AsyncFunctionDef
+    inner: Sequence[ast.expr | ast.stmt]
+
+
 class SteppingScript:
     """The syntax of a script, and what follows from it.
 
     Attributes:
       loops: that step.
+      environment_loops: those of the others that step an environment.
+      methods: that step, the engine or an environment.
       episode_loops: those of them, all `for`, that have another one inside.
       comprehensions: list comprehensions and generators that step.
     """
@@ -63,12 +86,18 @@ class SteppingScript:
             for node in ast.walk(tree)
             if isinstance(node, _FUNCTIONS) and any(_is_step(n) for n in ast.walk(node))
         }
+        self._environment_names = _environment_names(tree)
+        self._environment_functions = {
+            node.name
+            for node in ast.walk(tree)
+            if isinstance(node, _FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
+        }
         self._data_names = _data_names(tree)
         self._container_names = {
             _dotted(target) for target, value in _assignments(tree) if _creates_container(value)
         } - {""}
-        steps = (node for node in ast.walk(tree) if _is_step(node))
-        # the innermost loop around each call of mj_step
+        steps = (n for n in ast.walk(tree) if _is_step(n) or self._steps_environment(n))
+        # the innermost loop around each call that steps
         self._step_loops = {next(self._loops_around(node), None) for node in steps}
         self.loops = [
             SteppingLoop(node, _nodes_inside(node))
@@ -76,6 +105,20 @@ class SteppingScript:
             if isinstance(node, ast.For | ast.While) and self._steps_inside(node)
         ]
         stepping = {loop.node for loop in self.loops}
+        self.environment_loops = [
+            SteppingLoop(node, _nodes_inside(node))
+            for node in ast.walk(tree)
+            if isinstance(node, ast.For | ast.While)
+            and node not in stepping
+            and self._steps_environment_inside(node)
+        ]
+        self.methods = [
+            SteppingMethod(node, _nodes_inside(node))
+            for node in ast.walk(tree)
+            if isinstance(node, _FUNCTIONS)
+            and isinstance(self._parents.get(node), ast.ClassDef)
+            and (self._steps_inside(node) or self._steps_environment_inside(node))
+        ]
         self.episode_loops = [
             loop
             for loop in self.loops
@@ -84,7 +127,8 @@ class SteppingScript:
         self.comprehensions = [
             node
             for node in ast.walk(tree)
-            if isinstance(node, ast.ListComp | ast.GeneratorExp) and self._steps_inside(node)
+            if isinstance(node, ast.ListComp | ast.GeneratorExp)
+            and (self._steps_inside(node) or self._steps_environment_inside(node))
         ]
 
     def is_view(self, node: ast.AST) -> bool:
@@ -96,7 +140,10 @@ class SteppingScript:
                 return True
             return self._is_data(node.value) and bool(_FIELDS.match(node.attr))
         if isinstance(node, ast.Subscript):
-            return self.is_view(node.value) and _index_gives_view(node)
+            is_row = isinstance(node.value, ast.Attribute) and self.is_named_access(
+                node.value.value
+            )
+            return self.is_view(node.value) and _index_gives_view(node, is_row)
         if isinstance(node, ast.Call):
             if isinstance(node.func, ast.Attribute) and node.func.attr in _VIEW_METHODS:
                 return self.is_view(node.func.value)
@@ -118,6 +165,14 @@ class SteppingScript:
                 )
                 if in_attribute or in_container:
                     yield from self._views_in(node.value)
+
+    def attribute_of_self(self, node: ast.AST) -> bool:
+        """Return whether a statement or a call stores something in an attribute of `self`."""
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            return _dotted(node.func.value).startswith("self.")
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        stored_in = (t.value if isinstance(t, ast.Subscript) else t for t in targets)
+        return any(_dotted(target).startswith("self.") for target in stored_in)
 
     def is_named_access(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)` or the like."""
@@ -178,6 +233,26 @@ class SteppingScript:
             or (isinstance(n, ast.Call) and last_name(n.func) in self._stepping_functions)
             for n in _nodes_inside(node)
         )
+
+    def _steps_environment_inside(self, node: ast.AST) -> bool:
+        """Return whether an environment is stepped inside a node, there or in a function."""
+        return any(
+            self._steps_environment(n)
+            or (isinstance(n, ast.Call) and last_name(n.func) in self._environment_functions)
+            for n in _nodes_inside(node)
+        )
+
+    def _steps_environment(self, node: ast.AST) -> bool:
+        """Return whether a node is a call such as `env.step(…)` or `self.do_simulation(…)`."""
+        if not isinstance(node, ast.Call):
+            return False
+        if last_name(node.func) in _SIMULATION_STEPS:
+            return True
+        owner, _, method = _dotted(node.func).rpartition(".")
+        if method not in _ENVIRONMENT_STEPS:
+            return False
+        parts = owner.split(".")
+        return bool(_ENVIRONMENTS.intersection(parts)) or owner in self._environment_names
 
     def _is_data(self, node: ast.AST) -> bool:
         """Return whether an expression is an MjData."""
@@ -247,6 +322,20 @@ def _data_names(tree: ast.Module) -> set[str]:
     return names - {""}
 
 
+def _environment_names(tree: ast.Module) -> set[str]:
+    """Return the dotted names that an environment was assigned to."""
+    names = set()
+    for target, value in _assignments(tree):
+        if not isinstance(value, ast.Call):
+            continue
+        package, _, function = _dotted(value.func).rpartition(".")
+        is_of_package = bool(_ENVIRONMENT_PACKAGES.intersection(package.split(".")))
+        is_class = function[:1].isupper()
+        if _CREATES_ENVIRONMENT.match(function) and (is_class or is_of_package):
+            names.add(_dotted(target))
+    return names - {""}
+
+
 def _assignments(tree: ast.Module) -> Iterator[tuple[ast.AST, ast.AST]]:
     """Yield the target and the value of every assignment, those of tuples one by one."""
     for node in ast.walk(tree):
@@ -274,15 +363,20 @@ def _nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     return inside
 
 
-def _index_gives_view(node: ast.Subscript) -> bool:
-    """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number."""
+def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
+    """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
+
+    Args:
+      node: the index.
+      is_row: whether the view has one dimension, as that of a named element has.
+    """
     index = node.slice
     parts = index.elts if isinstance(index, ast.Tuple) else [index]
     if any(isinstance(part, ast.Slice) for part in parts):
         return True
     if isinstance(index, ast.Tuple | ast.List) or not isinstance(node.value, ast.Attribute):
         return False
-    return bool(_MATRICES.match(node.value.attr))
+    return not is_row and bool(_MATRICES.match(node.value.attr))
 
 
 def _creates_container(node: ast.AST) -> bool:

@@ -1,45 +1,15 @@
-"""Charts as Vega-Lite specifications: their text has the colour of the page around them.
-
-Colours are told apart with any colour vision (Okabe and Ito, 2008) and stand out from a light page
-as from a dark one.
-"""
+"""Charts as Vega-Lite specifications: their text has the colour of the page around them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mjbench.errors import InputError
 from mjbench.pages.content import Cell, DataTable
+from mjbench.report import vega
+from mjbench.report.vega import GREY, Spec
 
-# The version of Vega-Lite whose language the specifications are in.
-VEGA_LITE = "5.20"
 WIDTH = 640
-BLUE, ORANGE, GREEN, SKY, PINK, GREY = (
-    "#2a86c4",
-    "#d55e00",
-    "#009e73",
-    "#56b4e9",
-    "#cc79a7",
-    "#8a8a8a",
-)
 # Of a chart whose rows are names: pixels a row.
 _ROW_HEIGHT = 22
-
-Spec = dict[str, Any]
-
-
-def svg(specification: Mapping[str, Any]) -> str:
-    """Return a chart as SVG.
-
-    Raises:
-      InputError: vl-convert-python is not installed.
-    """
-    try:
-        import vl_convert
-    except ImportError as error:
-        raise InputError(
-            "charts need vl-convert-python: pip install 'mjbench[report]', or give --markdown"
-        ) from error
-    return str(vl_convert.vegalite_to_svg(dict(specification), vl_version=VEGA_LITE))
 
 
 def values(table: DataTable) -> list[dict[str, Cell]]:
@@ -59,7 +29,7 @@ def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -
     size: Spec = {"width": WIDTH}
     size["height"] = {"step": _ROW_HEIGHT} if height is None else height
     return {
-        "$schema": f"https://vega.github.io/schema/vega-lite/v{VEGA_LITE.split('.')[0]}.json",
+        "$schema": vega.SCHEMA,
         "data": {"values": values(table)},
         **size,
         "layer": list(layers),
@@ -130,7 +100,8 @@ def _escaped(field: str) -> str:
 
 _TEXT = "currentColor"
 _CONFIG: Spec = {
-    "font": "system-ui, sans-serif",
+    # with which vl-convert lays a chart out; a wider one would be cut off
+    "font": "Liberation Sans, Arimo, Arial, Helvetica, sans-serif",
     "view": {"stroke": None},
     "axis": {
         "labelColor": _TEXT,

@@ -5,33 +5,38 @@ from collections.abc import Iterator, Sequence
 from mjbench.comparison.plan import Variant
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report import comparison
+from mjbench.paired.contest import ContestRecord
+from mjbench.paths import BASE
+from mjbench.report import comparison, vega
 from mjbench.report.advice import Advice, Loop, Reason, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.status import Status
 
 # Colours of paths by whether a policy can choose each control.
-_LOOPS = {Loop.OPEN.value: charts.ORANGE, Loop.CLOSED.value: charts.BLUE}
+_LOOPS = {Loop.OPEN.value: vega.ORANGE, Loop.CLOSED.value: vega.BLUE}
 
 
-def conclusions(models: Sequence[ModelResults]) -> Iterator[Conclusion]:
-    """Yield what the comparison of all models comes to: disagreement first, then advice."""
-    for model_results in models:
-        for result in model_results.results:
-            if result.status == Status.DISAGREES:
-                variant = Variant(result.path, result.options)
-                yield Conclusion(
-                    f"{result.model}: {variant} does other work than the plain loop:"
-                    f" {result.agreement}",
-                    Tone.BAD,
-                )
-        if model_results.model.status not in (Status.OK, Status.INTERRUPTED):
-            record = model_results.model
-            yield Conclusion(f"{record.model}: {record.status}: {record.detail}", Tone.BAD)
-    for model_results in models:
-        for advice in advise(model_results):
-            yield _conclusion(advice)
+def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
+    """Yield what the comparison on a model comes to: disagreement first, then advice."""
+    record = model_results.model
+    if record.status not in (Status.OK, Status.INTERRUPTED):
+        yield Conclusion(f"{record.model}: {record.status}: {record.detail}", Tone.BAD)
+    for result in model_results.results:
+        if result.status == Status.DISAGREES:
+            variant = Variant(result.path, result.options)
+            text = f"{result.model}: {variant} does other work than the plain loop"
+            yield Conclusion(f"{text}: {result.agreement}", Tone.BAD)
+    for advice in advise(model_results):
+        yield _conclusion(advice)
+    clock = advise_clock(model_results)
+    if clock is not None:
+        yield Conclusion(
+            f"{record.model}, any path: without the engine's clock, mjbench.engine_clock(False),"
+            f" the plain loop is {clock.speedup:.2f} times as fast ({clock.low:.2f} to"
+            f" {clock.high:.2f} in fresh processes)",
+            Tone.GOOD,
+        )
 
 
 def _conclusion(advice: Advice) -> Conclusion:
@@ -58,23 +63,13 @@ def _section(model_results: ModelResults, command: str) -> Section:
     heading = (
         record.model if record.nbatch is None else f"{record.model}, {record.nbatch:,} simulations"
     )
-    concluded = [*conclusions([model_results])]
-    clock = advise_clock(model_results)
-    if clock is not None:
-        concluded.append(
-            Conclusion(
-                f"Any path: without the engine's clock, mjbench.engine_clock(False), the plain loop"
-                f" is {clock.speedup:.2f} times as fast ({clock.low:.2f} to {clock.high:.2f})",
-                Tone.GOOD,
-            )
-        )
     table = _path_table(model_results.results)
     timed = [r for r in model_results.results if r.speedup is not None]
     return Section(
         heading=heading,
         command=command,
-        conclusions=concluded,
-        figures=[_speedup_figure(record.model, timed, advise(model_results))] if timed else [],
+        conclusions=[*_conclusions(model_results)],
+        figures=[_speedup_figure(model_results, timed)] if timed else [],
         tables=[table],
         notes=[*notes, *(str(line) for line in comparison.notes(model_results))],
     )
@@ -109,27 +104,23 @@ def _path_table(results: Sequence[PathResult]) -> DataTable:
     return DataTable("Paths", columns, rows)
 
 
-def _speedup_figure(
-    model: str, timed: Sequence[PathResult], all_advice: Sequence[Advice]
-) -> Figure:
-    """Return speed-ups as points; those that were confirmed have their interval."""
-    intervals = {
-        str(Variant(a.path, a.options)): (a.speedup, a.low, a.high) for a in all_advice if a.low
-    }
+def _speedup_figure(model_results: ModelResults, timed: Sequence[PathResult]) -> Figure:
+    """Return speed-ups as bars; paths that were compared in fresh processes have an interval."""
+    model = model_results.model.model
     columns = (
         Column("path"),
         Column("speed-up", 3),
         Column("loop"),
-        Column("confirmed", 3),
+        Column("in fresh processes", 3),
         Column("low", 3),
         Column("high", 3),
     )
     rows = [
         (
-            name := str(Variant(r.path, r.options)),
+            str(Variant(r.path, r.options)),
             r.speedup.median if r.speedup else None,
             (Loop.CLOSED if r.closed_loop else Loop.OPEN).value,
-            *intervals.get(name, (None, None, None)),
+            *_fresh_speedup(model_results.contest, Variant(r.path, r.options)),
         )
         for r in timed
     ]
@@ -137,29 +128,47 @@ def _speedup_figure(
     fastest = max(rows, key=lambda row: float(row[1] or 0.0))
     x = charts.quantity("speed-up", "times as fast as the plain loop", zero=True)
     y = charts.names("path")
-    layers: list[charts.Spec] = [
+    layers: list[vega.Spec] = [
         charts.rule_at(1.0),
         {
             "mark": {"type": "bar", "height": 10},
             "encoding": {"x": x, "y": y, "color": charts.colour("loop", _LOOPS, "loop")},
         },
-        {
-            "mark": {"type": "rule", "strokeWidth": 2, "color": "currentColor"},
-            "transform": [{"filter": "isValid(datum.low)"}],
-            "encoding": {
-                "x": charts.quantity("low", "times as fast as the plain loop", zero=True),
-                "x2": {"field": "high"},
-                "y": y,
-            },
-        },
     ]
+    intervals = ""
+    if any(row[-1] is not None for row in rows):
+        intervals = " Lines are 95 % intervals of paths that were compared in fresh processes."
+        layers.append(
+            {
+                "mark": {"type": "rule", "strokeWidth": 2, "color": "currentColor"},
+                "transform": [{"filter": "isValid(datum.low)"}],
+                "encoding": {
+                    "x": charts.quantity("low", "times as fast as the plain loop", zero=True),
+                    "x2": {"field": "high"},
+                    "y": y,
+                },
+            }
+        )
     return Figure(
         title=f"{model}: speed-up over the plain loop",
         alternative=f"Bars of {len(rows)} paths; the longest is {fastest[0]}, {fastest[1]:.2f}×."
-        " Lines are 95 % intervals from process to process, of the paths that were compared again.",
+        f"{intervals}",
         specification=charts.chart(data, layers),
         data=data,
     )
+
+
+def _fresh_speedup(
+    contest: ContestRecord | None, variant: Variant
+) -> tuple[float | None, float | None, float | None]:
+    """Return a path's speed-up over the plain loop in fresh processes, with its interval."""
+    base = Variant(BASE, {})
+    if contest is None or variant == base or variant not in contest.variants:
+        return None, None, None
+    ratio = contest.ratio(base, variant)
+    if ratio is None or ratio.low is None or ratio.high is None:
+        return None, None, None
+    return 1 / ratio.estimate, 1 / ratio.high, 1 / ratio.low
 
 
 def _crossover_section(
@@ -183,10 +192,10 @@ def _crossover_figure(name: str, models: Sequence[ModelResults]) -> Figure:
         if r.steps_per_s and r.nbatch
     ]
     data = DataTable("Speeds by the number of simulations", columns, rows)
-    palette = (charts.BLUE, charts.ORANGE, charts.GREEN, charts.SKY, charts.PINK, charts.GREY)
+    palette = (vega.BLUE, vega.ORANGE, vega.GREEN, vega.SKY, vega.PINK, vega.GREY)
     paths = list(dict.fromkeys(row[2] for row in rows))
     colours = {path: palette[i % len(palette)] for i, path in enumerate(paths)}
-    layer: charts.Spec = {
+    layer: vega.Spec = {
         "mark": {"type": "line", "point": True},
         "encoding": {
             "x": charts.quantity("simulations", "simulations", log=True),

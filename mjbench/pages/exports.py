@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
-from mjbench.errors import InputError
+from mjbench.errors import InputError, MachineError
 from mjbench.instrument.runs import Run
-from mjbench.paired.outcomes import Verdict
+from mjbench.paired import family
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
 from mjbench.report.results import derive_all
@@ -38,14 +38,36 @@ class Metric:
     high: float | None = None
 
 
-def metrics(run: Run) -> Iterator[Metric]:
-    """Yield nanoseconds of a step of every path, and ratios of paired comparisons."""
+def metrics(run: Run) -> list[Metric]:
+    """Return nanoseconds of a step of every path, and ratios of paired comparisons.
+
+    Raises:
+      InputError: the run has neither.
+    """
+    _check_kind(run)
+    return [*_step_times(run), *_ratios(run)]
+
+
+def _check_kind(run: Run) -> None:
+    """Refuse a run that is neither of `compare` nor of paired comparisons."""
+    kinds = (ModelRecord, VerdictRecord)
+    if not any(isinstance(record, kinds) for record in run.records):
+        raise InputError(
+            f"a run of `{run.header.command}` has no such form: give one of compare, versions or"
+            " ab, or --format csv"
+        )
+
+
+def _step_times(run: Run) -> Iterator[Metric]:
     if run.of_type(ModelRecord):
         for model_results in derive_all(run.records):
             for r in model_results.results:
                 if r.step_ns is not None:
                     name = f"{r.model}: {Variant(r.path, r.options)}, {r.nbatch} simulations"
                     yield Metric(name, "ns/step", r.step_ns.median)
+
+
+def _ratios(run: Run) -> Iterator[Metric]:
     for record in run.of_type(VerdictRecord):
         if record.ratio is not None:
             row = record.row()
@@ -90,18 +112,22 @@ def as_bencher(run: Run) -> str:
     return json.dumps(report, indent=1) + "\n"
 
 
-def as_otava(run: Run, file: Path) -> str:
+def as_otava(run: Run) -> str:
     """Return metrics as one row of CSV, as Apache Otava reads it: a time, then a column each.
 
-    Rows of several runs make the series in which Otava detects changes. The time is that of the
-    run file.
+    Rows of several runs make the series in which Otava detects changes. The time is when the run
+    began.
+
+    Raises:
+      InputError: the run is of an earlier version, and does not say when it began.
     """
-    time_s = round(file.stat().st_mtime)
-    all_metrics = list(metrics(run))
+    if not run.header.began:
+        raise InputError("this run file is of an earlier version, and does not say when it began")
+    all_metrics = metrics(run)
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(["time", *(metric.name for metric in all_metrics)])
-    writer.writerow([time_s, *(metric.value for metric in all_metrics)])
+    writer.writerow([run.header.began, *(metric.value for metric in all_metrics)])
     return text.getvalue()
 
 
@@ -109,8 +135,10 @@ def as_junit(run: Run) -> str:
     """Return what was compared as JUnit XML, one test case each.
 
     A path that disagrees, and a release that is slower or does other work, is a failure; what
-    crashed or hung is an error; what could not be compared, or was not decided, is skipped.
+    crashed or hung is an error; what could not be compared, or was not decided, is skipped. As for
+    `--fail-on`, all comparisons are decided together.
     """
+    _check_kind(run)
     suite = ElementTree.Element("testsuite", name=f"mjbench {run.header.command}")
     for case in _cases(run):
         element = ElementTree.SubElement(suite, "testcase", classname=case.group, name=case.name)
@@ -147,22 +175,23 @@ def _cases(run: Run) -> Iterator[_Case]:
             for r in model_results.results:
                 outcome = _OUTCOMES.get(r.status, "error")
                 yield _Case(r.model, str(Variant(r.path, r.options)), outcome, r.detail)
-    for record in run.of_type(VerdictRecord):
-        row = record.row()
-        name, text = verdicts.describe_targets(row), verdicts.describe_verdict(row)
+    rows_of_verdicts = [record.row() for record in run.of_type(VerdictRecord)]
+    decided = family.decide(rows_of_verdicts, verdicts.confidence_of(run.header))
+    for row in rows_of_verdicts:
         outcome = _OUTCOMES.get(row.status, "error")
-        if row.verdict == Verdict.SLOWER or row.changed_work:
+        if row in decided.slower or row.changed_work:
             outcome = "failure"
-        elif row.verdict == Verdict.INCONCLUSIVE:
+        elif not outcome and row in decided.undecided:
             outcome = "skipped"
-        yield _Case(row.model, name, outcome, text)
+        text = verdicts.describe_verdict(row)
+        yield _Case(row.model, verdicts.describe_targets(row), outcome, text)
 
 
 def write_parquet(run: Run, file: Path) -> None:
     """Write the results of a run as Parquet.
 
     Raises:
-      InputError: neither pandas with pyarrow nor polars is installed.
+      MachineError: neither pandas with pyarrow nor polars is installed.
     """
     table: Sequence[Mapping[str, rows.Cell]] = rows.of_run(run)
     try:
@@ -177,14 +206,14 @@ def write_parquet(run: Run, file: Path) -> None:
 
         pandas.DataFrame(table).to_parquet(file)
     except ImportError as error:
-        raise InputError("--format parquet needs polars, or pandas with pyarrow") from error
+        raise MachineError("--format parquet needs polars, or pandas with pyarrow") from error
 
 
-# The text formats by name, of a run and its file.
-FORMATS: Mapping[str, Callable[[Run, Path], str]] = {
-    "csv": lambda run, file: as_csv(run),
-    "github-action-benchmark": lambda run, file: as_github_action_benchmark(run),
-    "bencher": lambda run, file: as_bencher(run),
+# The text formats by name.
+FORMATS: Mapping[str, Callable[[Run], str]] = {
+    "csv": as_csv,
+    "github-action-benchmark": as_github_action_benchmark,
+    "bencher": as_bencher,
     "otava": as_otava,
-    "junit": lambda run, file: as_junit(run),
+    "junit": as_junit,
 }

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section
+from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import history_plots, speed_page
 from mjbench.report.speed_history import SpeedHistory, listed_changes
@@ -65,7 +66,7 @@ def _figure(history: SpeedHistory, series: SpeedSeries) -> Figure:
     )
     rows = []
     for each in series.measured:
-        work = getattr(each.record, "work", None)
+        work = each.record.work if isinstance(each.record, StepRatioRecord) else None
         rows.append(
             (
                 each.release,

@@ -7,27 +7,54 @@ import numpy as np
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.planning_run import PlanningRow
-from mjbench.loop.latency import LatencyRow, histogram_quantiles
-from mjbench.loop.overhead import OverheadTable
-from mjbench.loop.profile import StepProfile
+from mjbench.loop.latency import LatencyRow, Pace, histogram_quantiles
+from mjbench.loop.overhead import OverheadRow, OverheadTable
+from mjbench.loop.profile import ProfileRow, StepProfile
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report import planning, vega
+from mjbench.report.profile import LEAST_CLOCK_SHARE
 from mjbench.status import Status
 
 # Habits that are drawn: those that add most.
 _MOST_HABITS = 12
-# Shares of steps at which latency is drawn: denser towards the slowest.
-_SHARES = 1 - np.logspace(0, -4, 41)
-_PACES = {"free-running": charts.BLUE, "paced": charts.ORANGE}
+# Latency is drawn at the shares of steps that are one in so many.
+_ONE_IN = np.logspace(0, 4, 41)
+_PACES = {Pace.FREE.value: vega.BLUE, Pace.PACED.value: vega.ORANGE}
 
 
-def overhead_section(table: OverheadTable, command: str) -> Section:
+def overhead_sections(rows: Sequence[OverheadRow], command: str) -> Iterator[Section]:
+    """Yield a section for each model whose loop was measured, or was to be."""
+    for row in rows:
+        table = row.table()
+        if table is None:
+            yield _failure(row.model, row.status, row.detail, command)
+        else:
+            yield _overhead_section(table, command)
+
+
+def profile_sections(rows: Sequence[ProfileRow], command: str) -> Iterator[Section]:
+    """Yield a section for each model that was profiled, or was to be."""
+    for row in rows:
+        profile = row.profile()
+        if profile is None:
+            yield _failure(row.model, row.status, row.detail, command)
+        else:
+            yield _profile_section(profile, command)
+
+
+def _failure(model: str, status: Status, detail: str, command: str) -> Section:
+    """Return the section of a model that could not be measured."""
+    return Section(model, command, [Conclusion(f"{model}: {status}: {detail}", Tone.BAD)])
+
+
+def _overhead_section(table: OverheadTable, command: str) -> Section:
     """Return what a bare loop and the habits beside it cost for one model."""
     python_ns = table.bare_ns - table.engine_ns
     conclusions = [
         Conclusion(
-            f"a step of the bare loop takes {table.bare_ns:,.0f} ns, of which the engine has"
-            f" {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
+            f"{table.model}: a step of the bare loop takes {table.bare_ns:,.0f} ns, of which the"
+            f" engine has {table.engine_ns:,.0f} and Python {python_ns:,.0f}"
         )
     ]
     if table.costs and table.costs[0].low > 0:
@@ -35,8 +62,8 @@ def overhead_section(table: OverheadTable, command: str) -> Section:
         remedy = f"; `{cost.cheaper}` does the same for less" if cost.cheaper else ""
         conclusions.append(
             Conclusion(
-                f"the most expensive habit is {cost.source}: {cost.ns:,.0f} ns a step,"
-                f" {100 * cost.share:.0f} % of it{remedy}",
+                f"{table.model}: the most expensive habit is {cost.source}: {cost.ns:,.0f} ns a"
+                f" step, {100 * cost.share:.0f} % of it{remedy}",
                 Tone.UNSURE,
             )
         )
@@ -74,13 +101,13 @@ def _waterfall(table: OverheadTable) -> Figure:
         for cost in table.costs[:_MOST_HABITS]
     ]
     data = DataTable("Nanoseconds of a step", columns, rows)
-    layer: charts.Spec = {
+    layer: vega.Spec = {
         "mark": {"type": "bar", "height": 12},
         "encoding": {
             "x": charts.quantity("from", "ns of a step", zero=True),
             "x2": {"field": "to"},
             "y": charts.names("part"),
-            "color": charts.colour("kind", {"step": charts.BLUE, "habit": charts.ORANGE}),
+            "color": charts.colour("kind", {"step": vega.BLUE, "habit": vega.ORANGE}),
         },
     }
     return Figure(
@@ -92,7 +119,7 @@ def _waterfall(table: OverheadTable) -> Figure:
     )
 
 
-def profile_section(profile: StepProfile, command: str) -> Section:
+def _profile_section(profile: StepProfile, command: str) -> Section:
     """Return where the time of a model's step goes."""
     steps = profile.steps
     share = steps.engine_ns / steps.loop_ns
@@ -103,8 +130,8 @@ def profile_section(profile: StepProfile, command: str) -> Section:
         if part > 0
     ]
     data = DataTable("Stages of a step", columns, rows)
-    layer: charts.Spec = {
-        "mark": {"type": "bar", "height": 12, "color": charts.BLUE},
+    layer: vega.Spec = {
+        "mark": {"type": "bar", "height": 12, "color": vega.BLUE},
         "encoding": {
             "x": charts.quantity("ns", "ns of a step", zero=True),
             "y": charts.names("stage"),
@@ -112,14 +139,15 @@ def profile_section(profile: StepProfile, command: str) -> Section:
     }
     conclusions = [
         Conclusion(
-            f"a step of a Python loop takes {steps.loop_ns:,.0f} ns, {100 * share:.0f} % of it in"
-            " the engine"
+            f"{profile.model}: a step of a Python loop takes {steps.loop_ns:,.0f} ns,"
+            f" {100 * share:.0f} % of it in the engine"
         )
     ]
-    if steps.clock_ns and steps.clock_ns > 0.02 * steps.loop_ns:
+    if steps.clock_ns and steps.clock_ns >= LEAST_CLOCK_SHARE * steps.loop_ns:
         conclusions.append(
             Conclusion(
-                f"the engine's own clock takes {100 * steps.clock_ns / steps.loop_ns:.0f} % of it;"
+                f"{profile.model}: the engine's own clock takes"
+                f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it;"
                 " mjbench.engine_clock(False) turns it off",
                 Tone.UNSURE,
             )
@@ -141,22 +169,24 @@ def profile_section(profile: StepProfile, command: str) -> Section:
 def latency_sections(rows: Sequence[LatencyRow], command: str) -> Iterator[Section]:
     """Yield a section for each model whose single steps were timed."""
     for model, group in itertools.groupby(rows, lambda row: row.model):
-        of_model = [row for row in group if row.status == Status.OK and row.max_ns is not None]
-        if of_model:
-            yield Section(
-                heading=f"{model}: latency of single steps",
-                command=command,
-                conclusions=[_missed(row) for row in of_model],
-                figures=[_latency_figure(model, of_model)],
-                tables=[_latency_table(of_model)],
-            )
+        of_model = list(group)
+        if of_model[0].work is None:
+            yield _failure(model, of_model[0].status, of_model[0].detail, command)
+            continue
+        yield Section(
+            heading=f"{model}: latency of single steps",
+            command=command,
+            conclusions=[_missed(row) for row in of_model],
+            figures=[_latency_figure(model, of_model)],
+            tables=[_latency_table(of_model)],
+        )
 
 
 def _missed(row: LatencyRow) -> Conclusion:
     assert row.deadline_s is not None, "it was measured"
     missed = row.missed or 0
-    text = f"{row.pace}: {missed:,} of {row.nstep:,} steps missed {1e3 * row.deadline_s:g} ms"
-    return Conclusion(text, Tone.BAD if missed else Tone.GOOD)
+    steps = f"{missed:,} of {row.nstep:,} steps missed {1e3 * row.deadline_s:g} ms"
+    return Conclusion(f"{row.model}, {row.pace}: {steps}", Tone.BAD if missed else Tone.GOOD)
 
 
 def _latency_table(rows: Sequence[LatencyRow]) -> DataTable:
@@ -184,15 +214,15 @@ def _latency_table(rows: Sequence[LatencyRow]) -> DataTable:
 def _latency_figure(model: str, rows: Sequence[LatencyRow]) -> Figure:
     columns = (Column("one step in", 4), Column("latency, µs", 4), Column("pace"))
     cells = [
-        (1 / (1 - share), ns / 1e3, str(row.pace))
+        (float(one_in), ns / 1e3, str(row.pace))
         for row in rows
-        for share, ns in zip(
-            _SHARES, histogram_quantiles(row.histogram, _SHARES.tolist()), strict=True
+        for one_in, ns in zip(
+            _ONE_IN, histogram_quantiles(row.histogram, (1 - 1 / _ONE_IN).tolist()), strict=True
         )
-        if 1 / (1 - share) <= (row.nstep or 0)
+        if one_in <= (row.nstep or 0)
     ]
     data = DataTable("Latency by share of steps", columns, cells)
-    layer: charts.Spec = {
+    layer: vega.Spec = {
         "mark": {"type": "line", "interpolate": "step-after"},
         "encoding": {
             "x": charts.quantity("one step in", "one step in so many is slower", log=True),
@@ -217,16 +247,19 @@ def planning_sections(rows: Sequence[PlanningRow], command: str) -> Iterator[Sec
         of_size = [row for row in group if row.status != Status.UNAVAILABLE]
         timed = [row for row in of_size if row.plans_per_s is not None]
         conclusions = [
-            Conclusion(f"{Variant(row.path, row.options)}: {row.detail}", Tone.BAD)
+            Conclusion(
+                f"{model}: {Variant(row.path, row.options)}: {row.status}: {row.detail}", Tone.BAD
+            )
             for row in of_size
-            if row.status == Status.DISAGREES
+            if row.status != Status.OK
         ]
         if timed:
-            fastest = max(timed, key=lambda row: row.speedup or 0.0)
+            fastest = planning.fastest_of(timed)
             variant = Variant(fastest.path, fastest.options)
-            conclusions.append(
-                Conclusion(f"fastest here: {variant}, {fastest.plans_per_s:,.0f} plans per second")
+            text = (
+                f"{model}: fastest here is {variant}, {fastest.plans_per_s:,.0f} plans per second"
             )
+            conclusions.append(Conclusion(text))
         yield Section(
             heading=f"{model}: plans of {samples} samples × {horizon} steps",
             command=command,

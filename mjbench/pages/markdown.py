@@ -20,7 +20,7 @@ def render(report: Report) -> Iterator[str]:
         yield f"<details><summary>{_html(section.heading)}</summary>"
         yield ""
         yield from _conclusions(section.conclusions)
-        for table in section.tables:
+        for table in section.tables or [figure.data for figure in section.figures]:
             yield ""
             yield from _table(table)
         yield ""

@@ -1,9 +1,8 @@
 """From run files to the content of a report."""
 
-import dataclasses
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.comparison.planning_run import PlanningRow
@@ -23,13 +22,18 @@ from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paired.verdict import CONFIDENCE
+from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
+from mjbench.report import history_files
 from mjbench.report.results import derive_all
-from mjbench.report.scaling import by_model
 from mjbench.report.speed_history import SpeedHistory
+from mjbench.report.thread_advice import by_model
+from mjbench.report.verdicts import confidence_of
 
 # Conclusions that stand at the head of a report, at most; the others are in their sections.
 _MOST_CONCLUSIONS = 40
+# Figures that are drawn, at most: a page of more opens slowly. Tables are always there.
+_MOST_FIGURES = 20
 
 
 @dataclass(frozen=True)
@@ -51,22 +55,26 @@ class NamedRun:
         return shlex.join(["mjbench", *(header.command_line or (header.command,))])
 
 
-def build(named_runs: Sequence[NamedRun], history: SpeedHistory | None = None) -> Report:
+def build(named_runs: Sequence[NamedRun]) -> Report:
     """Return the report of run files.
 
     Args:
       named_runs: in the order of their sections.
-      history: of releases, where a run holds ratios of releases.
+
+    Raises:
+      InputError: runs hold ratios of releases that were measured on different machines.
     """
-    conclusions: list[Conclusion] = []
-    sections: list[Section] = []
-    for named in named_runs:
-        conclusions += _conclusions(named.run)
-        sections += _sections(named)
+    sections = [section for named in named_runs for section in _sections(named)]
+    history = _history(named_runs)
     if history is not None:
         command = next(n.command for n in named_runs if n.run.of_type(RatioRecord))
         sections += histories.sections(history, command)
-        conclusions += sections[-1 - len(history.models)].conclusions
+    sections = list(_with_fewer_figures(sections))
+    conclusions = [conclusion for section in sections for conclusion in section.conclusions]
+    # what went wrong comes first
+    conclusions.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
+    if len(sections) == 1:  # its conclusions are those of the report
+        sections = [replace(sections[0], conclusions=())]
     if not sections:
         conclusions.append(Conclusion("Nothing was measured.", Tone.UNSURE))
     title = f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
@@ -77,16 +85,26 @@ def build(named_runs: Sequence[NamedRun], history: SpeedHistory | None = None) -
     return Report(title, conclusions, sections, _machines(named_runs))
 
 
-def _conclusions(run: Run) -> Iterator[Conclusion]:
-    """Yield the main conclusions of a run."""
-    if run.of_type(ModelRecord):
-        yield from comparisons.conclusions(derive_all(run.records))
-    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
-        yield from scaling.conclusions(results)
-    rows = [record.row() for record in run.of_type(VerdictRecord)]
-    yield from verdicts.conclusions(rows, _confidence(run))
-    if trials := run.of_type(TrialRecord):
-        yield _selfcheck_conclusion(trials)
+def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
+    """Yield sections, without figures once there are enough; a section says that it lacks them."""
+    drawn = 0
+    for section in sections:
+        drawn += len(section.figures)
+        if not section.figures or drawn <= _MOST_FIGURES:
+            yield section
+            continue
+        note = f"Not drawn: a report has {_MOST_FIGURES} charts at most. Report fewer runs."
+        tables = section.tables or [figure.data for figure in section.figures]
+        yield replace(section, figures=(), tables=tables, notes=[*section.notes, note])
+
+
+def _history(named_runs: Sequence[NamedRun]) -> SpeedHistory | None:
+    """Return the history that runs with ratios of releases hold; None without such runs."""
+    if not any(named.run.of_type(RatioRecord) for named in named_runs):
+        return None
+    causes = bundle.default_path().with_name("causes.toml")
+    loaded = {named.file: named.run for named in named_runs}
+    return history_files.of_runs(loaded, causes if causes.exists() else None)
 
 
 def _sections(named: NamedRun) -> Iterator[Section]:
@@ -97,11 +115,9 @@ def _sections(named: NamedRun) -> Iterator[Section]:
     for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
         yield scaling.section(results, command)
     if rows := [record.row() for record in run.of_type(VerdictRecord)]:
-        yield verdicts.section(rows, command)
-    for table in filter(None, (row.table() for row in run.of_type(OverheadRow))):
-        yield loops.overhead_section(table, command)
-    for profile in filter(None, (row.profile() for row in run.of_type(ProfileRow))):
-        yield loops.profile_section(profile, command)
+        yield verdicts.section(rows, confidence_of(run.header), command)
+    yield from loops.overhead_sections(run.of_type(OverheadRow), command)
+    yield from loops.profile_sections(run.of_type(ProfileRow), command)
     yield from loops.latency_sections(run.of_type(LatencyRow), command)
     yield from loops.planning_sections(run.of_type(PlanningRow), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
@@ -111,16 +127,11 @@ def _sections(named: NamedRun) -> Iterator[Section]:
         yield _spread_section(spreads, command)
 
 
-def _confidence(run: Run) -> float:
-    confidence = run.header.arguments.get("confidence")
-    return confidence if isinstance(confidence, float) and 0 < confidence < 1 else CONFIDENCE
-
-
 def _selfcheck_conclusion(trials: Sequence[TrialRecord]) -> Conclusion:
     rows = selfcheck.summary(trials)
     wrong = sum(round(row.wrong * row.trials) for row in rows)
     count = sum(row.trials for row in rows)
-    tone = Tone.GOOD if wrong == 0 else Tone.BAD
+    tone = Tone.GOOD if wrong <= (1 - CONFIDENCE) * count else Tone.BAD
     return Conclusion(f"{wrong} of {count} verdicts on known truths are wrong", tone)
 
 
@@ -159,18 +170,39 @@ def _selfcheck_section(trials: Sequence[TrialRecord], command: str) -> Section:
 
 
 def _spread_section(spreads: Sequence[SpreadRecord], command: str) -> Section:
-    rows = [dataclasses.asdict(record.row()) for record in spreads]
-    names = [name for name, value in rows[0].items() if isinstance(value, str | float | int)]
-    columns = [
-        Column(name.replace("_", " "), None if isinstance(rows[0][name], str) else 3)
-        for name in names
+    columns = (
+        Column("model"),
+        Column("release"),
+        Column("spread, %", 2),
+        Column("low, %", 2),
+        Column("high, %", 2),
+        Column("launches", 3),
+        Column("why not"),
+    )
+    rows = [record.row() for record in spreads]
+    cells = [
+        (
+            row.model,
+            row.release,
+            *(
+                (None,) * 3
+                if row.spread is None
+                else map(_percent, (row.spread.estimate, row.spread.low, row.spread.high))
+            ),
+            row.launches,
+            row.detail,
+        )
+        for row in rows
     ]
-    cells = [tuple(row[name] for name in names) for row in rows]
     return Section(
         "How far does speed depend on where code lies?",
         command,
         tables=[DataTable("Spreads", columns, cells)],
     )
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
 
 
 def _machines(named_runs: Sequence[NamedRun]) -> DataTable:

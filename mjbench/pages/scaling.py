@@ -6,33 +6,48 @@ from mjbench.comparison.plan import Variant
 from mjbench.comparison.scaling import ScalingPoint, Stage
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report import comparison
-from mjbench.report.scaling import ScalingResults, ThreadAdvice, describe_advice, problem_lines
+from mjbench.report import comparison, vega
+from mjbench.report.scaling import describe_advice, problem_lines
+from mjbench.report.thread_advice import ScalingResults, ThreadAdvice
+from mjbench.status import Status
 
 _IDEAL, _HAD, _MEASURED = "one core a thread", "cores that there were", "measured"
-_COLOURS = {_MEASURED: charts.BLUE, _HAD: charts.GREEN, _IDEAL: charts.GREY}
-
-
-def conclusions(results: ScalingResults) -> Iterator[Conclusion]:
-    """Yield how many threads each path should have."""
-    for advice in results.advice():
-        tone = Tone.GOOD if advice.nthread > 1 else Tone.NEUTRAL
-        text = f"{advice.model}: {describe_advice(advice, results.topology)}"
-        yield Conclusion(text, tone)
+_COLOURS = {_MEASURED: vega.BLUE, _HAD: vega.GREEN, _IDEAL: vega.GREY}
 
 
 def section(results: ScalingResults, command: str) -> Section:
     """Return the section of one model."""
-    record = results.records[0].model
+    record, all_advice = results.records[0].model, results.advice()
     notes = [str(line) for line in comparison.heading_lines(record)]
     return Section(
         heading=f"{record.model}: how many threads?",
         command=command,
-        conclusions=[*conclusions(results)],
-        figures=[_thread_figure(results.points, advice) for advice in results.advice()],
+        conclusions=[*_failures(results), *(_conclusion(a, results) for a in all_advice)],
+        figures=[_thread_figure(results.points, advice) for advice in all_advice],
         tables=[_table(results)],
         notes=[*notes, *(str(line) for line in problem_lines(results))],
     )
+
+
+def _failures(results: ScalingResults) -> Iterator[Conclusion]:
+    """Yield what went wrong, each once."""
+    texts = []
+    for record in results.records:
+        model = record.model
+        if model.status not in (Status.OK, Status.INTERRUPTED):
+            texts.append(f"{model.model}: {model.status}: {model.detail}")
+        texts += [
+            f"{model.model}: {Variant(m.path, m.options)} does other work than the plain loop:"
+            f" {m.agreement}"
+            for m in record.measurements
+            if m.status == Status.DISAGREES
+        ]
+    yield from (Conclusion(text, Tone.BAD) for text in dict.fromkeys(texts))
+
+
+def _conclusion(advice: ThreadAdvice, results: ScalingResults) -> Conclusion:
+    tone = Tone.GOOD if advice.nthread > 1 else Tone.NEUTRAL
+    return Conclusion(f"{advice.model}: {describe_advice(advice, results.topology)}", tone)
 
 
 def _thread_figure(points: Sequence[ScalingPoint], advice: ThreadAdvice) -> Figure:
@@ -51,7 +66,7 @@ def _thread_figure(points: Sequence[ScalingPoint], advice: ThreadAdvice) -> Figu
         if point.cores_had is not None:
             rows.append((count, min(count, point.cores_had), _HAD))
     data = DataTable(f"{advice.path}: speed-up by threads", columns, rows)
-    layer: charts.Spec = {
+    layer: vega.Spec = {
         "mark": {"type": "line", "point": True},
         "encoding": {
             "x": charts.quantity("threads", "threads"),

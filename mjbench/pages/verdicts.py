@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 
-from mjbench.counts.function_differences import largest_differences
+from mjbench.counts.function_differences import NetDifference, largest_differences
 from mjbench.counts.records import ExplainRow
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.paired import family
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.records import VerdictRow
-from mjbench.report import verdicts
+from mjbench.report import vega, verdicts
 from mjbench.status import Status
 
 _TONES = {
@@ -19,23 +19,20 @@ _TONES = {
     Verdict.INCONCLUSIVE: Tone.UNSURE,
 }
 _COLOURS = {
-    Verdict.FASTER.value: charts.BLUE,
-    Verdict.SAME.value: charts.GREY,
-    Verdict.SLOWER.value: charts.ORANGE,
-    Verdict.INCONCLUSIVE.value: charts.SKY,
+    Verdict.FASTER.value: vega.BLUE,
+    Verdict.SAME.value: vega.GREY,
+    Verdict.SLOWER.value: vega.ORANGE,
+    Verdict.INCONCLUSIVE.value: vega.SKY,
 }
 # Functions of a change that are drawn.
 _MOST_FUNCTIONS = 12
 
 
-def conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
-    """Yield what all comparisons come to together, then each that found a difference."""
+def _conclusions(rows: Sequence[VerdictRow], confidence: float) -> Iterator[Conclusion]:
+    """Yield what all comparisons come to together, then each of them."""
     if len(rows) > 1 and all(verdicts.has_evidence(row) for row in rows):
-        text = verdicts.describe_family(family.decide(rows, confidence), confidence)
-        yield Conclusion(text)
-    for row in rows:
-        if row.verdict != Verdict.SAME or row.changed_work:
-            yield _conclusion(row)
+        yield Conclusion(verdicts.describe_family(family.decide(rows, confidence), confidence))
+    yield from map(_conclusion, rows)
 
 
 def _conclusion(row: VerdictRow) -> Conclusion:
@@ -45,13 +42,13 @@ def _conclusion(row: VerdictRow) -> Conclusion:
     return Conclusion(verdicts.describe_verdict(row), tone)
 
 
-def section(rows: Sequence[VerdictRow], command: str) -> Section:
-    """Return the section of paired comparisons."""
+def section(rows: Sequence[VerdictRow], confidence: float, command: str) -> Section:
+    """Return the section of paired comparisons; `confidence`: of what they show together."""
     timed = [row for row in rows if row.ratio is not None]
     return Section(
         heading="Verdicts",
         command=command,
-        conclusions=[_conclusion(row) for row in rows],
+        conclusions=[*_conclusions(rows, confidence)],
         figures=[_forest(timed)] if timed else [],
         tables=[_table(rows)],
     )
@@ -118,7 +115,7 @@ def _forest(rows: Sequence[VerdictRow]) -> Figure:
     y = charts.names("comparison")
     title = "change, % (above 0 is slower)"
     colour = charts.colour("verdict", _COLOURS, "verdict")
-    layers: list[charts.Spec] = [
+    layers: list[vega.Spec] = [
         charts.rule_at(0.0),
         {
             "mark": {"type": "rule", "strokeWidth": 3},
@@ -150,19 +147,22 @@ def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[S
     for row in rows:
         old, new = row.instructions_per_step.old, row.instructions_per_step.new
         heading = f"{row.model}, instructions, {row.old} → {row.new}"
-        if not old or not new or row.status != Status.OK:
-            conclusion = Conclusion(f"not counted: {row.status}", Tone.BAD)
-            yield Section(heading, command, [conclusion])
+        if not old or not new:
+            text = f"{heading}: not counted"
+            if row.status != Status.OK:
+                text += f" ({row.status})"
+            yield Section(heading, command, [Conclusion(text, Tone.BAD)])
             continue
         change = 100 * (new / old - 1)
         conclusion = Conclusion(
-            f"a step executes {change:+.1f} % instructions ({old:,.0f} → {new:,.0f})"
+            f"{heading}: a step executes {change:+.1f} % instructions ({old:,.0f} → {new:,.0f})"
         )
-        figures = [_function_figure(row, old)] if row.functions else []
+        changes = largest_differences(row.functions, _MOST_FUNCTIONS)
+        figures = [_function_figure(changes, old)] if changes else []
         yield Section(heading, command, [conclusion], figures)
 
 
-def _function_figure(row: ExplainRow, total: float) -> Figure:
+def _function_figure(changes: Sequence[NetDifference], total: float) -> Figure:
     columns = (
         Column("function"),
         Column("instructions per step", 4),
@@ -174,17 +174,17 @@ def _function_figure(row: ExplainRow, total: float) -> Figure:
             change.difference,
             100 * change.difference / total,
         )
-        for change in largest_differences(row.functions, _MOST_FUNCTIONS)
+        for change in changes
     ]
     data = DataTable("Functions that changed most", columns, cells)
-    layer: charts.Spec = {
+    layer: vega.Spec = {
         "mark": {"type": "bar", "height": 12},
         "encoding": {
             "x": charts.quantity("% of a step", "% of the instructions of a step", zero=True),
             "y": charts.names("function"),
             "color": {
-                "condition": {"test": "datum['% of a step'] > 0", "value": charts.ORANGE},
-                "value": charts.BLUE,
+                "condition": {"test": "datum['% of a step'] > 0", "value": vega.ORANGE},
+                "value": vega.BLUE,
             },
         },
     }

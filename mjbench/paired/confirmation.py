@@ -59,6 +59,21 @@ class ConfirmationRecord:
     launches: NonNegativeInt = 0
     samples: Sequence[LaunchRow] = ()
 
+    @property
+    def sides(self) -> tuple[Variant, Variant]:
+        """The two paths, each with its options."""
+        return (
+            Variant(self.baseline, self.baseline_options),
+            Variant(self.candidate, self.candidate_options),
+        )
+
+
+def of_sides(
+    records: Sequence[ConfirmationRecord], baseline: Variant, candidate: Variant
+) -> ConfirmationRecord | None:
+    """Return the record of two paths; None where there is none."""
+    return next((record for record in records if record.sides == (baseline, candidate)), None)
+
 
 @dataclass(frozen=True)
 class ComparedSizes:
@@ -87,6 +102,22 @@ class ComparedSizes:
         affordable = int(nthread * THREADED_BLOCK_S / (self.step_s * self.nbatch))
         return min(self.nstep, whole_holds(affordable, hold))
 
+    def of_blocks(self, plan: ComparisonPlan, variants: Sequence[Variant]) -> Sizes:
+        """Return the sizes of blocks in fresh processes.
+
+        Args:
+          plan: of the comparison.
+          variants: that are compared again.
+        """
+        nstep = self.shortened(max(nthread(each.options) for each in variants), plan.hold)
+        return Sizes(self.nbatch, nstep, plan.hold, plan.seed, plan.starts, plan.returns)
+
+
+def target(source: ModelSource, plan: ComparisonPlan, variant: Variant) -> Target:
+    """Return what a fresh process runs for a variant of a comparison."""
+    release = installs.parse_release(installs.INSTALLED)
+    return Target(release, source, variant.path, variant.options, import_from=plan.import_from)
+
 
 def compare_again(
     pool: WorkerPool,
@@ -106,18 +137,8 @@ def compare_again(
       compared: sizes of that comparison.
       min_effect: smallest difference that matters.
     """
-    nstep = compared.shortened(max(nthread(variant.options) for variant in variants), plan.hold)
-    sizes = Sizes(compared.nbatch, nstep, plan.hold, plan.seed, plan.starts, plan.returns)
-    baseline, candidate = (
-        Target(
-            installs.parse_release(installs.INSTALLED),
-            source,
-            variant.path,
-            variant.options,
-            import_from=plan.import_from,
-        )
-        for variant in variants
-    )
+    sizes = compared.of_blocks(plan, variants)
+    baseline, candidate = (target(source, plan, variant) for variant in variants)
     # one build against itself: its code lies at the same place in both
     verdict_plan = VerdictPlan(
         min_effect, CONFIDENCE, min_effect / 2, TIME_LIMIT_S, sizes, as_shipped=True

@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import machine, timing
+from mjbench.instrument import timing
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
@@ -125,7 +126,7 @@ class TargetPair:
         sizes = sizes or Sizes()
         self._returns, self._metric = sizes.returns, sizes.metric
         self._nthread = max(baseline.nthread, candidate.nthread)
-        self._calibrator: WorkerProcess | None = None
+        self._calibrator = Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         releases = baseline.release, candidate.release
         names = preparation.describe(self._targets)
@@ -151,7 +152,7 @@ class TargetPair:
         self._pairs.wait()
         # targets with threads get all cores, so nothing may start on one of them meanwhile
         threaded = self._nthread > 1
-        calibrated = self._calibrate() if threaded else None
+        calibrated = self._calibrator.count() if threaded else None
         core = None if threaded else cores.freest_core()
         with self._pairs.launch(core) as (processes, placements):
             layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
@@ -165,9 +166,7 @@ class TargetPair:
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
         self._pairs.close()
-        if self._calibrator is not None:
-            self._pool.end([self._calibrator])
-            self._calibrator = None
+        self._calibrator.close()
         for file in (*self._prepared.models, self._prepared.workloads[1]):
             file.unlink(missing_ok=True)
 
@@ -202,16 +201,6 @@ class TargetPair:
             self._time_limit.check_first_launch(launch_s(1e-9 * warm_ns))
         self._has_timed = True
         return time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
-
-    def _calibrate(self) -> float:
-        """Return how many cores as many threads as the targets have get now."""
-        nthread = min(machine.usable_cores(), self._nthread)
-        if nthread == 1:
-            return 1.0
-        if self._calibrator is None:  # a process of its own, because calibrating allocates memory
-            self._calibrator = self._pool.start(self._targets[0].release)
-            self._calibrator.wait()
-        return self._calibrator.call(requests.CountCores(nthread))
 
 
 def time_quads(

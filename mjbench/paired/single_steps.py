@@ -2,7 +2,8 @@
 
 A block gives the time that 99 of 100 of its steps do not exceed. Blocks of both targets are of the
 same states, and a verdict rests on the median of many, so it compares the steps that are heavy, as
-in contact, and not those that the machine interrupted. Two readings of the clock are in each time.
+in contact, and not those that the machine interrupted. Each time includes one reading of
+the clock.
 """
 
 import math
@@ -18,7 +19,7 @@ from mjbench.simulation.workload import Workload
 _SHARE = 0.99
 
 
-class SingleSteps:
+class TimedSteps:
     """A workload whose steps are timed one by one.
 
     Attributes:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-    from mjbench.paired.single_steps import SingleSteps
+    from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import Resources, States
     from mjbench.simulation.workload import PortableWorkload, Workload
 
@@ -78,7 +78,7 @@ class Worker:
         self.connection = connection
         self.resources: Resources | None = None
         self.slowdown = 0.0
-        self.single_steps: SingleSteps | None = None
+        self.single_steps: TimedSteps | None = None
         self.padding: list[Any] = []
         self.scattered: deque[list[bytearray]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
@@ -323,12 +323,12 @@ class Worker:
         return ns
 
 
-def _single_steps(workload: "Workload") -> "tuple[SingleSteps, States]":
+def _single_steps(workload: "Workload") -> "tuple[TimedSteps, States]":
     """Return steps that are timed one by one, and the states that a first run ended in."""
-    from mjbench.paired.single_steps import SingleSteps
+    from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import States
 
-    single_steps = SingleSteps(workload)
+    single_steps = TimedSteps(workload)
     single_steps.run()
     return single_steps, States(single_steps.final_state)
 

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, one_line
+from mjbench.instrument import extras
 from mjbench.paths.base import Options, Prepared, Resources, States, SteppingPath
 from mjbench.simulation import compat, work
 from mjbench.simulation.accelerated_limits import Precision
@@ -110,7 +111,7 @@ class AcceleratedPath(SteppingPath):
         """Return which extra to install where a package is missing."""
         missing = [name for name in self.packages if not _is_installed(name)]
         if missing:
-            return f"needs {', '.join(missing)}: pip install 'mjbench[{self.extra}]'"
+            return f"needs {', '.join(missing)}: {extras.install_command(self.extra)}"
         return None
 
     @abstractmethod

@@ -1,8 +1,7 @@
 """Which path to use on a model: for open loop, and for closed loop.
 
-Blocks of one process show which paths may be the fastest; two of them are then compared again in
-fresh processes (`paired.confirmation`). `next_pairing` names the comparison that advice still
-needs, `advise` the path that follows from those there are.
+Blocks of one process show which paths may be the fastest; these are then compared in fresh
+processes (`paired.contest`). `contest_groups` names them, `advise` the path that follows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,16 +9,13 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import MAY_BE_FASTEST, Variant
 from mjbench.paired.confirmation import MIN_EFFECT, ConfirmationRecord
+from mjbench.paired.contest import ContestRecord
 from mjbench.paired.records import Ratio
 from mjbench.paths import BASE
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.status import Status
-
-# Paths whose speed in one process is at least this share of the fastest's may be as fast.
-MAY_BE_AS_FAST = 0.95
-
 
 # The engine's clock is mentioned from this gain on.
 MIN_CLOCK_GAIN = 0.01
@@ -43,7 +39,7 @@ class Reason(StrEnum):
     FASTER = "faster"
     """It is certainly faster than the plain loop."""
     SIMPLER = "simpler"
-    """It is simpler than the fastest path, which is not certainly faster, or by less than 3 %."""
+    """It is simpler than the fastest path, which is faster by less than 3 %."""
     NO_GAIN = "no gain"
     """It is the plain loop, and no path is certainly faster."""
     UNCONFIRMED = "unconfirmed"
@@ -147,18 +143,25 @@ class _Choice:
     break_even: str = ""
 
 
-def next_pairing(model_results: ModelResults) -> Pairing | None:
-    """Return the next comparison that advice on a model needs; None where it has all."""
+def clock_pairing(model_results: ModelResults) -> Pairing | None:
+    """Return the comparison with and without the engine's clock, where it is still needed."""
     facts = model_results.model.facts
     has_clock = facts is not None and bool(facts.has_clock)
     was_compared = any(map(_is_of_clock, model_results.confirmations))
     if has_clock and not was_compared and _able(model_results):
         return Pairing(Variant(BASE, {}), Variant(BASE, CLOCK_OFF), MIN_CLOCK_GAIN)
-    for able in _able(model_results).values():
-        choice = _choose(able, model_results.confirmations)
-        if isinstance(choice, Pairing):
-            return choice
     return None
+
+
+def contest_groups(model_results: ModelResults) -> list[list[Variant]]:
+    """Return the variants to compare in fresh processes, for each loop; none where all were.
+
+    The plain loop is in every group. A loop in which nothing else may be the fastest has no group.
+    """
+    if model_results.contest is not None:
+        return []
+    groups = [[_variant(r) for r in _contenders(able)] for able in _able(model_results).values()]
+    return [group for group in groups if len(group) > 1]
 
 
 def advise(model_results: ModelResults) -> list[Advice]:
@@ -170,11 +173,9 @@ def advise(model_results: ModelResults) -> list[Advice]:
     """
     advice = []
     for loop, able in _able(model_results).items():
-        choice = _choose(able, model_results.confirmations)
-        if isinstance(choice, Pairing):
-            base = next(result for result in able if result.path == BASE)
-            rival = next(r for r in able if _variant(r) == choice.candidate)
-            choice = _Choice(base, Reason.UNCONFIRMED, rival=rival)
+        choice = _choose(able, model_results.contest)
+        if choice.reason == Reason.UNCONFIRMED and _is_of_earlier_version(model_results):
+            choice = replace(choice, detail="an earlier version of mjbench compared it otherwise")
         accelerated = [r for r in model_results.results if r.is_accelerated and _is_able(r)]
         choice = _with_accelerated(choice, accelerated, model_results.total_steps)
         advice.append(_advice(loop, choice))
@@ -185,7 +186,7 @@ def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
     """Return what turning the engine's clock off gains, where that is certain."""
     for record in filter(_is_of_clock, model_results.confirmations):
         ratio = record.ratio
-        if ratio is None or not _is_certain(ratio, 1 / (1 + MIN_CLOCK_GAIN)):
+        if ratio is None or not is_certainly_faster(ratio, 1 / (1 + MIN_CLOCK_GAIN)):
             continue
         assert ratio.low and ratio.high, "what is certain has an interval"
         model = model_results.model
@@ -197,6 +198,12 @@ def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
 
 def _is_of_clock(record: ConfirmationRecord) -> bool:
     return (record.baseline, record.candidate) == (BASE, BASE)
+
+
+def _is_of_earlier_version(model_results: ModelResults) -> bool:
+    """Return whether paths were compared two at a time, in place of a contest."""
+    pairs = [record for record in model_results.confirmations if not _is_of_clock(record)]
+    return bool(pairs) and model_results.contest is None
 
 
 def _able(model_results: ModelResults) -> dict[Loop, list[PathResult]]:
@@ -217,37 +224,38 @@ def _is_able(result: PathResult) -> bool:
     return result.step_ns is not None and result.is_judged
 
 
-def _choose(
-    able: Sequence[PathResult], confirmations: Sequence[ConfirmationRecord]
-) -> _Choice | Pairing:
-    """Return the path to use of those that are able, or the comparison that this needs."""
-    base = next(result for result in able if result.path == BASE)
-    fastest = max(able, key=lambda result: result.rate)
-    # paths are listed from the simplest on
-    simplest = next(r for r in able if r.rate >= MAY_BE_AS_FAST * fastest.rate)
-    chosen, rival = fastest, None
-    if simplest is not fastest:
-        again = _confirmation(simplest, fastest, confirmations)
-        if again is None:
-            return Pairing(_variant(simplest), _variant(fastest))
-        if again.status != Status.OK:
-            return _Choice(base, Reason.UNCONFIRMED, rival=fastest, detail=again.detail)
-        if not _is_certain(again.ratio, 1 / (1 + MIN_EFFECT)):
-            chosen, rival = simplest, fastest
+def _contenders(able: Sequence[PathResult]) -> list[PathResult]:
+    """Return the plain loop and the paths that may be the fastest, from the simplest on."""
+    fastest = max(result.rate for result in able)
+    return [r for r in able if r.path == BASE or r.rate >= MAY_BE_FASTEST * fastest]
+
+
+def _choose(able: Sequence[PathResult], contest: ContestRecord | None) -> _Choice:
+    """Return the path to use of those that are able."""
+    contenders = _contenders(able)
+    base = next(result for result in contenders if result.path == BASE)
+    if len(contenders) == 1:
+        return _Choice(base, Reason.NO_GAIN)
+    if contest is None or contest.detail or contest.status != Status.OK:
+        seems = max(contenders, key=lambda result: result.rate)
+        if seems is base:
+            return _Choice(base, Reason.NO_GAIN)
+        detail = contest.detail if contest else ""
+        return _Choice(base, Reason.UNCONFIRMED, rival=seems, detail=detail)
+    variants = [_variant(result) for result in contenders]
+    fastest = contenders[variants.index(contest.fastest(variants))]
+    chosen = contenders[variants.index(contest.choice(variants))]
+    rival = None if chosen is fastest else fastest
     if chosen is base:
         return _Choice(base, Reason.SIMPLER if rival else Reason.NO_GAIN, rival=rival)
-    again = _confirmation(base, chosen, confirmations)
-    if again is None:
-        return Pairing(_variant(base), _variant(chosen))
-    if again.status != Status.OK:
-        return _Choice(base, Reason.UNCONFIRMED, rival=chosen, detail=again.detail)
-    if not _is_certain(again.ratio, 1.0):
+    ratio = contest.ratio(_variant(base), _variant(chosen))
+    if not is_certainly_faster(ratio, 1.0):
         return _Choice(base, Reason.NO_GAIN, rival=chosen)
-    return _Choice(chosen, Reason.SIMPLER if rival else Reason.FASTER, again.ratio, rival)
+    return _Choice(chosen, Reason.SIMPLER if rival else Reason.FASTER, ratio, rival)
 
 
-def _is_certain(ratio: Ratio | None, most: float) -> bool:
-    """Return whether a time is certainly shorter, and its estimate no more than a share."""
+def is_certainly_faster(ratio: Ratio | None, most: float) -> bool:
+    """Return whether the candidate's time is certainly shorter, and at most a share by estimate."""
     if ratio is None or ratio.high is None:
         return False
     return ratio.high < 1.0 and ratio.estimate <= most
@@ -273,20 +281,6 @@ def _with_accelerated(
         " will take"
     )
     return replace(choice, break_even=break_even)
-
-
-def _confirmation(
-    baseline: PathResult, candidate: PathResult, confirmations: Sequence[ConfirmationRecord]
-) -> ConfirmationRecord | None:
-    """Return the comparison of two paths, if there is one."""
-    sides = _variant(baseline), _variant(candidate)
-    for record in confirmations:
-        if sides == (
-            Variant(record.baseline, record.baseline_options),
-            Variant(record.candidate, record.candidate_options),
-        ):
-            return record
-    return None
 
 
 def _advice(loop: Loop, choice: _Choice) -> Advice:

@@ -1,5 +1,6 @@
 """The output of `mjbench compare`: heading, table, notes and advice of each model."""
 
+import statistics
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -339,16 +340,11 @@ def _print_clock(out: Console, clock: ClockAdvice, results: Sequence[PathResult]
     gain = f"{tables.factor(clock.speedup)}× the plain loop ({low} to {high} in fresh processes)"
     line = f", {gain}: mjbench.engine_clock(False)"
     out.print(tables.headed("Any path: turn off the engine's clock", line), soft_wrap=True)
-    gains: dict[str, float] = {}
-    for result in results:
-        if result.clock_gain is not None:
-            gains[str(Variant(result.path, result.options))] = result.clock_gain
+    gains = [result.clock_gain for result in results if result.clock_gain is not None]
     if len(gains) > 1:
-        least, most = min(gains, key=gains.__getitem__), max(gains, key=gains.__getitem__)
+        gain = tables.factor(statistics.median(gains))
         out.print(
-            f"  In this process it gains from {tables.factor(gains[least])}× ({least}) to"
-            f" {tables.factor(gains[most])}× ({most}).",
-            soft_wrap=True,
+            f"  In this process, {len(gains)} paths gain {gain}× (the median).", soft_wrap=True
         )
 
 
@@ -372,7 +368,7 @@ def why(advice: Advice) -> str:
         case Reason.FASTER | Reason.PAYS:
             text = gain
         case Reason.SIMPLER:
-            text = f"{gain + '; ' if gain else ''}{advice.rival} is not certainly faster by 3 %"
+            text = f"{gain + '; ' if gain else ''}{advice.rival} is not faster by 3 %"
         case Reason.NO_GAIN:
             text = "no path is certainly faster"
         case Reason.UNCONFIRMED:

@@ -58,8 +58,8 @@ def print_noise(out: Console, noise: NoiseRow) -> None:
     size = tables.plain(100 * noise.decidable, 2)
     heading = f"A verdict of a minute decides changes of {size} % and more"
     rest = (
-        f" (the cart-pole beside itself: {noise.launches} launches, which differ by"
-        f" {tables.plain(100 * noise.deviation, 2)} %)."
+        f" of a small model, with --min-effect {size}% (the cart-pole beside itself:"
+        f" {noise.launches} launches, which differ by {tables.plain(100 * noise.deviation, 2)} %)."
     )
     out.print(tables.headed(heading, rest), soft_wrap=True)
     if not noise.trusted:

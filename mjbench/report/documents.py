@@ -27,6 +27,7 @@ from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.confirmation import ConfirmationRecord
+from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
@@ -39,7 +40,7 @@ from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
-from mjbench.report.scaling import ScalingResults, ScalingRow, ThreadAdvice
+from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.status import Status
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
@@ -48,6 +49,7 @@ SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 RECORD_TYPES: Mapping[str, type] = {
     **comparison_records.RECORD_TYPES,
     ConfirmationRecord.record_type: ConfirmationRecord,
+    ContestRecord.record_type: ContestRecord,
     ScalingRecord.record_type: ScalingRecord,
     OverheadRow.record_type: OverheadRow,
     ProfileRow.record_type: ProfileRow,

@@ -1,12 +1,13 @@
 """Read a history of speed from the run files of `mjbench history measure` and `history explain`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError
 from mjbench.instrument import runs
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.runs import Run
 from mjbench.releases import changelog, known_causes
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import speed_history
@@ -33,8 +34,16 @@ def read(files: Sequence[Path], causes: Path | None, since: str | None = None) -
       InputError: a file cannot be read, or is of another machine; nothing was measured, or not
         `since`.
     """
+    loaded = {file: runs.load(file, RECORD_TYPES) for file in files}
+    return of_runs(loaded, causes, since)
+
+
+def of_runs(
+    loaded: Mapping[Path, Run], causes: Path | None, since: str | None = None
+) -> SpeedHistory:
+    """Return the history that runs hold, by their files; see `read`."""
     known = known_causes.load(causes) if causes else []
-    machine, records = _records(files)
+    machine, records = _records(loaded)
     history = speed_history.from_records(records, changelog.installed(), known, machine, since)
     if not history.models:
         raise InputError("there are no times of steps; `mjbench history measure` measures some")
@@ -44,12 +53,11 @@ def read(files: Sequence[Path], causes: Path | None, since: str | None = None) -
     return history
 
 
-def _records(files: Sequence[Path]) -> tuple[Machine | None, list[Any]]:
-    """Return the machine and the records of run files, whose times must be of one machine."""
+def _records(loaded: Mapping[Path, Run]) -> tuple[Machine | None, list[Any]]:
+    """Return the machine and the records of runs, whose times must be of one machine."""
     records: list[Any] = []
     timed: dict[Path, Machine] = {}
-    for file in files:
-        run = runs.load(file, RECORD_TYPES)
+    for file, run in loaded.items():
         records += run.records
         if run.of_type(RatioRecord):  # counts hold for any machine
             timed[file] = run.header.machine

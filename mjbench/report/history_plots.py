@@ -1,6 +1,6 @@
 """Plots of models over the releases, as SVG: time, instructions, work and drift, aligned.
 
-Each plot is a Vega-Lite specification, which vl-convert-python draws.
+Each plot is a Vega-Lite specification (see `vega`).
 """
 
 import math
@@ -9,45 +9,35 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mjbench.errors import InputError, writing
+from mjbench.errors import writing
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries
+from mjbench.report import vega
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.report.speed_tables import DEVIATIONS
+from mjbench.report.vega import BLUE, GREEN, GREY, ORANGE, Spec
 
-# The version of Vega-Lite whose language the specifications are in.
-VEGA_LITE = "5.20"
 _WIDTH, _HEIGHT, _TIME_HEIGHT = 720, 80, 170
-# Colours that people with any colour vision tell apart (Okabe and Ito, 2008).
-_BLUE, _ORANGE, _GREEN, _GREY = "#0072b2", "#d55e00", "#009e73", "#777777"
 # An error bar reaches as many standard errors to either side.
 _BAR_DEVIATIONS = 2.0
 # Smaller drifts are rounding, or none; they are drawn here.
 _LEAST_DRIFT = 1e-17
 
 Row = dict[str, str | float | None]
-Spec = dict[str, Any]
 
 
 def draw(history: SpeedHistory, folder: Path) -> None:
     """Draw a plot of each model as an SVG file in a folder, which is created.
 
     Raises:
-      InputError: vl-convert-python is not installed.
-      MachineError: the folder cannot be written.
+      MachineError: vl-convert-python is not installed, or the folder cannot be written.
     """
-    try:
-        import vl_convert
-    except ImportError as error:
-        raise InputError(
-            "plots need vl-convert-python: install `mjbench[report]`, or leave out --plots"
-        ) from error
+    svgs = [vega.svg(specification(history, series)) for series in history.models]
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for series in history.models:
+    for series, svg in zip(history.models, svgs, strict=True):
         file = folder / file_name(series)
-        svg = vl_convert.vegalite_to_svg(specification(history, series), vl_version=VEGA_LITE)
         with writing(file):
             file.write_text(svg, encoding="utf-8")
 
@@ -63,7 +53,7 @@ def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
     reference = series.measured[-1].record.reference
     panels = [
         _panel(f"time ({reference} = 1)", [*_times(history, series)], _time_layers(), _TIME_HEIGHT),
-        _panel("instructions (k)", [*_instructions(history, series)], [_line(_BLUE)]),
+        _panel("instructions (k)", [*_instructions(history, series)], [_line(BLUE)]),
         _panel("work per step", [*_work(history, series)], [_counters()]),
         _panel("drift of one step", [*_drifts(history, series)], [_drift_points()]),
     ]
@@ -78,7 +68,7 @@ def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:
                 "axis": axis,
             }
     return {
-        "$schema": f"https://vega.github.io/schema/vega-lite/v{VEGA_LITE.split('.')[0]}.json",
+        "$schema": vega.SCHEMA,
         "title": {"text": series.name, "anchor": "start"},
         "background": "white",
         "spacing": 10,
@@ -128,19 +118,19 @@ def _time_layers() -> list[Spec]:
 
     return [
         {
-            "mark": {"type": "area", "color": _ORANGE, "opacity": 0.25},
+            "mark": {"type": "area", "color": ORANGE, "opacity": 0.25},
             "encoding": {"y": y("shipped"), "y2": {"field": "ratio"}},
         },
         {
-            "mark": {"type": "rule", "color": _BLUE},
+            "mark": {"type": "rule", "color": BLUE},
             "encoding": {"y": y("low"), "y2": {"field": "high"}},
         },
         {
-            "mark": {"type": "line", "color": _BLUE, "point": {"color": _BLUE}},
+            "mark": {"type": "line", "color": BLUE, "point": {"color": BLUE}},
             "encoding": {"y": y("ratio")},
         },
         {
-            "mark": {"type": "point", "shape": "diamond", "size": 140, "color": _ORANGE},
+            "mark": {"type": "point", "shape": "diamond", "size": 140, "color": ORANGE},
             "encoding": {"y": y("change point")},
         },
     ]
@@ -185,7 +175,7 @@ def _counters() -> Spec:
         "field": "counter",
         "type": "nominal",
         "title": None,
-        "scale": {"range": [_BLUE, _ORANGE, _GREEN]},
+        "scale": {"range": [BLUE, ORANGE, GREEN]},
     }
     return {
         "mark": {"type": "line", "point": True},
@@ -195,4 +185,4 @@ def _counters() -> Spec:
 
 def _drift_points() -> Spec:
     y = _value(type="log", domainMin=_LEAST_DRIFT) | {"axis": {"format": ".0e", "tickCount": 4}}
-    return {"mark": {"type": "point", "filled": True, "color": _GREY}, "encoding": {"y": y}}
+    return {"mark": {"type": "point", "filled": True, "color": GREY}, "encoding": {"y": y}}

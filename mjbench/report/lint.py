@@ -1,11 +1,16 @@
-"""The findings of `mjbench lint`, as a line and as a document; imports no engine."""
+"""The findings of `mjbench lint`, in each of its formats; imports no engine."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import mjbench
 from mjbench.errors import printable
-from mjbench.instrument.runs import SCHEMA
+from mjbench.instrument.runs import SCHEMA, to_json
 from mjbench.loop.lint import Finding
+from mjbench.loop.lint_rules import RULES
 from mjbench.loop.script_files import UncheckedFile
 
 
@@ -28,3 +33,90 @@ def finding_line(finding: Finding) -> str:
     cell = f"cell {finding.cell}:" if finding.cell else ""
     place = f"{printable(finding.file)}:{cell}{finding.line}:{finding.col}"
     return f"{place} {finding.code} {finding.message}{cost}"
+
+
+def as_github(document: LintDocument) -> str:
+    """Return findings as workflow commands of GitHub Actions, which mark lines of a change."""
+    return "".join(f"{line}\n" for line in _github_lines(document))
+
+
+def _github_lines(document: LintDocument) -> Iterator[str]:
+    for finding in document.findings:
+        places = {"file": finding.file, "line": str(finding.line), "col": str(finding.col)}
+        if finding.cell:  # its lines are not those of the file
+            places = {"file": finding.file}
+        places["title"] = finding.code
+        values = ",".join(f"{key}={_github_value(value)}" for key, value in places.items())
+        yield f"::error {values}::{_github_text(finding_line(finding))}"
+    for unchecked in document.unchecked:
+        file = _github_value(unchecked.file)
+        yield f"::warning file={file},title=not checked::{_github_text(unchecked.detail)}"
+
+
+def _github_text(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _github_value(text: str) -> str:
+    return _github_text(printable(text)).replace(":", "%3A").replace(",", "%2C")
+
+
+def as_json(document: LintDocument) -> str:
+    """Return findings as `--json` writes them."""
+    return json.dumps(to_json(document), indent=1) + "\n"
+
+
+def as_sarif(document: LintDocument) -> str:
+    """Return findings in the Static Analysis Results Interchange Format (SARIF 2.1.0, OASIS)."""
+    rules = [{"id": rule.code, "shortDescription": {"text": rule.message}} for rule in RULES]
+    notifications = [
+        {"level": "error", "message": {"text": f"{printable(u.file)}: {u.detail}"}}
+        for u in document.unchecked
+    ]
+    driver = {"name": "mjbench lint", "version": mjbench.__version__, "rules": rules}
+    run = {
+        "tool": {"driver": driver},
+        "columnKind": "unicodeCodePoints",
+        "invocations": [
+            {
+                "executionSuccessful": not notifications,
+                "toolExecutionNotifications": notifications,
+            }
+        ],
+        "results": [_sarif_result(finding) for finding in document.findings],
+    }
+    content = {
+        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
+        "version": "2.1.0",
+        "runs": [run],
+    }
+    return json.dumps(content, indent=1) + "\n"
+
+
+def _sarif_result(finding: Finding) -> Mapping[str, Any]:
+    cell = f"cell {finding.cell}, line {finding.line}: " if finding.cell else ""
+    place: dict[str, Any] = {"artifactLocation": {"uri": _uri(finding.file)}}
+    if not finding.cell:
+        place["region"] = {"startLine": finding.line, "startColumn": finding.col}
+    return {
+        "ruleId": finding.code,
+        "level": "warning",
+        "message": {"text": f"{cell}{finding.message}"},
+        "locations": [{"physicalLocation": place}],
+    }
+
+
+def _uri(file: str) -> str:
+    """Return the address of a file; of a relative name it is relative, too."""
+    path = Path(file)
+    if path.is_absolute():
+        return path.as_uri()
+    return Path("/", path).as_uri().removeprefix("file:///")
+
+
+# Formats for other programs, by name; text is printed as findings come.
+FORMATS: Mapping[str, Callable[[LintDocument], str]] = {
+    "github": as_github,
+    "json": as_json,
+    "sarif": as_sarif,
+}

@@ -57,7 +57,7 @@ def print_sizes(out: Console, rows: Sequence[PlanningRow]) -> None:
             right=range(4),
         )
         for size in sizes:
-            fastest = _fastest([row for row in of_model if (row.samples, row.horizon) == size])
+            fastest = fastest_of([row for row in of_model if (row.samples, row.horizon) == size])
             table.add_row(
                 f"{fastest.samples:,}",
                 f"{fastest.horizon:,}",
@@ -71,12 +71,13 @@ def print_sizes(out: Console, rows: Sequence[PlanningRow]) -> None:
         out.print(table)
 
 
-def _fastest(timed: Sequence[PlanningRow]) -> PlanningRow:
+def fastest_of(timed: Sequence[PlanningRow]) -> PlanningRow:
+    """Return the row of the path that is fastest beside the plain loop."""
     return max(timed, key=lambda row: row.speedup or 0.0)
 
 
 def _print_fastest(out: Console, rows: Sequence[PlanningRow]) -> None:
-    fastest = _fastest([row for row in rows if row.plans_per_s is not None])
+    fastest = fastest_of([row for row in rows if row.plans_per_s is not None])
     assert fastest.plans_per_s is not None and fastest.control_hz is not None, "it was timed"
     if fastest.plans_per_s >= fastest.control_hz:
         pace = f"keeps up with {tables.plain(fastest.control_hz, 3)} controls per second"

@@ -8,7 +8,7 @@ from mjbench.report import tables
 
 _WIDTH = 30
 # The engine's clock is mentioned from this share of a step on.
-_LEAST_CLOCK_SHARE = 0.02
+LEAST_CLOCK_SHARE = 0.02
 
 
 def print_profile(out: Console, profile: StepProfile) -> None:
@@ -40,7 +40,7 @@ def _print_step(out: Console, profile: StepProfile) -> None:
     )
     for line in tables.warning_lines(steps.warnings):
         out.print(line, soft_wrap=True)
-    if clock_ns / loop_ns >= _LEAST_CLOCK_SHARE:
+    if clock_ns / loop_ns >= LEAST_CLOCK_SHARE:
         out.print(
             f"The engine's own clock, which these timers need, is {100 * clock_ns / loop_ns:.0f} %"
             f" of it ({_time(clock_ns)}); mjbench.engine_clock(False) turns it off.",

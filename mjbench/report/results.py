@@ -14,6 +14,7 @@ from mjbench.instrument import stats
 from mjbench.instrument.runs import Record
 from mjbench.instrument.stats import Estimate
 from mjbench.paired.confirmation import ComparedSizes, ConfirmationRecord
+from mjbench.paired.contest import ContestRecord
 from mjbench.paths import BASE
 from mjbench.simulation.accelerated_limits import AcceleratedCheck, Precision
 from mjbench.simulation.starts import Starts
@@ -149,11 +150,13 @@ class ModelResults:
       model: the model's record.
       results: one a variant.
       confirmations: comparisons of two variants in fresh processes.
+      contest: the comparison of those that may be the fastest; None where there is none.
     """
 
     model: ModelRecord
     results: tuple[PathResult, ...]
     confirmations: tuple[ConfirmationRecord, ...] = ()
+    contest: ContestRecord | None = None
 
     @property
     def cores_had(self) -> float | None:
@@ -179,13 +182,22 @@ class ModelResults:
 def derive(
     model: ModelRecord,
     measurements: Sequence[MeasurementRecord],
-    confirmations: Sequence[ConfirmationRecord] = (),
+    others: Sequence[object] = (),
 ) -> ModelResults:
-    """Return the results of one model at one size from its records."""
+    """Return the results of one model at one size from its records.
+
+    Args:
+      model: the model's record.
+      measurements: its variants.
+      others: records of a run, of which those in fresh processes are taken.
+    """
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)
     timestep = model.facts.timestep if model.facts else 0.0
     results = [replace(_result(m, base, timestep), starts=model.starts) for m in measurements]
-    return ModelResults(model, tuple(results), tuple(confirmations))
+    again = again_of(model, others)
+    confirmations = tuple(record for record in again if isinstance(record, ConfirmationRecord))
+    contests = [record for record in again if isinstance(record, ContestRecord)]
+    return ModelResults(model, tuple(results), confirmations, contests[-1] if contests else None)
 
 
 def derive_all(records: Sequence[Record]) -> list[ModelResults]:
@@ -194,19 +206,26 @@ def derive_all(records: Sequence[Record]) -> list[ModelResults]:
     Args:
       records: of a run file; those of other types are ignored.
     """
+    by_model: dict[tuple[str, int | None], list[Record]] = {}
+    for record in records:
+        if isinstance(record, ModelRecord | MeasurementRecord | ConfirmationRecord | ContestRecord):
+            by_model.setdefault((record.model, record.nbatch_asked), []).append(record)
     models = [record for record in records if isinstance(record, ModelRecord)]
     return [
-        derive(model, of_model(model, records), confirmations_of(model, records))
+        derive(model, of_model(model, own), own)
         for model in models
+        for own in [by_model[model.model, model.nbatch_asked]]
     ]
 
 
-def confirmations_of(model: ModelRecord, records: Sequence[object]) -> list[ConfirmationRecord]:
-    """Return the confirmations of a model at one size, from the records of a run."""
+def again_of(
+    model: ModelRecord, records: Sequence[object]
+) -> list[ConfirmationRecord | ContestRecord]:
+    """Return the comparisons in fresh processes of a model at one size, from those of a run."""
     return [
         record
         for record in records
-        if isinstance(record, ConfirmationRecord)
+        if isinstance(record, ConfirmationRecord | ContestRecord)
         and (record.model, record.nbatch_asked) == (model.model, model.nbatch_asked)
     ]
 
@@ -244,15 +263,14 @@ def _speedup(record: MeasurementRecord, base: MeasurementRecord) -> Estimate:
     if record.is_accelerated:
         median = statistics.median(base.samples_s) / statistics.median(record.samples_s)
     else:
-        count = min(len(base.samples_s), len(record.samples_s))
-        median = stats.speedup(base.samples_s[:count], record.samples_s[:count]).median
+        median = stats.median_speedup(base.samples_s, record.samples_s)
     return Estimate(median, None, None)
 
 
 def _clock_gain(record: MeasurementRecord) -> float | None:
     if not record.without_clock_s:
         return None
-    return stats.speedup(record.with_clock_s, record.without_clock_s).median
+    return stats.median_speedup(record.with_clock_s, record.without_clock_s)
 
 
 def _break_even_steps(record: MeasurementRecord, base: MeasurementRecord) -> float | None:

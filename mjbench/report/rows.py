@@ -21,7 +21,7 @@ from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
-from mjbench.report.scaling import by_model
+from mjbench.report.thread_advice import by_model
 
 # What a cell holds.
 Cell = str | float | int | bool | None

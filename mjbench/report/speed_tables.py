@@ -32,15 +32,20 @@ _MIN_SHARE = 0.0005
 _MAX_QUOTED = 160
 
 
-def step_changes(history: SpeedHistory) -> Iterator[str]:
-    """Yield a table of the change points of steps, or that there are none."""
-    listed = listed_changes(history, history.models)
+def step_changes(history: SpeedHistory, only: str | None = None) -> Iterator[str]:
+    """Yield a table of the change points of steps, or that there are none.
+
+    Args:
+      history: that has them.
+      only: the release that they came with; None for all.
+    """
+    listed = _listed(history, history.models, only)
     headings = ["releases", "model", "time", "instructions", "cause", "what accounts for it"]
     rows = [
         [
             *_releases(each),
             _with_error(each.point.change, each.point.deviation),
-            _count_change(each.counts),
+            instruction_change(each.counts),
             str(each.cause),
             "<br>".join(_accounts(each, history.background.changelog)),
         ]
@@ -49,9 +54,14 @@ def step_changes(history: SpeedHistory) -> Iterator[str]:
     return _table_or(_none_listed(), headings, rows, right_aligned=("time", "instructions"))
 
 
-def operation_changes(history: SpeedHistory) -> Iterator[str]:
-    """Yield a table of the change points of operations, or that there are none."""
-    listed = listed_changes(history, history.operations)
+def operation_changes(history: SpeedHistory, only: str | None = None) -> Iterator[str]:
+    """Yield a table of the change points of operations, or that there are none.
+
+    Args:
+      history: that has them.
+      only: the release that they came with; None for all.
+    """
+    listed = _listed(history, history.operations, only)
     headings = ["releases", "operation", "time", "cause", "what accounts for it"]
     rows = [
         [
@@ -63,6 +73,13 @@ def operation_changes(history: SpeedHistory) -> Iterator[str]:
         for each in listed
     ]
     return _table_or(_none_listed(), headings, rows, right_aligned=("time",))
+
+
+def _listed(
+    history: SpeedHistory, all_series: Sequence[SpeedSeries], only: str | None
+) -> list[Listed]:
+    listed = listed_changes(history, all_series)
+    return [each for each in listed if only is None or each.after.release == only]
 
 
 def _none_listed() -> str:
@@ -136,7 +153,8 @@ def _is_opposite(listed: Listed) -> bool:
     return (per_step.new - per_step.old) * listed.point.change < 0
 
 
-def _count_change(counts: ExplainRecord | None) -> str:
+def instruction_change(counts: ExplainRecord | None) -> str:
+    """Return the change of a step's instructions; empty where they were not counted."""
     if counts is None:
         return ""
     old, new = counts.instructions_per_step.old, counts.instructions_per_step.new

@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 
 from mjbench.errors import MachineError
+from mjbench.simulation import compat
 
 # double f(void): the type of mjcb_time.
 _PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_double)
@@ -60,6 +61,18 @@ def engine_clock(on: bool) -> EngineClock:
     previous = mujoco.get_mjcb_time()
     mujoco.set_mjcb_time(None if on else _no_clock())
     return EngineClock(previous)
+
+
+def can_be_switched(model: mujoco.MjModel) -> bool:
+    """Return whether the engine has a clock here that can be turned off and on again.
+
+    It is turned off and on to see; some releases do not get theirs back.
+    """
+    if not compat.has_clock(model):
+        return False
+    with engine_clock(False):
+        pass
+    return compat.has_clock(model)
 
 
 @functools.cache  # a timed block may call it

@@ -238,8 +238,8 @@ def test_without_the_package_that_draws_plots_its_name_is_said(
     invoke("measure", "3.3.0", "--model", "pile")
     monkeypatch.setitem(sys.modules, "vl_convert", None)
     done = invoke("--plots", "plots")
-    assert done.exit_code == 2
-    assert "plots need vl-convert-python" in done.output
+    assert done.exit_code == 3
+    assert "charts need vl-convert-python" in done.output
     assert not Path("plots").exists()
 
 

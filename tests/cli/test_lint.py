@@ -122,3 +122,64 @@ def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
     assert done.exit_code == 1
     assert set(json.loads(done.stdout)) == {"schema", "findings", "unchecked"}
     assert done.stderr.count("\n") == 2
+
+
+def test_rules_are_selected_and_ignored(tmp_path: Path) -> None:
+    text = BAD + "    data.joint('x').qpos\n    u = np.zeros(3)\n"
+    (tmp_path / "a.py").write_text(text)
+    for words, found in (
+        ((), ["MJB001", "MJB002", "MJB003"]),
+        (("--select", "MJB001,mjb003"), ["MJB001", "MJB003"]),
+        (("--ignore", "MJB002"), ["MJB001", "MJB003"]),
+        (("--select", "MJB", "--ignore", "MJB001"), ["MJB002", "MJB003"]),
+    ):
+        done = lint("a.py", *words)
+        assert [line.split()[1] for line in done.stdout.splitlines()] == found
+    done = lint("a.py", "--select", "E501")
+    assert done.exit_code == 2
+    assert "no rule 'E501'; there are MJB001" in done.stderr
+
+
+def test_findings_become_annotations(tmp_path: Path) -> None:
+    (tmp_path / "a,b:c.py").write_text(BAD)
+    done = lint("a,b:c.py", "missing.py", "--output-format", "github")
+    first, second = done.stdout.splitlines()
+    assert first.startswith("::error file=a%2Cb%3Ac.py,line=8,col=16,title=MJB001::")
+    assert second == "::warning file=missing.py,title=not checked::no such file"
+    assert done.exit_code == 1
+
+
+def test_findings_become_sarif(tmp_path: Path) -> None:
+    (tmp_path / "a b.py").write_text(BAD)
+    cells = [{"cell_type": "code", "source": BAD}]
+    (tmp_path / "run.ipynb").write_text(json.dumps({"cells": cells}))
+    done = lint(".", "missing.py", "--output-format", "sarif")
+    (run,) = json.loads(done.stdout)["runs"]
+    assert run["invocations"][0]["executionSuccessful"] is False
+    rules = {rule["id"] for rule in run["tool"]["driver"]["rules"]}
+    first, second = run["results"]
+    assert first["ruleId"] in rules
+    place = first["locations"][0]["physicalLocation"]
+    assert place["artifactLocation"]["uri"] == "a%20b.py"
+    assert place["region"] == {"startLine": 8, "startColumn": 16}
+    assert second["message"]["text"].startswith("cell 1, line 8: ")
+
+
+def test_json_is_a_format_too(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD)
+    done = lint("a.py", "--output-format", "json", "--json", "out.json")
+    assert json.loads(done.stdout) == json.loads((tmp_path / "out.json").read_text())
+    done = lint("a.py", "--output-format", "github", "--json", "-")
+    assert done.exit_code == 2
+    assert "cannot share standard output" in done.stderr
+
+
+def test_fix_changes_what_is_safe(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD + "    u = np.zeros(3)\n")
+    (tmp_path / "broken.py").write_text("def (")
+    done = lint(".", "--fix")
+    assert done.exit_code == 1
+    assert "fixed 1 finding\n" in done.stderr
+    assert [line.split()[1] for line in done.stdout.splitlines()] == ["MJB003"]
+    (tmp_path / "broken.py").unlink()
+    assert lint(".", "--fix", "--ignore", "MJB003").exit_code == 0

@@ -61,6 +61,8 @@ def windows(folder: Path) -> dict[str, Ended]:
 @pytest.fixture(scope="module")
 def macos(folder: Path) -> dict[str, Ended]:
     """Return how commands end as if on macOS."""
+    # which MuJoCo needs on macOS, and Debian's Python leaves out
+    pytest.importorskip("ctypes.macholib.dyld")
     return other_platforms.commands("darwin", MACOS, folder)
 
 

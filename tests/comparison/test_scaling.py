@@ -1,12 +1,13 @@
 """What a search for the number of threads measures, and finds, on invented machines."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import pytest
 from example_records import measurement, model_record
 
 from mjbench import paths
-from mjbench.comparison import scaling
+from mjbench.comparison import scaling, scaling_search
 from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.scaling import (
     ScalingRecord,
@@ -61,7 +62,7 @@ def searched(
     """Return the runs of a search, and their records."""
     runs: list[ScalingRun] = []
     records: list[ScalingRecord] = []
-    search = scaling.search(wanted)
+    search = scaling_search.search(wanted)
     try:
         runs.append(next(search))
         while True:
@@ -157,7 +158,7 @@ def test_paths_with_threads_or_processes_can_be_searched_and_no_others() -> None
 
 
 def test_a_search_ends_where_a_run_fails() -> None:
-    search = scaling.search(request(Topology(2)))
+    search = scaling_search.search(request(Topology(2)))
     run = next(search)
     failed = ScalingRecord(
         stage=run.stage,
@@ -174,3 +175,16 @@ def test_a_record_is_known_by_its_run() -> None:
     assert all(run.is_of(record, "m") for run, record in zip(runs, records, strict=True))
     assert not runs[0].is_of(records[1], "m")
     assert not runs[0].is_of(records[0], "other")
+
+
+def test_a_search_without_one_thread_ends() -> None:
+    search = scaling_search.search(request(Topology(2)))
+    record = record_of(next(search), lambda n, chunk, nbatch: n, 2.0)
+    timed = [m for m in record.measurements if m.path == paths.BASE or nthread(m.options) > 1]
+    with pytest.raises(StopIteration):
+        search.send(dataclasses.replace(record, measurements=timed))
+
+
+def test_a_quota_limits_what_is_tried() -> None:
+    wanted = request(Topology(128, 64, (64, 64), 2.0))
+    assert (wanted.first_counts, wanted.first_nbatch) == ([1, 2, 4], 64)

@@ -70,11 +70,21 @@ def test_turbo_is_read_as_each_driver_says_it(
     assert condition.grade == grade
 
 
-@pytest.mark.parametrize(("average", "grade"), [(0.5, Grade.GOOD), (1.5, Grade.BAD)])
+@pytest.mark.parametrize(
+    ("total", "average", "grade"),
+    [
+        (2, 0.5, Grade.GOOD),
+        (2, 1.5, Grade.BAD),
+        # two cores of a large machine, whose load is that of all
+        (64, 62.0, Grade.GOOD),
+        (64, 64.0, Grade.BAD),
+    ],
+)
 def test_a_load_takes_time_from_measurements(
-    monkeypatch: pytest.MonkeyPatch, average: float, grade: Grade
+    monkeypatch: pytest.MonkeyPatch, total: int, average: float, grade: Grade
 ) -> None:
     monkeypatch.setattr(machine, "usable_cores", lambda: 2)
+    monkeypatch.setattr(conditions.os, "cpu_count", lambda: total)
     monkeypatch.setattr(psutil, "getloadavg", lambda: (average, 0.0, 0.0))
     assert conditions.load().grade == grade
 
@@ -84,7 +94,7 @@ def test_a_host_that_takes_time_is_bad(
     monkeypatch: pytest.MonkeyPatch, stolen_s: float, grade: Grade
 ) -> None:
     times = iter([ProcessorTime(0.0, 0.0), ProcessorTime(0.5, stolen_s)])
-    spent = iter([0.0, 0.2, 0.4, 0.6])
+    spent = iter([0.0, 0.2, 2.5])
     monkeypatch.setattr(machine, "is_virtual", lambda: True)
     monkeypatch.setattr(ProcessorTime, "now", lambda: next(times))
     monkeypatch.setattr(conditions.time, "process_time", lambda: next(spent))
@@ -95,7 +105,19 @@ def test_a_host_that_takes_time_is_bad(
 
 def test_a_machine_of_its_own_has_no_host(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "is_virtual", lambda: False)
+    monkeypatch.setattr(ProcessorTime, "now", lambda: ProcessorTime(1.0, 0.0))
     assert conditions.stolen() is None
+
+
+def test_a_host_that_hides_is_noticed_by_what_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter([ProcessorTime(1.0, 0.1), ProcessorTime(2.0, 0.2)])
+    spent = iter([0.0, 2.5])
+    monkeypatch.setattr(machine, "is_virtual", lambda: False)
+    monkeypatch.setattr(ProcessorTime, "now", lambda: next(times))
+    monkeypatch.setattr(conditions.time, "process_time", lambda: next(spent))
+    condition = conditions.stolen()
+    assert condition is not None
+    assert condition.grade == Grade.BAD
 
 
 @pytest.mark.parametrize(("plugged", "grade"), [(True, Grade.GOOD), (False, Grade.BAD)])
@@ -107,8 +129,9 @@ def test_a_battery_slows_the_clock(
     condition = conditions.battery()
     assert condition is not None
     assert condition.grade == grade
-    monkeypatch.setattr(psutil, "sensors_battery", lambda: None, raising=False)
-    assert conditions.battery() is None
+    for unknown in (None, SimpleNamespace(power_plugged=None)):
+        monkeypatch.setattr(psutil, "sensors_battery", lambda state=unknown: state, raising=False)
+        assert conditions.battery() is None
 
 
 def test_what_watches_python_is_bad(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,13 +140,28 @@ def test_what_watches_python_is_bad(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_other_measurements_are_named() -> None:
-    assert conditions.neighbours([]).grade == Grade.GOOD
-    condition = conditions.neighbours([Neighbour(12, "compare")])
+    assert conditions.other_mjbench([]).grade == Grade.GOOD
+    condition = conditions.other_mjbench([Neighbour(12, "compare")])
     assert condition.grade == Grade.BAD
-    assert "mjbench compare (process 12)" in condition.detail
+    assert "mjbench compare, process 12" in condition.detail
 
 
 @pytest.mark.parametrize(("step_ns", "grade"), [(50, Grade.GOOD), (4_000_000, Grade.BAD)])
 def test_a_coarse_clock_cannot_time_a_step(step_ns: int, grade: Grade) -> None:
     readings = iter(range(0, 10_000 * step_ns, step_ns))
     assert conditions.timer(lambda: next(readings)).grade == grade
+
+
+def test_a_clock_that_stands_still_is_bad() -> None:
+    condition = conditions.timer(lambda: 7)
+    assert condition.grade == Grade.BAD
+    assert "did not move" in condition.detail
+
+
+@pytest.mark.parametrize(("allocator", "grade"), [("malloc", Grade.GOOD), ("debug", Grade.BAD)])
+def test_an_allocator_that_checks_is_bad(
+    monkeypatch: pytest.MonkeyPatch, allocator: str, grade: Grade
+) -> None:
+    monkeypatch.setattr(sys, "gettrace", lambda: None)
+    monkeypatch.setenv("PYTHONMALLOC", allocator)
+    assert conditions.debug_build().grade == grade

@@ -63,5 +63,6 @@ def test_what_a_number_of_threads_exceeds(nthread: int, beyond: tuple[Beyond, ..
 
 
 def test_threads_are_tried_where_something_changes() -> None:
-    assert Topology(64, 32, (16,) * 4, 11.5).thread_counts() == (1, 11, 16, 32, 64)
+    assert Topology(64, 32, (16,) * 4, 11.5).thread_counts() == (1, 11, 12)
+    assert Topology(64, 32, (16,) * 4).thread_counts() == (1, 16, 32, 64)
     assert Topology(2, 2, (2,)).thread_counts() == (1, 2)

@@ -186,6 +186,74 @@ def test_an_mjdata_is_recognised_by_its_use(tmp_path: Path) -> None:
     assert [(f.line, f.code) for f in results] == [(6, "MJB001")]
 
 
+@pytest.mark.parametrize(
+    ("setup", "step", "stored"),
+    [
+        ("env = gym.make('Ant-v5')", "env.step(a)", "log.append(env.unwrapped.data.qpos)"),
+        ("robot = gymnasium.make('Ant-v5')", "robot.step(a)", "log.append(robot.data.qpos)"),
+        ("world = suite.load('walker', 'run')", "world.step(a)", "log.append(world.data.qvel)"),
+        ("robot = AntEnv()", "robot.step(a)", "rows[k] = robot.data.xpos[1]"),
+        ("", "self.env.step(a)", "log.append(self.env.unwrapped.data.qpos[:2])"),
+        ("", "physics.step()", "log.append(physics.data.qpos)"),
+        ("", "self.do_simulation(a, 5)", "self.last = self.data.qpos"),
+    ],
+)
+def test_a_view_stored_beside_an_environments_steps_is_found(
+    tmp_path: Path, setup: str, step: str, stored: str
+) -> None:
+    text = f"rows = {{}}\n{setup}\nfor k in range(9):\n    {step}\n    {stored}\n"
+    (finding,) = findings(tmp_path, text)
+    assert (finding.line, finding.code) == (5, "MJB001")
+    copied = text.replace(stored, f"{stored.removesuffix(')')}.copy()" + ")" * stored.endswith(")"))
+    assert findings(tmp_path, copied) == []
+
+
+def test_a_method_that_steps_runs_in_somebodys_loop(tmp_path: Path) -> None:
+    results = findings(
+        tmp_path,
+        """
+        class Ant(MujocoEnv):
+            def step(self, action):
+                before = self.data.qpos[:2]
+                self.do_simulation(action, self.frame_skip)
+                self.log.append(self.data.qpos)
+                self.last = self.data.qvel
+                seen = []
+                seen.append(self.data.qpos)
+                return before
+
+            def reset(self):
+                self.start = self.data.qpos
+        """,
+    )
+    assert [(f.line, f.code) for f in results] == [(6, "MJB001"), (7, "MJB001")]
+
+
+def test_an_element_of_a_named_view_is_a_number(tmp_path: Path) -> None:
+    results = findings(
+        tmp_path,
+        """
+        class Box(SawyerEnv):
+            def reset_model(self):
+                mujoco.mj_step(self.model, self.data)
+                self.height = self.data.geom("box").xpos[2]
+                self.corner = self.data.geom("box").xpos[:2]
+        """,
+    )
+    assert [(f.line, f.code) for f in results] == [(6, "MJB001")]
+
+
+@pytest.mark.parametrize("step", ["optimizer.step()", "scheduler.step()", "self.model.step(x)"])
+def test_other_steps_are_not_those_of_an_environment(tmp_path: Path, step: str) -> None:
+    text = f"for k in range(9):\n    {step}\n    log.append(self.data.qpos)\n"
+    assert findings(tmp_path, text) == []
+
+
+def test_an_environments_loop_may_allocate(tmp_path: Path) -> None:
+    text = "for k in range(9):\n    env.step(np.zeros(3))\n    env.data.joint('x').qpos\n"
+    assert [f.code for f in findings(tmp_path, text)] == ["MJB002"]
+
+
 def test_lines_and_columns_count_from_1(tmp_path: Path) -> None:
     (finding,) = findings(tmp_path, LOOP.format(line="log.append(data.qpos)"))
     assert (finding.line, finding.col) == (9, 16)

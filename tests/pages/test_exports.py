@@ -1,6 +1,7 @@
 """Runs in the formats of other tools."""
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,6 +12,7 @@ from commands import ROOT
 
 import mjbench
 from mjbench.cli import cli
+from mjbench.errors import InputError
 from mjbench.instrument import runs
 from mjbench.pages import exports
 from mjbench.paired.outcomes import Verdict
@@ -32,7 +34,9 @@ def verdict_run(comparison: runs.Run) -> runs.Run:
     fields = {"model": "m", "path": "python_loop", "old": "3.17.0", "new": "4.0.0", "sides": sides}
     ratio = Ratio(1.02, 1.01, 1.03)
     records = (
-        VerdictRecord(**fields, status=Status.OK, verdict=Verdict.SLOWER, ratio=ratio),
+        VerdictRecord(
+            **fields, status=Status.OK, verdict=Verdict.SLOWER, ratio=ratio, e_slower=1e6
+        ),
         VerdictRecord(**fields, status=Status.OK, verdict=Verdict.INCONCLUSIVE, ratio=ratio),
         VerdictRecord(**fields, status=Status.FAILED, detail="it crashed"),
     )
@@ -78,9 +82,22 @@ def test_benchmark_tools_get_names_units_and_values(comparison: runs.Run) -> Non
         "lower_value": 1.01,
         "upper_value": 1.03,
     }
-    heading, row = csv.reader(exports.as_otava(comparison, COMPARISON).splitlines())
-    assert heading[0] == "time"
-    assert len(heading) == len(row) == 1 + len(entries)
+
+
+def test_otava_gets_when_a_run_began(comparison: runs.Run) -> None:
+    began = "2026-11-01T12:00:00+00:00"
+    dated = runs.Run(dataclasses.replace(comparison.header, began=began), comparison.records)
+    heading, row = csv.reader(exports.as_otava(dated).splitlines())
+    assert (heading[0], row[0]) == ("time", began)
+    assert len(heading) == len(row) == 1 + len(exports.metrics(dated))
+    undated = runs.Run(dataclasses.replace(comparison.header, began=""), comparison.records)
+    with pytest.raises(InputError, match="when it began"):
+        exports.as_otava(undated)
+
+
+def test_a_run_without_times_or_ratios_has_no_benchmark_form(comparison: runs.Run) -> None:
+    with pytest.raises(InputError, match="has no such form"):
+        exports.as_junit(runs.Run(comparison.header, ()))
 
 
 def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: runs.Run) -> None:
@@ -96,7 +113,7 @@ def test_junit_tells_failures_errors_and_open_verdicts_apart(comparison: runs.Ru
 
 def test_the_command_writes_every_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in exports.FORMATS:
+    for name in set(exports.FORMATS) - {"otava"}:  # the run does not say when it began
         words = ["report", str(COMPARISON), "--format", name]
         result = CliRunner().invoke(cli, words)
         assert result.exit_code == 0, result.output

@@ -10,10 +10,11 @@ from mjbench.comparison.planner import Algorithm
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.loop import latency
 from mjbench.loop.latency import Pace, StepSamples
-from mjbench.loop.overhead import HabitCost, OverheadTable
-from mjbench.loop.profile import StepProfile, StepTimes
-from mjbench.pages import charts, loops
+from mjbench.loop.overhead import HabitCost, OverheadRow, OverheadTable
+from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
+from mjbench.pages import loops
 from mjbench.pages.content import Section, Tone
+from mjbench.report import vega
 from mjbench.status import Status
 
 COSTS = (
@@ -25,12 +26,14 @@ COSTS = (
 def drawn(section: Section) -> list[str]:
     """Return the charts of a section, drawn."""
     pytest.importorskip("vl_convert")
-    return [charts.svg(figure.specification) for figure in section.figures]
+    return [vega.svg(figure.specification) for figure in section.figures]
 
 
 def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
     table = OverheadTable("m", 1800.0, 1200.0, 200.0, 500, COSTS)
-    section = loops.overhead_section(table, "mjbench overhead m")
+    rows = [OverheadRow.measured(table), OverheadRow("broken", Status.FAILED, "it crashed")]
+    section, failed = loops.overhead_sections(rows, "mjbench overhead m broken")
+    assert [c.text for c in failed.conclusions] == ["broken: failed: it crashed"]
     (figure,) = section.figures
     assert figure.data.rows[0] == ("engine", 0.0, 1200.0, "step")
     assert figure.data.rows[2] == ("+ data.site('tip').xpos", 1800.0, 2700.0, "habit")
@@ -43,7 +46,8 @@ def test_a_loops_waste_begins_where_the_bare_loop_ends() -> None:
 def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     stages = {"collision": 0.6, "velocity": 0.4, "sleep": 0.0}
     steps = StepTimes(0.002, 2000.0, 1500.0, 400.0, WORK, stages, {})
-    section = loops.profile_section(StepProfile("m", steps, ()), "mjbench profile m")
+    rows = [ProfileRow.measured(StepProfile("m", steps, ()))]
+    (section,) = loops.profile_sections(rows, "mjbench profile m")
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
     assert "75 % of it in the engine" in section.conclusions[0].text
@@ -80,5 +84,5 @@ def test_plans_that_differ_come_first() -> None:
     ]  # fmt: skip
     (section,) = loops.planning_sections(rows, "mjbench plan m")
     assert section.conclusions[0].tone == Tone.BAD
-    assert "fastest here: python_loop, 10 plans per second" in section.conclusions[1].text
+    assert "m: fastest here is python_loop, 10 plans per second" in section.conclusions[1].text
     assert len(section.tables[0].rows) == 2

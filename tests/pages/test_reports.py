@@ -134,6 +134,17 @@ def test_a_run_without_records_says_so(tmp_path: Path) -> None:
     assert "Nothing was measured." in Page(as_html.render(report)).text
 
 
+def test_a_report_of_many_models_has_all_tables_and_some_charts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reports, "_MOST_FIGURES", 2)
+    records = [record for name in "abc" for record in compared(name)]
+    report = reports.build([named(run_file(tmp_path, *records))])
+    assert [len(section.figures) for section in report.sections] == [1, 1, 0]
+    assert len(report.sections[2].tables) == 1
+    assert "Not drawn" in report.sections[2].notes[-1]
+
+
 def test_several_runs_are_one_report(tmp_path: Path) -> None:
     files = [run_file(tmp_path, *compared(name)) for name in ("first", "second")]
     report = reports.build([named(file) for file in files])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from paired_examples import CUBES
 
-from mjbench.paired.single_steps import SingleSteps
+from mjbench.paired.single_steps import TimedSteps
 from mjbench.simulation import models, work, workload
 from mjbench.simulation.workload import Workload
 
@@ -17,7 +17,7 @@ def cubes() -> Workload:
 
 
 def test_steps_end_in_the_states_of_the_plain_loop(cubes: Workload) -> None:
-    steps = SingleSteps(cubes)
+    steps = TimedSteps(cubes)
     steps.run()
     np.testing.assert_array_equal(steps.final_state, work.observe(cubes).final_state)
 
@@ -27,6 +27,6 @@ def test_99_of_100_steps_take_no_longer(cubes: Workload, monkeypatch: pytest.Mon
     order = np.random.default_rng(0).permutation(200)
     readings = iter([reading for k in order for reading in (0, int(k))])
     monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
-    steps = SingleSteps(cubes)
+    steps = TimedSteps(cubes)
     steps.run()
     assert steps.p99_ns() == 197

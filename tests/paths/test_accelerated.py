@@ -13,6 +13,7 @@ from pretender import NBATCH, available, make_workload
 from mjbench import paths
 from mjbench.comparison import selection
 from mjbench.errors import MachineError
+from mjbench.instrument import extras
 from mjbench.paths.warp_buffers import check_overflow
 from mjbench.simulation import trajectory, workload
 
@@ -62,7 +63,8 @@ def test_a_missing_package_names_the_extra_that_has_it(monkeypatch: pytest.Monke
         ("mjx_warp", "mjx,warp"),
         ("warp", "warp"),
     ):
-        assert f"mjbench[{extra}]" in str(paths.find(name).unavailable())
+        install = extras.install_command(extra)
+        assert install in str(paths.find(name).unavailable())
     assert not {"mjx", "mjx64"} & set(selection.expand(["usual"]))
 
 

@@ -1,5 +1,6 @@
 """The committed runs are readable and complete, and say what the documentation says of them."""
 
+import json
 import re
 from pathlib import Path
 
@@ -35,6 +36,13 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert len(BETWEEN_BUILDS) == 3
     committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, HISTORY_AGAIN}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "results").glob("*/reference-*.jsonl")))
+def test_no_committed_run_names_a_folder_of_the_machine_that_wrote_it(file: Path) -> None:
+    run = runs.load(file, RECORD_TYPES)
+    texts = [*run.header.command_line, json.dumps(run.header.arguments)]
+    assert not any(re.search(r"(^|[\s\"=])/\w", text) for text in texts)
 
 
 @pytest.mark.parametrize("file", COMPARISONS, ids=lambda f: f.stem)

@@ -1,5 +1,6 @@
 """What is advised from a search for the number of threads."""
 
+import dataclasses
 from io import StringIO
 
 import pytest
@@ -10,7 +11,8 @@ from mjbench.comparison.scaling import ScalingRecord, Stage
 from mjbench.instrument.topology import Topology
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.records import Ratio
-from mjbench.report.scaling import ScalingResults, by_model, print_results
+from mjbench.report.scaling import print_results
+from mjbench.report.thread_advice import ScalingResults, by_model
 from mjbench.status import Status
 
 NOISE = (1.0, 1.01, 0.99, 1.02, 0.98, 1.0, 1.01, 0.99)
@@ -70,21 +72,22 @@ def printed(results: ScalingResults, code: bool = False) -> str:
 
 def test_the_smallest_number_that_is_certainly_faster_is_advised() -> None:
     results = ScalingResults(SEARCH)
-    (pairing,) = results.pairings()
+    pairing = results.next_pairing()
+    assert pairing is not None
     assert (pairing.baseline.options, pairing.candidate.options) == (ONE, TWO)
     results = ScalingResults(SEARCH, (confirmation(ONE, TWO, 0.55),))
-    assert results.pairings() == []
+    assert results.next_pairing() is None
     (advice,) = results.advice()
     assert (advice.nthread, advice.knee, advice.most_tried) == (2, 2, 4)
     assert advice.speedup == pytest.approx(1 / 0.55)
     assert advice.efficiency == pytest.approx(2.0 / 1.1 / 1.9)
-    assert (advice.enough_nbatch, advice.nbatch_tried) == (64, [4, 64, 256])
+    assert (advice.good_nbatch, advice.nbatch_tried) == ([64, 256], [4, 64, 256])
     assert advice.snippet == f"# rollout {TWO}"
     text = printed(results, code=True)
     assert "rollout (open loop): 2 threads, 1.82× one thread (1.75 to 1.89 in fresh" in text
     assert "96 % of the 1.90 cores that there were" in text
     assert "more threads than can run at once" in text
-    assert "From 64 simulations on" in text
+    assert "with 64, 256 simulations (tried: 4, 64, 256)" in text
     assert "# rollout" in text
 
 
@@ -102,7 +105,8 @@ def test_a_chunk_size_is_advised_where_it_is_certainly_faster() -> None:
     chunked = {**TWO, "chunk": 16}
     chunks = run(Stage.CHUNK, 64, (ONE, 1.1), (TWO, 2.0), (chunked, 2.2))
     results = ScalingResults((*SEARCH, chunks), (confirmation(ONE, TWO, 0.55),))
-    (pairing,) = results.pairings()
+    pairing = results.next_pairing()
+    assert pairing is not None
     assert (pairing.baseline.options, pairing.candidate.options) == (TWO, chunked)
     assert results.advice()[0].chunk is None
     for estimate, chunk in ((0.9, 16), (0.985, None)):
@@ -116,13 +120,13 @@ def test_a_chunk_size_is_advised_where_it_is_certainly_faster() -> None:
 def test_where_no_number_of_threads_helps_one_is_advised() -> None:
     slow = run(Stage.THREADS, 64, (ONE, 1.1), (TWO, 0.9))
     results = ScalingResults((slow,))
-    assert results.pairings() == []
+    assert results.next_pairing() is None
     assert "rollout (open loop): one thread, as fast as any number up to 2" in printed(results)
 
 
 def test_a_warning_says_that_cores_were_missing() -> None:
     busy = run(Stage.THREADS, 64, (ONE, 1.1), (TWO, 1.3))
-    model = model_record(cores_had=[1.2], nbatch=64, nstep=10, nbatch_asked=64)
+    model = model_record(cores_had=[1.2], usable_cores=2, nbatch=64, nstep=10, nbatch_asked=64)
     record = ScalingRecord(
         stage=busy.stage, topology=TOPOLOGY, model=model, measurements=busy.measurements
     )
@@ -146,3 +150,24 @@ def test_records_are_grouped_by_model() -> None:
     assert results.records == SEARCH
     assert len(results.rows()) == 7
     assert by_model([], []) == []
+
+
+def test_a_confirmation_that_failed_says_why() -> None:
+    failed = dataclasses.replace(
+        confirmation(ONE, TWO, 0.5), status=Status.FAILED, detail="it crashed", ratio=None
+    )
+    results = ScalingResults(SEARCH, (failed,))
+    assert results.next_pairing() is None
+    assert results.advice()[0].nthread == 1
+    assert "not compared again in fresh processes: it crashed" in printed(results)
+
+
+def test_a_number_of_simulations_that_is_slower_is_not_said_to_do() -> None:
+    results = ScalingResults((*SEARCH, run(Stage.NBATCH, 1024, (ONE, 1.1), (TWO, 1.2))))
+    assert results.advice()[0].good_nbatch == [64, 256]
+
+
+def test_a_path_without_one_thread_has_no_advice() -> None:
+    results = ScalingResults((run(Stage.THREADS, 64, (TWO, 2.0)),))
+    assert results.advice() == []
+    assert "no path was timed with one thread" in printed(results)

@@ -1,0 +1,99 @@
+"""`mjbench site`: results and documents of a project as a static site."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli, report_line
+from mjbench.errors import InputError
+
+if TYPE_CHECKING:
+    from mjbench.pages.site import Project
+
+
+@cli.command()
+@click.option(
+    "-o",
+    "--output",
+    metavar="DIR",
+    default="site",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Folder of the site. A site that is there is replaced; another folder is not.",
+)
+@click.option(
+    "--project",
+    metavar="DIR",
+    default=".",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Folder that holds results/runs, results/history, docs and .asv/html, or some of them.",
+)
+def site(output: Path, project: Path) -> None:
+    """Write a static site: the history of releases, reports of all runs, and the documents.
+
+    The first page has the conclusions. Each release and each run file has a page of its own. If
+    `asv publish` wrote pages, they are on the site, too. It needs Sphinx, MyST and
+    Furo: the extra `site`.
+
+    \b
+    Examples:
+      mjbench site -o build/site
+      python -m http.server --directory build/site
+    """
+    from mjbench.instrument import scratch
+    from mjbench.pages import site as pages
+
+    if output.exists() and any(output.iterdir() if output.is_dir() else [output]):
+        if not (output / pages.MARKER).is_file():
+            raise InputError(f"{output} exists and is no site of mjbench: choose another folder")
+        if output.resolve() in (Path.cwd(), project.resolve()):
+            raise InputError(f"{output} is the folder of the project: choose another folder")
+    with RunContext("site") as run, scratch.folder() as folder:
+        for warning in pages.build(_read(project), folder, output):
+            report_line(warning)
+        run.out.print(f"Site: {output / 'index.html'}", soft_wrap=True)
+
+
+def _read(folder: Path) -> "Project":
+    """Return what a project holds.
+
+    Raises:
+      InputError: it holds nothing.
+    """
+    from mjbench.instrument import runs
+    from mjbench.pages.reports import NamedRun
+    from mjbench.pages.site import Project
+    from mjbench.report import history_files
+    from mjbench.report.documents import RECORD_TYPES
+
+    named_runs = []
+    for file in (folder / "results/runs").glob("*.jsonl"):
+        with _left_out_if_unreadable():
+            named_runs.append(NamedRun(file, runs.load(file, RECORD_TYPES)))
+    named_runs.sort(key=lambda named: (named.run.header.began, named.file.name))
+    history, causes = None, folder / "benchmarks/causes.toml"
+    if files := history_files.run_files(folder / "results/history"):
+        with _left_out_if_unreadable():
+            history = history_files.read(files, causes if causes.exists() else None)
+    asv_pages = folder / ".asv/html"
+    if not (named_runs or history or (folder / "docs").is_dir()):
+        raise InputError(
+            f"{folder} has neither results nor docs: measure something first, or give --project"
+        )
+    return Project(
+        folder, named_runs, history, asv_pages if (asv_pages / "index.html").is_file() else None
+    )
+
+
+@contextlib.contextmanager
+def _left_out_if_unreadable() -> Iterator[None]:
+    """Say why a file is not on the site, where it cannot be read."""
+    try:
+        yield
+    except InputError as error:
+        report_line(f"left out: {error}")

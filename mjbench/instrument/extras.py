@@ -1,0 +1,48 @@
+"""Which command installs what an extra of mjbench adds.
+
+The command names the packages themselves. It works wherever mjbench came from: a clone, or an
+address of a version-control system.
+"""
+
+import re
+from collections.abc import Iterator
+
+# `name>=1 ; extra == 'mjx'`, as the metadata of a package has it.
+_OF_EXTRA = re.compile(r"^(?P<package>[^;]*?)\s*;.*\bextra\s*==\s*['\"](?P<extra>[\w-]+)['\"]")
+_OWN = re.compile(r"^mjbench\[(?P<extras>[\w,-]+)\]$")
+
+
+def install_command(names: str) -> str:
+    """Return the command that installs the packages of extras, such as `mjx,warp`.
+
+    Where the metadata of mjbench is missing, because it was not installed, the command is that for
+    a clone.
+    """
+    import importlib.metadata  # late: it takes longer to import than the rest
+
+    try:
+        requirements = importlib.metadata.requires("mjbench") or []
+    except importlib.metadata.PackageNotFoundError:
+        requirements = []
+    packages = [each for name in names.split(",") for each in _packages(name, requirements)]
+    words = list(dict.fromkeys(packages)) or [f".[{names}]"]
+    return f"python -m pip install {' '.join(map(_quoted, words))}"
+
+
+def _packages(extra: str, requirements: list[str]) -> Iterator[str]:
+    """Yield what an extra requires; extras that it contains are replaced by theirs."""
+    for requirement in requirements:
+        match = _OF_EXTRA.match(requirement)
+        if match is None or match["extra"] != extra:
+            continue
+        own = _OWN.match(match["package"])
+        if own is None:
+            yield match["package"]
+            continue
+        for contained in own["extras"].split(","):
+            yield from _packages(contained, requirements)
+
+
+def _quoted(word: str) -> str:
+    """Return a word as a shell needs it; double quotes serve those of Windows, too."""
+    return word if re.fullmatch(r"[\w.-]+", word) else f'"{word}"'

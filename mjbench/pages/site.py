@@ -1,0 +1,302 @@
+"""A static site of a project's results and documents: pages in Markdown, which Sphinx renders.
+
+The pages keep the places that they have in the project, so that links between documents hold. A
+link to a file that is not on the site becomes plain text.
+"""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+import urllib.parse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.comparison.plan import Variant
+from mjbench.errors import MachineError, one_line, writing
+from mjbench.instrument import extras
+from mjbench.pages import html, reports
+from mjbench.pages.content import Tone
+from mjbench.pages.reports import NamedRun
+from mjbench.report import history_plots, markdown, release_page, speed_page, tables
+from mjbench.report.advice import advise
+from mjbench.report.results import derive_all
+from mjbench.report.speed_history import SpeedHistory
+
+# A file that says that a folder is a site, and may be replaced by a new one.
+MARKER = ".mjbench-site"
+# What renders it.
+PACKAGES = ("sphinx", "myst_parser", "furo")
+# Files beside the documents that are on the site, too.
+_BESIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "LICENSE")
+_FOLDERS_BESIDE = ("models", "results")
+# Copied as they are, and not rendered.
+_COPIED = "copied"
+_LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
+_CONF = """\
+project = "MuJoCo performance"
+html_title = "MuJoCo performance"
+extensions = ["myst_parser"]
+html_theme = "furo"
+html_extra_path = ["{copied}"]
+html_copy_source = False
+exclude_patterns = ["{copied}"]
+myst_heading_anchors = 4
+"""
+# Groups of documents in the navigation, by the folder that they are in.
+_GROUPS = (
+    ("Guides", "docs/guides"),
+    ("How a number comes about", "docs/method"),
+    ("Reference", "docs"),
+)
+
+
+@dataclass(frozen=True)
+class Project:
+    """What a site is of.
+
+    Attributes:
+      folder: of the project, whose documents are in `docs`.
+      runs: run files, the newest last.
+      history: of releases; None without one.
+      asv_pages: folder that `asv publish` wrote; None without one.
+    """
+
+    folder: Path
+    runs: Sequence[NamedRun]
+    history: SpeedHistory | None = None
+    asv_pages: Path | None = None
+
+
+def build(project: Project, scratch: Path, output: Path) -> list[str]:
+    """Write a site; return Sphinx's warnings about its pages.
+
+    Args:
+      project: what it is of.
+      scratch: an empty folder for what Sphinx reads.
+      output: folder of the site; a site that is there is replaced.
+
+    Raises:
+      MachineError: a package is missing, Sphinx fails, or the folder cannot be written.
+    """
+    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
+    if missing:
+        install = extras.install_command("site")
+        raise MachineError(f"a site needs Sphinx, MyST and Furo: {install}")
+    source, rendered = scratch / "source", scratch / "site"
+    with writing(scratch):
+        source.mkdir()
+        write_source(project, source)
+    warnings = _render(source, rendered)
+    with writing(output):
+        (rendered / MARKER).touch()
+        output = output.resolve()
+        complete = output.with_name(f".{output.name}.new")
+        shutil.rmtree(complete, ignore_errors=True)
+        shutil.copytree(rendered, complete)
+        if output.exists():
+            shutil.rmtree(output)
+        complete.rename(output)
+    return warnings
+
+
+def _render(source: Path, rendered: Path) -> list[str]:
+    """Have Sphinx render the pages of a folder; return its warnings.
+
+    Raises:
+      MachineError: it fails.
+    """
+    command = [sys.executable, "-m", "sphinx", "-q", "--no-color", "-b", "html"]
+    done = subprocess.run(
+        [*command, str(source), str(rendered)], capture_output=True, text=True, check=False
+    )
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    if done.returncode:
+        named = [line for line in lines if re.match(r"[\w.]+(Error|Exception)\b", line)]
+        raise MachineError(f"Sphinx failed: {one_line((named or lines or ['no message'])[-1])}")
+    return [line.removeprefix(f"{source}/") for line in lines]
+
+
+def write_source(project: Project, source: Path) -> None:
+    """Write the pages that Sphinx renders, and its configuration.
+
+    Args:
+      project: what the site is of.
+      source: an empty folder.
+    """
+    copied = source / _COPIED
+    (copied / "reports").mkdir(parents=True)
+    (source / "conf.py").write_text(_CONF.format(copied=_COPIED))
+    _copy_documents(project.folder, source)
+    if project.history is not None:
+        _write_history(project.history, source)
+    for named in project.runs:
+        page = html.render(reports.build([named]))
+        (copied / "reports" / f"{named.file.stem}.html").write_text(page, encoding="utf-8")
+    if project.asv_pages is not None:
+        shutil.copytree(project.asv_pages, copied / "asv")
+    if project.runs:
+        _write_page(source / "reports.md", _reports_page(project.runs))
+    _drop_dead_links(source)
+    _write_page(source / "index.md", _index(project, source))
+
+
+def _copy_documents(folder: Path, source: Path) -> None:
+    """Copy a project's documents; without a `docs` folder there are none."""
+    if not (folder / "docs").is_dir():
+        return
+    shutil.copytree(folder / "docs", source / "docs")
+    for name in _BESIDE:
+        if (folder / name).is_file():
+            shutil.copy(folder / name, source / name)
+    for name in _FOLDERS_BESIDE:
+        if (folder / name / "README.md").is_file():
+            (source / name).mkdir()
+            shutil.copy(folder / name / "README.md", source / name / "README.md")
+
+
+def _write_history(history: SpeedHistory, source: Path) -> None:
+    """Write the page of all releases with its plots, and a page for each release."""
+    docs = source / "docs"
+    plots = docs / "history"
+    history_plots.draw(history, plots)
+    page = [speed_page.TITLE, "", *speed_page.lines(history, "history")]
+    _write_page(docs / "history.md", page)
+    (source / "releases").mkdir()
+    releases = history.releases()[1:]
+    for release in releases:
+        _write_page(source / "releases" / f"{release}.md", release_page.lines(history, release))
+    _write_page(source / "releases.md", _releases_page(history, releases))
+
+
+def _releases_page(history: SpeedHistory, releases: Sequence[str]) -> Iterator[str]:
+    """Yield a page that links that of each release, the newest first."""
+    yield "# Releases\n"
+    yield "What each release of MuJoCo changed, beside the release before it.\n"
+    rows = [
+        (f"[{release}](releases/{release}.md)", release_page.conclusion(history, release))
+        for release in reversed(releases)
+    ]
+    yield from markdown.table(["release", "time of a step"], rows)
+    yield from _toctree("", [f"releases/{release}" for release in reversed(releases)])
+
+
+def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
+    """Yield a page that links the report of each run, the newest first."""
+    yield "# Reports\n"
+    yield "One report for each run file: charts, tables, and the command that gave them.\n"
+    rows = [
+        (
+            _report_link(named, named.file.stem),
+            _escaped(named.command),
+            named.run.header.machine.cpu,
+            named.run.header.began[:10],
+        )
+        for named in reversed(runs)
+    ]
+    yield from markdown.table(["report", "command", "processor", "began"], rows)
+
+
+def _report_link(named: NamedRun, text: str) -> str:
+    # a link in HTML: what it names is no page of Sphinx's
+    address = urllib.parse.quote(f"reports/{named.file.stem}.html")
+    return f'<a href="{address}">{_escaped(text)}</a>'
+
+
+def _index(project: Project, source: Path) -> Iterator[str]:
+    """Yield the first page: conclusions, and the navigation."""
+    yield "# How fast is MuJoCo from Python?\n"
+    if project.history is not None:
+        yield "## From release to release\n"
+        yield from speed_page.conclusion(project.history)
+        newest = project.history.releases()[-1]
+        yield f"\nThe newest release, {newest}: {release_page.conclusion(project.history, newest)}"
+        yield "\n[All changes](docs/history.md) · [release by release](releases.md)\n"
+    newest_runs = {named.run.header.command: named for named in project.runs}
+    for title, command in (
+        ("The newest comparison of paths", "compare"),
+        ("The newest comparison of releases", "versions"),
+    ):
+        if command in newest_runs:
+            named = newest_runs[command]
+            yield f"## {title}\n"
+            yield from _summary(named)
+            yield f"\n{_report_link(named, 'The whole report')}\n"
+    if project.asv_pages is not None:
+        yield '<a href="asv/index.html">The pages of asv</a>: every benchmark over all releases\n'
+    results = {"releases": "releases.md", "docs/history": "docs/history.md"}
+    listed = [name for name, file in results.items() if (source / file).exists()]
+    listed += ["reports"] if project.runs else []
+    yield from _toctree("Results", listed)
+    pages = sorted(path.relative_to(source) for path in source.rglob("*.md"))
+    pages = [page for page in pages if page.parts[0] not in (_COPIED, "releases")]
+    remaining = [str(page.with_suffix("")) for page in pages]
+    remaining = [name for name in remaining if name not in listed]
+    for caption, folder in _GROUPS:
+        group = [name for name in remaining if str(Path(name).parent) == folder]
+        yield from _toctree(caption, sorted(group, key=lambda name: Path(name).name != "README"))
+        remaining = [name for name in remaining if name not in group]
+    yield from _toctree("Project", remaining)
+
+
+def _summary(named: NamedRun) -> Iterator[str]:
+    """Yield what a run comes to: what is advised as a table, anything else as sentences."""
+    advice = [row for results in derive_all(named.run.records) for row in advise(results)]
+    conclusions = reports.build([named]).conclusions
+    if not advice or any(conclusion.tone == Tone.BAD for conclusion in conclusions):
+        for conclusion in conclusions:
+            yield f"- {_escaped(conclusion.text)}"
+        return
+    rows = [
+        (
+            _escaped(row.model),
+            row.loop.value,
+            f"`{Variant(row.path, row.options)}`",
+            f"{tables.factor(row.speedup)}×" if row.speedup else "",
+            f"{tables.factor(row.low)} to {tables.factor(row.high)}"
+            if row.low and row.high
+            else "",
+        )
+        for row in advice
+    ]
+    headings = ["model", "loop", "advised", "over the plain loop", "95 % interval"]
+    yield from markdown.table(headings, rows, right_aligned=headings[3:4])
+
+
+def _escaped(text: str) -> str:
+    """Return a text in which nothing is markup."""
+    return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", " ".join(text.split()))
+
+
+def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
+    """Yield a group of the navigation; nothing without pages."""
+    if not names:
+        return
+    yield "\n```{toctree}"
+    yield ":hidden:"
+    if caption:
+        yield f":caption: {caption}"
+    yield ""
+    yield from names
+    yield "```"
+
+
+def _write_page(file: Path, lines: Iterator[str] | Sequence[str]) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _drop_dead_links(source: Path) -> None:
+    """Turn links to files that are not on the site into their text."""
+    for page in source.rglob("*.md"):
+        if _COPIED in page.relative_to(source).parts:
+            continue
+
+        def live(match: re.Match[str], folder: Path = page.parent) -> str:
+            target = match[2]
+            is_elsewhere = re.match(r"[a-z]+:", target) is not None
+            return match[0] if is_elsewhere or (folder / target).is_file() else match[1]
+
+        page.write_text(_LINK.sub(live, page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,177 @@
+"""The static site: what was found comes first, every page is linked, and nothing is lost."""
+
+import html.parser
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from commands import ROOT
+
+from mjbench.cli import cli
+from mjbench.errors import MachineError
+from mjbench.instrument import runs
+from mjbench.pages import site
+from mjbench.pages.reports import NamedRun
+from mjbench.pages.site import Project
+from mjbench.report import history_files
+from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.speed_history import SpeedHistory
+
+RUN = ROOT / "results/runs/reference-mujoco-4.0.0.jsonl"
+
+
+@pytest.fixture(autouse=True)
+def needs_the_report_extra() -> None:
+    pytest.importorskip("jinja2")
+    pytest.importorskip("vl_convert")
+
+
+@pytest.fixture(scope="module")
+def history() -> SpeedHistory:
+    """Return the committed history, of one pass."""
+    files = [ROOT / f"results/history/reference-{name}.jsonl" for name in ("ratios", "counts")]
+    return history_files.read(files, None)
+
+
+def project_in(folder: Path, *, has_docs: bool = True) -> Project:
+    if has_docs:
+        (folder / "docs/guides").mkdir(parents=True)
+        (folder / "docs/guides/README.md").write_text("# Guides\n\n[Words](../words.md#one)\n")
+        (folder / "docs/words.md").write_text("# Words\n\n## One\n\n[a module](../mjbench/x.py)\n")
+        (folder / "README.md").write_text("# Project\n\n[Guides](docs/guides/README.md)\n")
+    return Project(folder, [NamedRun(RUN, runs.load(RUN, RECORD_TYPES))])
+
+
+class _Links(html.parser.HTMLParser):
+    """What a page refers to: what a browser loads for it, and where its links lead."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.loaded: list[str] = []
+        self.links: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        if tag in ("script", "img", "iframe") and values.get("src"):
+            self.loaded.append(str(values["src"]))
+        if tag == "link" and values.get("rel") == "stylesheet":
+            self.loaded.append(str(values["href"]))
+        if tag == "a" and values.get("href"):
+            self.links.append(str(values["href"]))
+
+
+def assert_complete(folder: Path, *pages: str) -> None:
+    """Check that pages load nothing from elsewhere, and that their links lead to something."""
+    for name in pages:
+        page = folder / name
+        found = _Links(page.read_text())
+        assert found.loaded
+        for target in (*found.loaded, *found.links):
+            if re.match("[a-z]+:", target):
+                assert target not in found.loaded
+                continue
+            file = page.parent / re.split("[?#]", target)[0]
+            assert file.exists(), f"{name}: {target}"
+
+
+def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistory) -> None:
+    named = NamedRun(RUN, runs.load(RUN, RECORD_TYPES))
+    site.write_source(Project(tmp_path, [named], history), tmp_path)
+    index = (tmp_path / "index.md").read_text()
+    assert index.index("a step became slower for") < index.index("The newest comparison of paths")
+    assert "The newest release, 4.0.0: " in index
+    assert "| humanoid | open | `" in index
+    releases = history.releases()[1:]
+    assert sorted(path.stem for path in (tmp_path / "releases").glob("*.md")) == sorted(releases)
+    page = (tmp_path / "releases/3.3.1.md").read_text()
+    assert page.startswith("# MuJoCo 3.3.1\n\nA step became slower for ")
+    assert "| 3.3.0 → 3.3.1 | `cartpole` |" in page
+    assert "| `humanoid` | 3.3.0 |" in page
+    report = (tmp_path / "copied/reports/reference-mujoco-4.0.0.html").read_text()
+    assert report.startswith("<!doctype html>")
+
+
+def test_a_link_to_what_is_not_on_the_site_is_text(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    site.write_source(project_in(tmp_path / "project"), source)
+    assert (source / "docs/words.md").read_text().endswith("a module\n")
+    assert "[Words](../words.md#one)" in (source / "docs/guides/README.md").read_text()
+
+
+def test_a_small_project_becomes_a_site_that_needs_no_network(tmp_path: Path) -> None:
+    for package in site.PACKAGES:
+        pytest.importorskip(package)
+    scratch, output = tmp_path / "scratch", tmp_path / "site"
+    scratch.mkdir()
+    assert site.build(project_in(tmp_path / "project"), scratch, output) == []
+    assert_complete(output, "index.html", "reports.html", "docs/guides/README.html")
+    assert "Guides" in (output / "index.html").read_text()
+
+
+def test_the_documents_of_this_project_become_a_site(tmp_path: Path, history: SpeedHistory) -> None:
+    for package in site.PACKAGES:
+        pytest.importorskip(package)
+    scratch, output = tmp_path / "scratch", tmp_path / "site"
+    scratch.mkdir()
+    assert site.build(Project(ROOT, [], history), scratch, output) == []
+    pages = [str(page.relative_to(output)) for page in output.rglob("*.html")]
+    assert {"docs/history.html", "docs/lint.html", "releases/4.0.0.html"} <= set(pages)
+    assert_complete(output, *pages)
+
+
+def test_a_package_that_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(site, "PACKAGES", ("no_such_package",))
+    with pytest.raises(MachineError, match=r"python -m pip install .*"):
+        site.build(project_in(tmp_path / "project"), tmp_path, tmp_path / "site")
+
+
+def test_sphinx_that_fails_ends_in_a_line(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx")
+    (tmp_path / "conf.py").write_text("1 / 0\n")
+    with pytest.raises(MachineError, match="Sphinx failed: "):
+        site._render(tmp_path, tmp_path / "site")
+
+
+def test_a_folder_that_is_no_site_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[Path] = []
+    monkeypatch.setattr(site, "build", lambda project, scratch, output: built.append(output) or [])
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "file").touch()
+    words = ["site", "--project", str(ROOT), "-o"]
+    result = CliRunner().invoke(cli, [*words, str(precious)])
+    assert result.exit_code == 2
+    assert "is no site of mjbench" in result.output
+    (precious / site.MARKER).touch()
+    assert CliRunner().invoke(cli, [*words, str(precious)]).exit_code == 0
+    assert CliRunner().invoke(cli, [*words, str(tmp_path / "new")]).exit_code == 0
+    assert built == [precious, tmp_path / "new"]
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    result = CliRunner().invoke(cli, ["site", "--project", str(empty), "-o", str(tmp_path / "x")])
+    assert result.exit_code == 2
+    assert "neither results nor docs" in result.output
+
+
+def test_a_run_file_that_cannot_be_read_is_left_out_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    projects: list[Project] = []
+    monkeypatch.setattr(site, "build", lambda project, *rest: projects.append(project) or [])
+    folder = tmp_path / "results/runs"
+    folder.mkdir(parents=True)
+    (folder / "broken.jsonl").write_text("nonsense\n")
+    (folder / "run.jsonl").write_text(RUN.read_text())
+    words = ["site", "--project", str(tmp_path), "-o", str(tmp_path / "site")]
+    result = CliRunner().invoke(cli, words)
+    assert result.exit_code == 0, result.output
+    assert "left out: " in result.output
+    assert [named.file.name for named in projects[0].runs] == ["run.jsonl"]
