@@ -9,22 +9,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjbench.errors import InputError, one_line, shown
-from mjbench.instrument.limits import MAX_COUNT
+from mjbench.instrument.limits import (
+    MAX_COUNT,
+    MAX_HERTZ,
+    MAX_LARGE_COUNT,
+    MAX_SECONDS,
+    MAX_SEED,
+    TIME_LIMIT_S,
+)
+from mjbench.paired import outcomes
 
 if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
-# JSON documents hold integers of 64 bits.
-MAX_SEED = 2**63 - 1
-# The highest rate of paced steps.
-MAX_HERTZ = 1e6
-# Steps that somebody may take in all.
-MAX_LARGE_COUNT = 10**15
-# The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
-# compiler may take several times its limit.
-MAX_SECONDS = 86_400.0
 # The largest slowdown to inject, as a share of the time of a block.
 MAX_SLOWDOWN = 10.0
 
@@ -292,7 +291,7 @@ PAGE = click.option(
 LIMIT = click.option(
     "--time-limit",
     type=Seconds(),
-    default="60s",
+    default=f"{TIME_LIMIT_S:g}s",
     show_default=True,
     help="Kill a model's process that reports nothing for this long.",
 )
@@ -335,14 +334,14 @@ JUDGING = (
     click.option(
         "--min-effect",
         type=Share(),
-        default="1%",
+        default=f"{100 * outcomes.MIN_EFFECT:g}%",
         show_default=True,
         help="Smallest change that matters; a change that is certainly smaller is `same`.",
     ),
     click.option(
         "--confidence",
         type=Share(),
-        default="99%",
+        default=f"{100 * outcomes.CONFIDENCE:g}%",
         show_default=True,
         help="Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
         " is called different.",
@@ -350,14 +349,14 @@ JUDGING = (
     click.option(
         "--precision",
         type=Share(),
-        default="0.5%",
+        default=f"{100 * outcomes.PRECISION:g}%",
         show_default=True,
         help="Stop when half the interval's width is below this.",
     ),
     click.option(
         "--time-limit",
         type=Seconds(),
-        default="60s",
+        default=f"{outcomes.TIME_LIMIT_S:g}s",
         show_default=True,
         help="Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",

@@ -16,7 +16,7 @@ import sys
 import time
 import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from mjbench.instrument import platforms
 if TYPE_CHECKING:
     import psutil
 
-_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 1, 36, 37
 # The environment variable that marks a child and what it starts. Each child has its own value,
 # which begins with that of this process.
 MARK = "MJBENCH_CHILD"
@@ -253,6 +253,26 @@ def _adopt_orphans() -> None:
         import ctypes
 
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+@contextlib.contextmanager
+def adoption() -> Iterator[None]:
+    """Have this process adopt orphans no longer than the block lasts, unless it did before.
+
+    A program that goes on would not wait for orphans of its own, and they would stay as zombies.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    import ctypes
+
+    library, before = ctypes.CDLL(None), ctypes.c_int()
+    is_known = library.prctl(_PR_GET_CHILD_SUBREAPER, ctypes.byref(before)) == 0
+    try:
+        yield
+    finally:
+        if is_known:
+            library.prctl(_PR_SET_CHILD_SUBREAPER, before.value)
 
 
 def die_with_parent(parent: int | None = None) -> None:

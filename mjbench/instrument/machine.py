@@ -192,6 +192,14 @@ class ProcessorTime:
         return stolen_s / asked_s if asked_s > 0 else 0.0
 
 
+def describe_stolen(share: float) -> str:
+    """Return what it means that the host took a share of the processor time, as a sentence."""
+    return (
+        f"The host took {100 * share:.0f} % of this machine's processor time for others:"
+        " timings are noisier for it, and verdicts take longer."
+    )
+
+
 @dataclass(frozen=True)
 class Machine:
     """The machine and its software, as stored with every result.

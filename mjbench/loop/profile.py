@@ -18,6 +18,7 @@ import numpy as np
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
+from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.loop import habits, rendering
 from mjbench.loop.compiled_loop import compile_loop
 from mjbench.loop.rendering import FrameTime
@@ -154,7 +155,7 @@ class ProfileRow:
         return cls(model, failure.status, failure.detail)
 
 
-def measure(source: ModelSource, limit_s: float = 60.0) -> StepProfile:
+def measure(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> StepProfile:
     """Return the profile of a model.
 
     Raises:

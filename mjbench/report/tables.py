@@ -1,6 +1,7 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
@@ -38,6 +39,28 @@ def console(stderr: bool = False) -> Console:
     out = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     out.width = max(out.width, _MIN_WIDTH) if out.is_terminal else _PLAIN_WIDTH
     return out
+
+
+def text_of(render: Callable[[Console], None]) -> str:
+    """Return what a function prints to a console, as plain text.
+
+    Args:
+      render: prints to the console that it is given.
+    """
+    file = io.StringIO()
+    # in a notebook, a console of Rich shows what it prints, whatever its file is
+    out = _Console(
+        file=file,
+        width=_PLAIN_WIDTH,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        color_system=None,
+        force_terminal=False,
+        force_jupyter=False,
+    )
+    render(out)
+    return file.getvalue().strip("\n")
 
 
 def headed(heading: str, rest: str) -> Text:
