@@ -4,12 +4,17 @@ Each function returns the value that it was given, or raises InputError with one
 argument.
 """
 
+import math
 import operator
 from collections.abc import Iterable, Sequence
-from typing import Any
+from enum import StrEnum
+from typing import Any, TypeVar
 
 from mjbench.errors import InputError, one_line
 from mjbench.instrument.limits import MAX_COUNT, MAX_SECONDS, MAX_SEED
+from mjbench.simulation import workload
+
+_Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def seconds(name: str, value: float, zero: bool = False) -> float:
@@ -60,6 +65,28 @@ def counts(name: str, value: int | Iterable[int], most: int = MAX_COUNT) -> list
     if not numbers:
         raise InputError(f"{name} is empty: give a number, or several")
     return numbers
+
+
+def large_count(name: str, value: float, most: int) -> int:
+    """Return a whole number from 1 to `most`, which may be given as `1e9`."""
+    number = _number(name, value)
+    if not math.isfinite(number) or number != int(number):
+        raise _wrong(name, value, "a whole number")
+    return count(name, int(value), most)
+
+
+def choice(name: str, value: str, choices: type[_Choice]) -> _Choice:
+    """Return the member of an enumeration that a text names."""
+    try:
+        return choices(value)
+    except ValueError:
+        raise _wrong(name, value, f"one of {', '.join(choices)}") from None
+
+
+def holds(nstep: int | None, hold: int) -> None:
+    """Refuse a number of steps that is not a multiple of hold."""
+    if nstep is not None:
+        workload.check_sizes(1, nstep, hold)
 
 
 def words(name: str, value: str | Iterable[str]) -> list[str]:

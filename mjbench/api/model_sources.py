@@ -8,7 +8,7 @@ import contextlib
 import itertools
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -33,8 +33,8 @@ def named(model: "Model") -> ModelSource:
     if isinstance(model, str | os.PathLike):
         return models.resolve(os.fspath(model))
     raise InputError(
-        f"give a model's name or path, not {_article(model)}: other releases cannot load what this"
-        " one compiled; MjSpec.to_file writes a model to a file"
+        f"give a model's name or path, not {_described(model)}: other releases cannot load what"
+        " this one compiled; MjSpec.to_file writes a model to a file"
     )
 
 
@@ -46,32 +46,37 @@ def sources(given: "Sequence[Model]") -> Iterator[list[ModelSource]]:
       InputError: there is no such model, or an MjSpec does not compile.
       MachineError: a compiled model cannot be saved.
     """
+    sources_by_position = {
+        i: named(model) for i, model in enumerate(given) if isinstance(model, str | os.PathLike)
+    }
+    taken = {source.name for source in sources_by_position.values()}
     with scratch.folder() as folder:
-        by_path: dict[Path, ModelSource] = {}
-        for number, model in enumerate(given):
-            if isinstance(model, str | os.PathLike):
-                source = named(model)
-            else:
-                taken = {each.name for each in by_path.values()}
-                source = _saved(model, folder / f"{number}.mjb", taken)
-            by_path.setdefault(source.path, source)
-        yield list(by_path.values())
+        for i, model in enumerate(given):
+            if i not in sources_by_position:
+                source = _saved(model, folder / f"{i}.mjb", taken)
+                sources_by_position[i] = source
+                taken.add(source.name)
+        in_order = (sources_by_position[i] for i in range(len(given)))
+        yield list({source.path: source for source in in_order}.values())
 
 
-def _saved(model: "Model", file: Path, taken: set[str]) -> ModelSource:
+def _saved(model: "Model", file: Path, taken: Collection[str]) -> ModelSource:
     """Return the source of a model of this process, saved to a file under a name of its own."""
     mujoco = sys.modules.get("mujoco")
     if mujoco is not None and isinstance(model, getattr(mujoco, "MjSpec", ())):
         model = _compiled(model)
     if mujoco is None or not isinstance(model, mujoco.MjModel):
-        raise InputError(f"a model is {models.FORMS}, an MjModel or an MjSpec, not {_article(model)}")
+        raise InputError(
+            f"a model is one of {', '.join(models.shipped())}, {models.FORMS}, an MjModel or an"
+            f" MjSpec, not {_described(model)}"
+        )
     with writing(file):
         mujoco.mj_saveModel(model, str(file))
         if not file.is_file() or not file.stat().st_size:
-            raise OSError(None, "MuJoCo did not write the model")
+            raise ValueError("MuJoCo did not write the model")
     name = shown(bytes(model.names).split(b"\0")[0].decode(errors="replace") or "model")
-    others = (f"{name} ({number})" for number in itertools.count(2))
-    return ModelSource(next(each for each in itertools.chain([name], others) if each not in taken), file)
+    names = itertools.chain([name], (f"{name} ({number})" for number in itertools.count(2)))
+    return ModelSource(next(each for each in names if each not in taken), file)
 
 
 def _compiled(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
@@ -82,6 +87,6 @@ def _compiled(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
         raise InputError(f"MuJoCo cannot compile the MjSpec: {one_line(error)}") from error
 
 
-def _article(value: object) -> str:
+def _described(value: object) -> str:
     """Return what a value is, in a few words."""
     return "None" if value is None else f"an object of type {type(value).__name__}"

@@ -61,9 +61,7 @@ class Profile(Measured):
         print_profile(out, self.step_profile)
 
 
-def profile(
-    model: "Model", *, time_limit_s: float = TIME_LIMIT_S, wait: bool = False
-) -> Profile:
+def profile(model: "Model", *, time_limit_s: float = TIME_LIMIT_S, wait: bool = False) -> Profile:
     """Return where a step's time goes: engine stages, Python around it, rendering.
 
     The same as `mjbench profile`. All is measured in child processes.

@@ -1,7 +1,7 @@
 """What surrounds a measurement in a program: interrupts, other measurements, the host's share."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +12,13 @@ from mjbench.instrument import child, machine, neighbours, platforms, runs
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.neighbours import Neighbour, Presence
 from mjbench.instrument.runs import Record, Run
+
+# Called with what is measured now, and the share of all work that is done.
+Progress = Callable[[str, float], None]
+
+
+def ignore_progress(name: str, share: float) -> None:
+    """Do nothing."""
 
 
 class Session:

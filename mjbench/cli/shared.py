@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import InputError, one_line, shown
+from mjbench.errors import InputError, one_line
 from mjbench.instrument.limits import (
     MAX_COUNT,
     MAX_HERTZ,
@@ -259,21 +259,9 @@ def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
     Raises:
       InputError: both are given, or there is no such file of arrays.
     """
-    import zipfile
+    from mjbench.simulation import starts
 
-    from mjbench.simulation.starts import StartPlan
-
-    if states_file is None:
-        return StartPlan(settle_s)
-    if settle_s is not None:
-        raise InputError("give --settle or --states, not both")
-    if not states_file.is_file():
-        raise InputError(f"--states {shown(str(states_file))}: no such file")
-    if not zipfile.is_zipfile(states_file):
-        raise InputError(
-            f"--states {shown(str(states_file))}: not an .npz file, as numpy.savez writes it"
-        )
-    return StartPlan(file=states_file.absolute())
+    return starts.start_plan(settle_s, states_file)
 
 
 COUNT = click.IntRange(1, MAX_COUNT)

@@ -155,4 +155,6 @@ def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:
     if not models:
         report_line("the run ended before anything was measured")
     report.print_models(run.out, models, code)
+    if not code:
+        report.print_code_hint(run.out, models)
     run.write(CompareDocument.of(stored.header.machine, models))

@@ -65,7 +65,7 @@ def print_model(out: Console, model_results: ModelResults, code: bool = False) -
 
 
 def print_models(out: Console, models: Sequence[ModelResults], code: bool = False) -> None:
-    """Print what `mjbench compare` prints of all models.
+    """Print what comparisons of models come to, one after the other and together.
 
     Args:
       out: where to.
@@ -77,8 +77,6 @@ def print_models(out: Console, models: Sequence[ModelResults], code: bool = Fals
     print_crossovers(out, crossovers([result for model in models for result in model.results]))
     if len(models) > 1:
         print_summary(out, models)
-    if not code:
-        print_code_hint(out, models)
 
 
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:

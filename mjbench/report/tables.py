@@ -2,7 +2,6 @@
 
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from decimal import Decimal
 from typing import Any
 
 from rich.console import Console
@@ -10,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
+from mjbench.instrument.units import plain as plain
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.status import ExitCode
 
@@ -137,18 +137,6 @@ def _simulations(counts: Mapping[str, int]) -> str:
 def factor(ratio: float) -> str:
     """Return a speed-up in the digits that mean something."""
     return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
-
-
-def plain(value: float, digits: int) -> str:
-    """Return a number as people write it, such as `150` or `0.000012`, never as `1.5e+02`.
-
-    Args:
-      value: the number.
-      digits: how many significant digits to write; those before the point are always written.
-    """
-    if abs(value) >= 10**digits:
-        return f"{value:.0f}"
-    return f"{Decimal(f'{value:.{digits}g}'):f}"
 
 
 def yes_no(value: bool) -> str:

@@ -6,12 +6,14 @@ evenly over this second part.
 """
 
 import enum
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mjbench.errors import InputError, shown
 from mjbench.simulation import compat
 from mjbench.simulation.workload import (
     START_VELOCITY_SD,
@@ -53,6 +55,25 @@ class StartPlan:
 
 
 DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
+
+
+def start_plan(settle_s: float | None, states_file: Path | None) -> StartPlan:
+    """Return the plan that the options --settle and --states ask for.
+
+    Raises:
+      InputError: both are given, or there is no such file of arrays.
+    """
+    if states_file is None:
+        return StartPlan(settle_s)
+    if settle_s is not None:
+        raise InputError("give --settle or --states, not both")
+    if not states_file.is_file():
+        raise InputError(f"--states {shown(str(states_file))}: no such file")
+    if not zipfile.is_zipfile(states_file):
+        raise InputError(
+            f"--states {shown(str(states_file))}: not an .npz file, as numpy.savez writes it"
+        )
+    return StartPlan(file=states_file.absolute())
 
 
 @dataclass(frozen=True)
