@@ -192,6 +192,7 @@ def _measure(
                 confirmation.complete(source, plan, results)
                 if confirmation.is_interrupted:
                     raise KeyboardInterrupt
+            advance(source.name, 1.0)
     return records
 
 

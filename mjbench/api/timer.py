@@ -100,8 +100,13 @@ class Timing:
         return f"{laps.count:,} laps: {listed}"
 
     def _repr_html_(self) -> str:
-        lines = [self._conclusion(), *([self._of_laps()] if self.laps else [])]
-        shown = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
+        shown = f"<div>{html.escape(self._conclusion())}</div>"
+        if self.laps is not None:
+            titles = "".join(f"<th>{title}</th>" for title in ("laps", "p50", "p99", "max"))
+            times = self.laps.p50_ns, self.laps.p99_ns, self.laps.max_ns
+            cells = f"{self.laps.count:,}", *map(duration, times)
+            row = "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
+            shown += f"<table><tr>{titles}</tr><tr>{row}</tr></table>"
         return f'<div class="mjbench">{shown}</div>'
 
 

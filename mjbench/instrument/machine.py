@@ -240,7 +240,7 @@ def describe() -> Machine:
     import psutil
 
     return Machine(
-        cpu=_cpu_name(),
+        cpu=cpu_name(),
         architecture=platform.machine(),
         system=platform.platform(terse=True),
         cores=os.cpu_count(),
@@ -292,7 +292,8 @@ class Calibration:
         self._mj_step(self._model, data, _CALIBRATION_STEPS)
 
 
-def _cpu_name() -> str:
+def cpu_name() -> str:
+    """Return the name of the processor."""
     name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
     return name or platform.processor() or platform.machine()
 

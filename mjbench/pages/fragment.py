@@ -7,6 +7,7 @@ has a colour of its own has a contrast of at least 3 on both.
 import html
 from collections.abc import Iterator, Sequence
 
+from mjbench.errors import printable
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Tone
 from mjbench.pages.html import MARKS
 
@@ -34,13 +35,13 @@ def _parts(report: Report, notes: Sequence[str]) -> Iterator[str]:
     yield '<div class="mjbench">'
     yield from _conclusions(report.conclusions)
     for note in notes:
-        yield f"<p><strong>{html.escape(note)}</strong></p>"
+        yield f"<p><strong>{_text(note)}</strong></p>"
     for section in report.sections:
         for table in section.tables or [figure.data for figure in section.figures]:
             yield from _table(section.heading, table)
         if section.notes:
             yield "<details><summary>Notes</summary>"
-            yield from (f"<div>{html.escape(note)}</div>" for note in section.notes)
+            yield from (f"<div>{_text(note)}</div>" for note in section.notes)
             yield "</details>"
     yield "</div>"
 
@@ -49,7 +50,7 @@ def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
     yield '<ul style="list-style:none;padding:0;margin:.3em 0">'
     for conclusion in conclusions:
         mark = f'<b style="color:{COLOURS[conclusion.tone]}">{MARKS[conclusion.tone]}</b>'
-        yield f"<li>{mark} {html.escape(conclusion.text)}</li>"
+        yield f"<li>{mark} {_text(conclusion.text)}</li>"
     yield "</ul>"
 
 
@@ -61,7 +62,7 @@ def _table(heading: str, table: DataTable) -> Iterator[str]:
         if any(column.shown(row[i]) for row in table.rows)
     ]
     yield '<table style="border-collapse:collapse;margin:.5em 0">'
-    yield f'<caption style="text-align:left">{html.escape(heading)}</caption>'
+    yield f'<caption style="text-align:left">{_text(heading)}</caption>'
     yield "<thead><tr>"
     yield from (_cell("th", table.columns[i], table.columns[i].title) for i in kept)
     yield "</tr></thead><tbody>"
@@ -76,4 +77,9 @@ def _cell(tag: str, column: Column, text: str) -> str:
     align = "right" if column.is_number else "left"
     scope = ' scope="col"' if tag == "th" else ""
     style = f"text-align:{align};padding:.15em .6em;{_LINE}"
-    return f'<{tag}{scope} style="{style}">{html.escape(text)}</{tag}>'
+    return f'<{tag}{scope} style="{style}">{_text(text)}</{tag}>'
+
+
+def _text(text: str) -> str:
+    """Return a text in which nothing is markup, or a control character."""
+    return html.escape(printable(text))

@@ -60,7 +60,7 @@ def text_of(render: Callable[[Console], None]) -> str:
         force_jupyter=False,
     )
     render(out)
-    return file.getvalue().strip("\n")
+    return "\n".join(line.rstrip() for line in file.getvalue().strip("\n").split("\n"))
 
 
 def headed(heading: str, rest: str) -> Text:
