@@ -132,44 +132,40 @@ class SpeedFixture:
         from mjbench.testing import stored
 
         __tracebackhide__ = True
-        benchmark = self._benchmark()
-        if benchmark.disabled:
+        if _are_disabled(self._request.config):
             setup()
             function()
-            return _inconclusive(
-                question, "benchmarks are disabled, by an option of pytest or by pytest-xdist"
-            )
+            return _inconclusive(question, "benchmarks are disabled by an option of pytest")
         before = self._occasion(baseline)
+        benchmark: Benchmark = self._request.getfixturevalue("benchmark")
+        has_timed = benchmark.stats is not None
+        if has_timed:
+            raise _failure(
+                "a test can time one function for a file: use a function as the other baseline"
+            )
+        if benchmark.disabled:
+            setup()
+            benchmark.pedantic(function, teardown=_nothing, rounds=1, iterations=1)
+            return _inconclusive(question, "pytest-benchmark times nothing beside pytest-xdist")
         now = stored.measure(benchmark, function, setup)
         if isinstance(before, str):
             return _inconclusive(question, before)
         stats = benchmark.stats.stats
         return stored.judge(before, now, question, stats.median, stats.rounds)
 
-    def _benchmark(self) -> "Benchmark":
-        """Return the fixture of pytest-benchmark, unused; the test fails where there is none."""
-        __tracebackhide__ = True
-        try:
-            benchmark: Benchmark = self._request.getfixturevalue("benchmark")
-        except pytest.FixtureLookupError:
-            install = extras.install_command("test")
-            reason = f"a stored baseline needs pytest-benchmark: {install}"
-            raise _failure(reason) from None
-        if benchmark.stats is not None:
-            raise _failure(
-                "a test can time one function for a file: use a function as the other baseline"
-            )
-        return benchmark
-
     def _occasion(self, baseline: Path) -> "Occasion | str":
         """Return the earlier occasion, or why there is none in one line.
 
-        The test fails where the file is missing, unless this run writes one.
+        The test fails where the file is missing, unless this run writes one; and where
+        pytest-benchmark is.
         """
         from mjbench.testing import stored
 
         __tracebackhide__ = True
         config = self._request.config
+        if config.getoption("benchmark_storage", None) is None:
+            install = extras.install_command("test")
+            raise _failure(f"a stored baseline needs pytest-benchmark: {install}")
         file = _stored_file(config, baseline)
         if file is None:
             saving = ("benchmark_save", "benchmark_autosave", "benchmark_json")
