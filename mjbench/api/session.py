@@ -61,8 +61,10 @@ class Session:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Stop measuring."""
-        self._closing.close()
+        """Stop measuring; end processes that were interrupted as they started."""
+        with self._closing:
+            if isinstance(error, KeyboardInterrupt):
+                child.end_descendants()
 
     def run(
         self,
