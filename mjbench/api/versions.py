@@ -13,6 +13,7 @@ from mjbench.counts import release_comparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.release_comparison import InstructionComparison
 from mjbench.errors import InputError
+from mjbench.instrument import platforms
 from mjbench.paired import family, outcomes, targets, verdict
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.family import Family
@@ -130,10 +131,7 @@ def versions(
         {source.path: source for source in map(model_sources.named, _several(models))}.values()
     )
     advance = on_progress or ignore_progress
-    with (
-        start_states.plan(settle_s, states) as starts,
-        Session("versions", wait) as session,
-    ):
+    with start_states.plan(settle_s, states) as starts:
         sizes = Sizes(
             None if nbatch is None else checks.count("nbatch", nbatch),
             None if nstep is None else checks.count("nstep", nstep),
@@ -151,16 +149,17 @@ def versions(
             sizes,
             as_shipped,
         )
-        if chosen == Metric.INSTRUCTIONS:
-            counted = InstructionComparison(baseline, candidates, sources, plan.min_effect)
-            records = _count(counted, sizes, advance)
-        else:
-            pairs = targets.of_releases(baseline, candidates, sources, path_names)
-            records = _time(pairs, replace(plan, family=len(pairs)), advance)
-        failures.check_any(records)
-        files = [source.path for source in sources] + ([starts.file] if starts.file else [])
-        run = session.run(records, {"confidence": plan.confidence}, files)
-        return ReleaseComparison(run, session.notes())
+        pairs = targets.of_releases(baseline, candidates, sources, path_names)
+        with Session("versions", wait) as session:
+            if chosen == Metric.INSTRUCTIONS:
+                counted = InstructionComparison(baseline, candidates, sources, plan.min_effect)
+                records = _count(counted, sizes, advance)
+            else:
+                records = _time(pairs, replace(plan, family=len(pairs)), advance)
+            failures.check_any(records)
+            files = [source.path for source in sources] + ([starts.file] if starts.file else [])
+            run = session.run(records, {"confidence": plan.confidence}, files)
+            return ReleaseComparison(run, (*_pinning_notes(), *session.notes()))
 
 
 def _time(
@@ -198,6 +197,12 @@ def _count(
 
     with InstructionCounter(sizes) as counter:
         return list(release_comparison.verdicts(comparison, counter, on_candidate=on_candidate))
+
+
+def _pinning_notes() -> Sequence[str]:
+    """Return that this system cannot keep processes on a core, where it cannot."""
+    problem = platforms.pinning_problem()
+    return (problem,) if problem else ()
 
 
 def _several(

@@ -9,13 +9,15 @@ process to process, such as where memory lies, is not in the interval. It moves 
 identical functions by up to some percent (docs/python.md), and LEAST_SLOWDOWN keeps away from that.
 """
 
+import contextlib
 import functools
 import itertools
 import math
 import random
 import statistics
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +91,12 @@ def compare(
       clock: returns seconds.
       rng: draws the order of each quad; None for one that differs in every process.
     """
-    begin, rng = clock(), rng or random.Random()
+    with untraced():
+        return _compare(pair, question, clock, rng or random.Random())
+
+
+def _compare(pair: Pair, question: Question, clock: Clock, rng: random.Random) -> SpeedCheck:
+    begin = clock()
     calls = min(
         calls_per_block(function, pair.setup, clock) for function in (pair.baseline, pair.candidate)
     )
@@ -106,6 +113,17 @@ def compare(
             interval = anytime.anytime_interval(log_ratios, question.confidence)
             answer = of_interval(interval.low, interval.high, question.max_slowdown)
     return _check(question, answer, log_ratios, rounds, calls)
+
+
+@contextlib.contextmanager
+def untraced() -> Iterator[None]:
+    """Pause what traces every line of this thread, such as a debugger, while the block runs."""
+    trace = sys.gettrace()
+    sys.settrace(None)
+    try:
+        yield
+    finally:
+        sys.settrace(trace)
 
 
 def calls_per_block(function: Function, setup: Function, clock: Clock) -> int:

@@ -18,7 +18,7 @@ from mjbench.testing.answer import Answer, SpeedCheck
 
 if TYPE_CHECKING:
     from mjbench.testing.callables import Function, Question
-    from mjbench.testing.stored import Benchmark, Occasion
+    from mjbench.testing.stored import Benchmark, SavedRun
 
 # Packages of the extra `cli` that are needed.
 _PACKAGES = ("msgspec", "numpy", "psutil", "scipy")
@@ -136,7 +136,7 @@ class SpeedFixture:
             setup()
             function()
             return _inconclusive(question, "benchmarks are disabled by an option of pytest")
-        before = self._occasion(baseline)
+        saved = self._saved_run(baseline)
         benchmark: Benchmark = self._request.getfixturevalue("benchmark")
         has_timed = benchmark.stats is not None
         if has_timed:
@@ -148,16 +148,21 @@ class SpeedFixture:
             benchmark.pedantic(function, teardown=_nothing, rounds=1, iterations=1)
             return _inconclusive(question, "pytest-benchmark times nothing beside pytest-xdist")
         now = stored.measure(benchmark, function, setup)
-        if isinstance(before, str):
-            return _inconclusive(question, before)
+        if saved is None:
+            reason = f"there is no {shown(str(baseline))} yet, and this run saves its times"
+            return _inconclusive(question, reason)
+        try:
+            before = stored.find(saved, self._request.node.nodeid)
+        except stored.IncomparableError as error:
+            return _inconclusive(question, str(error))
         stats = benchmark.stats.stats
         return stored.judge(before, now, question, stats.median, stats.rounds)
 
-    def _occasion(self, baseline: Path) -> "Occasion | str":
-        """Return the earlier occasion, or why there is none in one line.
+    def _saved_run(self, baseline: Path) -> "SavedRun | None":
+        """Return the file of a baseline; None where there is none yet, and this run writes one.
 
-        The test fails where the file is missing, unless this run writes one; and where
-        pytest-benchmark is.
+        The test fails where the file is missing otherwise, or is none of pytest-benchmark; and
+        where that is not installed.
         """
         from mjbench.testing import stored
 
@@ -170,13 +175,13 @@ class SpeedFixture:
         if file is None:
             saving = ("benchmark_save", "benchmark_autosave", "benchmark_json")
             if any(config.getoption(name) for name in saving):
-                return f"there is no {shown(str(baseline))} yet, and this run saves its times"
+                return None
             raise _failure(
                 f"no stored baseline {shown(str(baseline))}: save one where the code is as it"
                 f" should be, by pytest --benchmark-save={baseline.stem}"
             )
         try:
-            return stored.find(stored.read(file), self._request.node.nodeid)
+            return stored.read(file)
         except InputError as error:
             raise _failure(str(error)) from None
 

@@ -14,7 +14,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -39,6 +39,10 @@ OCCASION_SPREAD = 0.05
 BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS, GROUPS = 2.0, 24, 2000, 8
 # Each calibrator runs for this share of a block of the function, in whole pieces of work.
 _CALIBRATOR_SHARE, _MOST_PIECES = 0.1, 50
+
+
+class IncomparableError(InputError):
+    """A stored time cannot be compared with here and now; nothing is wrong with the test."""
 
 
 class Benchmark(Protocol):
@@ -150,8 +154,9 @@ def measure(
             timer.time()
         setup()
 
-    between_rounds()
-    benchmark.pedantic(function, teardown=between_rounds, rounds=rounds, iterations=calls)
+    with callables.untraced():
+        between_rounds()
+        benchmark.pedantic(function, teardown=between_rounds, rounds=rounds, iterations=calls)
     function_s = list(benchmark.stats.stats.data)
     logs = [group_log_ratios(function_s, timer.seconds) for timer in timers]
     occasion = Occasion(calibrator.VERSION, machine.cpu_name(), *logs)
@@ -212,42 +217,53 @@ def read(file: Path) -> SavedRun:
         ) from error
 
 
-def find(run: SavedRun, fullname: str) -> Occasion | str:
-    """Return what a file holds of a test, or why it cannot be compared with, in one line.
+def find(run: SavedRun, fullname: str) -> Occasion:
+    """Return what a file holds of a test.
 
     Args:
       run: the file.
       fullname: of the test, such as `tests/test_speed.py::test_env`.
+
+    Raises:
+      IncomparableError: it holds nothing that can be compared with here.
     """
-    here = SavedMachine.here()
-    if run.machine_info != here:
-        names = SavedMachine.__dataclass_fields__
-        differing = [
-            f"{name} {getattr(run.machine_info, name) or 'unknown'}, here {getattr(here, name)}"
-            for name in names
-            if getattr(run.machine_info, name) != getattr(here, name)
-        ]
-        return f"the baseline is of another machine or Python ({'; '.join(differing)})"
+    _check_machine(run.machine_info)
     entry = next((each for each in run.benchmarks if each.fullname == fullname), None)
     if entry is None:
-        return f"the baseline has no time of {fullname}: save it again"
-    stored = entry.extra_info.get(KEY)
-    if stored is None:
-        return (
+        raise IncomparableError(f"the baseline has no time of {fullname}: save it again")
+    if KEY not in entry.extra_info:
+        raise IncomparableError(
             "the baseline has no calibration, without which times of two occasions do not compare:"
             " save it by a test that calls mjbench.not_slower"
         )
     try:
-        occasion = msgspec.convert(stored, Occasion)
+        occasion = msgspec.convert(entry.extra_info[KEY], Occasion)
     except msgspec.ValidationError as error:
-        return f"the baseline's calibration cannot be read: {one_line(error, 100)}"
-    if not occasion.is_sound:
-        return "the baseline's calibration is damaged"
-    if occasion.calibrators != calibrator.VERSION:
-        return "the baseline was calibrated by another version of mjbench: save it again"
-    if occasion.cpu != machine.cpu_name():
-        return f"the baseline is of another processor ({occasion.cpu})"
+        reason = f"the baseline's calibration cannot be read: {one_line(error, 100)}"
+        raise IncomparableError(reason) from error
+    _check_calibration(occasion)
     return occasion
+
+
+def _check_machine(saved: SavedMachine) -> None:
+    here = SavedMachine.here()
+    differing = [
+        f"{each.name} {getattr(saved, each.name) or 'unknown'}, here {getattr(here, each.name)}"
+        for each in fields(SavedMachine)
+        if getattr(saved, each.name) != getattr(here, each.name)
+    ]
+    if differing:
+        reason = f"the baseline is of another machine or Python ({'; '.join(differing)})"
+        raise IncomparableError(one_line(reason))
+
+
+def _check_calibration(occasion: Occasion) -> None:
+    if not occasion.is_sound:
+        raise IncomparableError("the baseline's calibration is damaged")
+    if occasion.calibrators != calibrator.VERSION:
+        raise IncomparableError("another version of mjbench calibrated the baseline: save it again")
+    if occasion.cpu != machine.cpu_name():
+        raise IncomparableError(f"the baseline is of another processor ({shown(occasion.cpu)})")
 
 
 def judge(

@@ -1,12 +1,15 @@
 """The functions take what the commands take, with the same defaults."""
 
 import inspect
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import mjbench
+from mjbench.api.measured import Measured
 from mjbench.cli import cli
+from mjbench.cli.shared import RESULTS_FOLDER
 from mjbench.comparison.plan import BUDGET_S
 
 # Parameters of commands by those of functions, where the names differ.
@@ -58,3 +61,8 @@ def test_functions_are_documented_and_typed(function: str) -> None:
     assert signature.return_annotation is not inspect.Signature.empty
     for name, parameter in signature.parameters.items():
         assert parameter.annotation is not inspect.Parameter.empty, name
+
+
+def test_a_result_is_saved_where_commands_store_theirs() -> None:
+    default = inspect.signature(Measured.save).parameters["folder"].default
+    assert Path(default) == RESULTS_FOLDER

@@ -1,16 +1,11 @@
 """The fixture `mjbench` in projects of their own, as pytest runs them."""
 
 import json
-import os
-import subprocess
-import sys
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from commands import ROOT
+from pytest_runs import PLUGIN, run_pytest
 
-BENCHMARK, PLUGIN = "pytest_benchmark.plugin", "mjbench.testing.plugin"
 # Work whose time is far from that of other numbers, so that a busy machine does not matter.
 FUNCTIONS = """
 def work(number):
@@ -18,32 +13,6 @@ def work(number):
 
 """
 STORED = FUNCTIONS + "def test_it(mjbench):\n    mjbench.not_slower(work(NUMBER), 'main.json')\n"
-
-
-def run_pytest(
-    folder: Path,
-    content: str,
-    *words: str,
-    plugins: tuple[str, ...] = (BENCHMARK, PLUGIN),
-    env: Mapping[str, str] | None = None,
-) -> "subprocess.CompletedProcess[str]":
-    """Return how pytest ended on a file of tests."""
-    (folder / "test_speed.py").write_text(content)
-    loaded = [word for plugin in plugins for word in ("-p", plugin)]
-    return subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-rs", *loaded, *words, "test_speed.py"],
-        cwd=folder,
-        env={
-            **{name: value for name, value in os.environ.items() if "PYTEST" not in name},
-            "PYTHONPATH": str(ROOT),
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-            **(env or {}),
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
 
 
 def test_functions_are_compared(tmp_path: Path) -> None:
