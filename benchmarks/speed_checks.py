@@ -19,19 +19,19 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
 from mjbench.simulation import models, workload
-from mjbench.testing import callables, stored
 from mjbench.testing.answer import Answer
-from mjbench.testing.callables import Function, Pair, Question
-from mjbench.testing.fixture import MAX_SLOWDOWN, MAX_SLOWDOWN_OF_STORED
-from mjbench.testing.stored import Occasion
+
+if TYPE_CHECKING:
+    from mjbench.testing.stored import Occasion
 
 PROCESSES = 40
+Function = Callable[[], object]
 TIME_LIMIT_S, CONFIDENCE = 5.0, 0.99
 # Programs that keep the machine busy meanwhile, and how many of each; half of the draws are quiet.
 _SPIN, _COPY = "while True: pass", "x = bytes(1 << 26)\nwhile True: bytearray(x)"
@@ -62,7 +62,7 @@ class Measured:
     answer: Answer
     log_ratio: float
     candidate_s: float
-    occasion: Occasion
+    occasion: "Occasion"
 
 
 def _steps(name: str, nstep: int) -> Function:
@@ -99,6 +99,10 @@ FUNCTIONS: dict[str, Callable[[], Function]] = {
 
 def measure(load: str) -> list[Measured]:
     """Measure each function and its twin in this process."""
+    from mjbench.testing import callables, stored
+    from mjbench.testing.callables import Pair, Question
+    from mjbench.testing.fixture import MAX_SLOWDOWN
+
     question = Question(MAX_SLOWDOWN, CONFIDENCE, TIME_LIMIT_S)
     found = []
     for name, make in FUNCTIONS.items():
@@ -124,6 +128,8 @@ class _Benchmark:
     def pedantic(
         self, target: Function, *, teardown: Function, rounds: int, iterations: int
     ) -> None:
+        from mjbench.testing import callables
+
         for _ in range(rounds):
             block_s = callables.block_s(target, iterations)
             self.stats.stats.data.append(block_s / iterations)
@@ -136,6 +142,8 @@ def _nothing() -> None:
 
 def in_processes(count: int) -> list[Measured]:
     """Return what some processes measured, one after the other, each under a load of its own."""
+    from mjbench.testing.stored import Occasion
+
     measured = []
     for number in range(count):
         load, program, busy = random.choice(LOADS)
@@ -179,6 +187,10 @@ _ANSWERS = (Answer.NOT_SLOWER, Answer.INCONCLUSIVE, Answer.SLOWER)
 
 def table_of_occasions(measured: Sequence[Measured]) -> list[str]:
     """Return what a stored time of another process would have said, as Markdown."""
+    from mjbench.testing import stored
+    from mjbench.testing.callables import Question
+    from mjbench.testing.fixture import MAX_SLOWDOWN_OF_STORED
+
     question = Question(MAX_SLOWDOWN_OF_STORED, CONFIDENCE, TIME_LIMIT_S)
     lines = [
         "| function | sd of its time | by the first calibrator | by the second | pairs"

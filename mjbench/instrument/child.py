@@ -124,8 +124,8 @@ class Child(ChildProcess):
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
         except KeyboardInterrupt:
             if hasattr(self, "process"):
-                self.process.kill()
-                self.process.wait()
+                with self.process:  # closes its pipes, and waits
+                    self.process.kill()
             raise
         self.pid = self.process.pid
 

@@ -89,5 +89,7 @@ def test_an_interrupt_waits_until_a_process_has_started_and_then_ends_it(
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
         child.Child([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    assert started[0].stdin is not None
+    assert started[0].stdin.closed
     assert signal.getsignal(signal.SIGINT) is before
     assert [process.returncode for process in started] == [-signal.SIGKILL]
