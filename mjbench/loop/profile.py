@@ -18,7 +18,7 @@ import numpy as np
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.loop import habits, rendering
+from mjbench.loop import engine_stages, habits, rendering
 from mjbench.loop.compiled_loop import compile_loop
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation import compat, models, work, workload
@@ -30,20 +30,6 @@ from mjbench.status import Status
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
-# Stages by MuJoCo's timers (mjtTimer); what they leave of a step is `other`.
-STAGES: Mapping[str, str] = {
-    "kinematics": "POS_KINEMATICS",
-    "inertia": "POS_INERTIA",
-    "broad-phase collision": "COL_BROAD",
-    "narrow-phase collision": "COL_NARROW",
-    "collision": "POS_COLLISION",
-    "constraint making": "POS_MAKE",
-    "constraint projection": "POS_PROJECT",
-    "velocity": "VELOCITY",
-    "actuation": "ACTUATION",
-    "constraint solver": "CONSTRAINT",
-    "integration": "ADVANCE",
-}
 
 
 @dataclass(frozen=True)
@@ -211,17 +197,10 @@ def _step_ns(model: mujoco.MjModel, nstep: int, *habit_names: str) -> list[float
 def _stages(model: mujoco.MjModel, nstep: int) -> dict[str, float]:
     """Return the share of a step by stage, from the engine's timers: medians over blocks."""
     timer_s = _timer_s(model, nstep)
-    timers = {name: compat.timer(name) for name in (*STAGES.values(), "STEP")}
-    seconds = {
-        name: 0.0 if timer is None else float(timer_s[timer]) for name, timer in timers.items()
-    }
-    stages = {stage: seconds[name] for stage, name in STAGES.items()}
-    # The timer of collision includes its two phases: leave what they do not explain.
-    phases = stages["broad-phase collision"] + stages["narrow-phase collision"]
-    stages["collision"] = max(0.0, stages["collision"] - phases)
-    total = max(seconds["STEP"], sum(stages.values()), 1e-30)  # never 0, as it divides
-    stages["other"] = total - sum(stages.values())
-    return {stage: value / total for stage, value in stages.items()}
+    timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
+    return engine_stages.shares(
+        {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
+    )
 
 
 def _timer_s(model: mujoco.MjModel, nstep: int) -> np.ndarray:

@@ -31,6 +31,7 @@ from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
+from mjbench.program.records import ProgramRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
@@ -53,6 +54,7 @@ RECORD_TYPES: Mapping[str, type] = {
     ScalingRecord.record_type: ScalingRecord,
     OverheadRow.record_type: OverheadRow,
     ProfileRow.record_type: ProfileRow,
+    ProgramRow.record_type: ProgramRow,
     LatencyRow.record_type: LatencyRow,
     PlanningRow.record_type: PlanningRow,
     VerdictRecord.record_type: VerdictRecord,
@@ -223,6 +225,15 @@ class ProfileDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ProgramDocument:
+    """What `mjbench run --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[ProgramRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class LatencyDocument:
     """What `mjbench latency --json` writes."""
 
@@ -304,6 +315,7 @@ DOCUMENTS: Mapping[str, type] = {
     "explain": ExplainDocument,
     "overhead": OverheadDocument,
     "profile": ProfileDocument,
+    "run": ProgramDocument,
     "latency": LatencyDocument,
     "plan": PlanDocument,
     "doctor": DoctorDocument,

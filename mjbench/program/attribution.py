@@ -1,0 +1,240 @@
+"""Where the time of a program's stepping loops goes, from samples of its stacks."""
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from mjbench.program import activities
+from mjbench.program.activities import Activity, Place, is_own
+from mjbench.program.samples import Frame, ThreadSamples
+from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
+
+# Lines with a smaller share of a loop are left out.
+LEAST_LINE_SHARE = 0.005
+# Loops with a smaller share of the time of all loops that step are left out.
+LEAST_LOOP_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class LineTime:
+    """What one line of the user's code takes of a loop, with all that it calls.
+
+    Attributes:
+      place: the line.
+      share: of the loop's time.
+      activities: share of the loop's time by activity, largest first; they sum to `share`.
+    """
+
+    place: Place
+    share: float
+    activities: Mapping[Activity, float]
+
+    @property
+    def main_activity(self) -> Activity:
+        """What takes most of the line's time."""
+        return max(self.activities, key=lambda activity: self.activities[activity])
+
+
+@dataclass(frozen=True)
+class LoopTime:
+    """Where the time of one loop goes.
+
+    Attributes:
+      loop: in the program's source; its file is as `activities.shown_path` gives it.
+      own_files: the user's own files whose lines run in it, as `activities.shown_path` gives them.
+      threads: names of the threads that run it, one for each thread of each process.
+      pids: processes that run it.
+      in_main: whether the main thread of the program's first process runs it.
+      samples: taken in it.
+      seconds: wall time in it, summed over threads: samples times their interval.
+      activities: share by activity, largest first; they sum to 1.
+      packages: share of `Python` by installed package, largest first; the user's own code has
+        the name "".
+      lines: of the user's code, by share.
+      engine_clock: share of the engine's own clock.
+    """
+
+    loop: SourceLoop
+    own_files: Sequence[str]
+    threads: Sequence[str]
+    pids: Sequence[int]
+    in_main: bool
+    samples: int
+    seconds: float
+    activities: Mapping[Activity, float]
+    packages: Mapping[str, float]
+    lines: Sequence[LineTime]
+    engine_clock: float
+
+    @property
+    def steps(self) -> bool:
+        """Whether the engine was seen in it."""
+        return Activity.PHYSICS in self.activities
+
+    def error(self, share: float) -> float:
+        """Return the standard error of a share, as that of a binomial proportion."""
+        return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """One stack in a loop, with what it shows."""
+
+    thread: ThreadSamples
+    stack: Sequence[Frame]
+    loop_frame: int
+    activity: Activity | None
+
+
+def loop_times(
+    threads: Sequence[ThreadSamples], main_pid: int, stepping_pids: Collection[int] = ()
+) -> list[LoopTime]:
+    """Return the loops that step, or wait for processes that do; the program's own first.
+
+    Args:
+      threads: samples of all threads of all processes.
+      main_pid: the program's first process.
+      stepping_pids: processes that are known to step; samples may miss a small share of physics.
+    """
+    by_loop: dict[SourceLoop, list[_Sample]] = defaultdict(list)
+    for thread in threads:
+        for stack in thread.stacks:
+            position = _loop_frame(stack)
+            if position is not None:
+                frame = stack[position]
+                loop = outermost_loop(frame.file, frame.line)
+                assert loop is not None, "the frame was chosen because it is in a loop"
+                by_loop[loop].append(_Sample(thread, stack, position, activities.activity(stack)))
+    times = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
+    return sorted(
+        _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
+    )
+
+
+def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
+    """Return the loops that step, but short ones; with those that wait while other processes do."""
+    stepping = [time for time in times if time.steps]
+    seen = {pid for time in stepping for pid in time.pids}
+    for pid in sorted(set(pids) - seen):
+        of_process = [time for time in times if pid in time.pids and time not in stepping]
+        stepping += sorted(of_process, key=lambda time: -time.seconds)[:1]
+    elsewhere = any(not time.in_main for time in stepping)
+    waiting = [
+        time
+        for time in times
+        if not time.steps and elsewhere and Activity.PROCESSES in time.activities and time.in_main
+    ]
+    total_s = sum(time.seconds for time in stepping + waiting)
+    return [time for time in stepping + waiting if time.seconds >= LEAST_LOOP_SHARE * total_s]
+
+
+def _loop_frame(stack: Sequence[Frame]) -> int | None:
+    """Return which frame of a stack runs its outermost loop; None where none does.
+
+    Loops of Python's standard library are not meant: they start threads and processes.
+    """
+    for i, frame in enumerate(stack):
+        if not frame.is_python or frame.file.startswith("<") or activities.is_step_clock(frame):
+            continue
+        if activities.standard_name(frame.file):
+            continue
+        if outermost_loop(frame.file, frame.line) is not None:
+            return i
+    return None
+
+
+def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> LoopTime:
+    resolved = _resolved(samples)
+    total = len(resolved)
+    by_activity = Counter(activity for _, activity in resolved)
+    packages = Counter(
+        activities.package_of(_innermost_python(sample).file)
+        for sample, activity in resolved
+        if activity == Activity.PYTHON
+    )
+    clocks = sum(
+        activity == Activity.PHYSICS and activities.is_engine_clock(sample.stack)
+        for sample, activity in resolved
+    )
+    threads = {sample.thread.thread: sample.thread.thread.name for sample in samples}
+    return LoopTime(
+        loop=SourceLoop(activities.shown_path(loop.file), loop.first, loop.last),
+        own_files=sorted(
+            {
+                activities.shown_path(frame.file)
+                for sample in samples
+                for frame in _inner(sample)
+                if is_own(frame)
+            }
+        ),
+        threads=sorted(threads.values()),
+        pids=sorted({thread.pid for thread in threads}),
+        in_main=any(thread.pid == main_pid == thread.tid for thread in threads),
+        samples=total,
+        seconds=sum(sample.thread.interval_s for sample in samples),
+        activities={each: count / total for each, count in by_activity.most_common()},
+        packages={each: count / total for each, count in packages.most_common()},
+        lines=list(_lines(resolved)),
+        engine_clock=clocks / total,
+    )
+
+
+def _resolved(samples: Sequence[_Sample]) -> list[tuple[_Sample, Activity]]:
+    """Return each sample with its activity.
+
+    What a sample in a library such as that of C shows depends on who called it, which the stack may
+    not hold. It counts for what other samples of its line show, most often.
+    """
+    at_line: dict[tuple[str, int], Counter[Activity]] = defaultdict(Counter)
+    for sample in samples:
+        if sample.activity is not None:
+            at_line[_line(sample)][sample.activity] += 1
+    resolved = []
+    for sample in samples:
+        activity = sample.activity
+        if activity is None:
+            others = at_line[_line(sample)].most_common(1)
+            activity = others[0][0] if others else Activity.PYTHON
+        resolved.append((sample, activity))
+    return resolved
+
+
+def _line(sample: _Sample) -> tuple[str, int]:
+    frame = _innermost_python(sample)
+    return frame.file, frame.line
+
+
+def _innermost_python(sample: _Sample) -> Frame:
+    """Return the innermost line of Python that is not the step clock's."""
+    lines = (frame for frame in reversed(sample.stack) if frame.is_python)
+    return next(frame for frame in lines if not activities.is_step_clock(frame))
+
+
+def _inner(sample: _Sample) -> Sequence[Frame]:
+    """Return the frames of a sample from the loop inward."""
+    return sample.stack[sample.loop_frame :]
+
+
+def _lines(resolved: Iterable[tuple[_Sample, Activity]]) -> Iterator[LineTime]:
+    """Yield what each line of the user's code takes, largest share first."""
+    by_place: dict[Place, Counter[Activity]] = defaultdict(Counter)
+    total = 0
+    for sample, activity in resolved:
+        by_place[_own_place(sample)][activity] += 1
+        total += 1
+    for place, counts in sorted(by_place.items(), key=lambda item: -item[1].total()):
+        share = counts.total() / total
+        if share >= LEAST_LINE_SHARE:
+            text = source_line(place.file, place.line)
+            place = Place(activities.shown_path(place.file), place.line, place.function, text)
+            parts = {activity: count / total for activity, count in counts.most_common()}
+            yield LineTime(place, share, parts)
+
+
+def _own_place(sample: _Sample) -> Place:
+    """Return the innermost line of the user's code; that of the loop where none is."""
+    inner = _inner(sample)
+    own = [frame for frame in inner if is_own(frame)]
+    frame = own[-1] if own else inner[0]
+    return Place(frame.file, frame.line, frame.function)
