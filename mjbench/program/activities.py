@@ -41,6 +41,8 @@ class Activity(enum.StrEnum):
     """Python looks for objects that refer to each other."""
     IMPORT = "imports"
     """Modules are found and compiled."""
+    LOADING = "loading models"
+    """MuJoCo reads or compiles a model."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class Place:
         return f"{self.file}:{self.line}"
 
 
+# The package of Python's own modules.
+STANDARD_LIBRARY = "Python's standard library"
 # Libraries, by what their path holds.
 _ENGINE = re.compile(r"(^|/)(libmujoco\.|libmujoco-|mujoco\.dll)")
 _BINDINGS = re.compile(r"/mujoco/_\w+\.")
@@ -79,6 +83,10 @@ _DRAWS = re.compile(r"mjr_|mjv_|glReadPixels|_mesa_|llvmpipe_|lp_rast")
 _ALLOCATES = re.compile(
     r"PyArray_(NewFromDescr|Zeros|Empty|NewLikeArray|NewCopy)|array_(dealloc|zeros|empty|new)"
     r"|npy_(alloc|free)_cache|PyDataMem_|default_(malloc|calloc|free)"
+)
+_LOADS = re.compile(
+    r"mj[CX][A-Z]|mjXReader|tinyxml2|qh_|lodepng|std::|mj_(load|parse|compile|saveLast|copyModel)"
+    r"|mjs_"
 )
 _COLLECTS = re.compile(r"gc_collect|deduce_unreachable|subtract_refs|gc_freeze|visit_reachable")
 _WRITES = re.compile(r"_io_|fileio_|textiowrapper|buffered_|bufferedwriter|builtin_print|__write$")
@@ -165,7 +173,7 @@ def _by_library(python: Sequence[Frame], library: Sequence[Frame]) -> Activity |
         if _POLICY_LIBRARY.search(frame.file):
             return Activity.POLICY
         if _ENGINE.search(frame.file):
-            return Activity.PHYSICS
+            return Activity.LOADING if _LOADS.match(frame.function) else Activity.PHYSICS
         if _BINDINGS.search(frame.file):
             return Activity.BINDINGS
         if _NUMPY_LIBRARY.search(frame.file):
@@ -201,8 +209,8 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
 def shown_path(file: str) -> str:
     """Return a path for people: within the current folder, an installed package, or in full."""
     match = re.search(r"/(?:site|dist)-packages/(.+)$", file)
-    if match:
-        return match[1]
+    if match or standard_name(file):
+        return match[1] if match else standard_name(file)
     with contextlib.suppress(ValueError):
         return str(Path(file).relative_to(Path.cwd()))
     return file
@@ -233,7 +241,7 @@ def package_of(file: str) -> str:
     match = re.search(r"/(?:site|dist)-packages/([^/]+)", file)
     if match:
         return match[1].removesuffix(".py")
-    return "Python's standard library" if standard_name(file) else ""
+    return STANDARD_LIBRARY if standard_name(file) else ""
 
 
 def is_own(frame: Frame) -> bool:

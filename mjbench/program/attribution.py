@@ -3,7 +3,7 @@
 import math
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
@@ -24,11 +24,13 @@ class LineTime:
       place: the line.
       share: of the loop's time.
       activities: share of the loop's time by activity, largest first; they sum to `share`.
+      package: installed package that it calls for most of this time; "" for none.
     """
 
     place: Place
     share: float
     activities: Mapping[Activity, float]
+    package: str = ""
 
     @property
     def main_activity(self) -> Activity:
@@ -51,7 +53,8 @@ class LoopTime:
       activities: share by activity, largest first; they sum to 1.
       packages: share of `Python` by installed package, largest first; the user's own code has
         the name "".
-      lines: of the user's code, by share.
+      lines: of the user's code, with all that they call, by share.
+      inner_lines: of installed packages, without what they call in Python, by share.
       engine_clock: share of the engine's own clock.
     """
 
@@ -65,6 +68,7 @@ class LoopTime:
     activities: Mapping[Activity, float]
     packages: Mapping[str, float]
     lines: Sequence[LineTime]
+    inner_lines: Sequence[LineTime]
     engine_clock: float
 
     @property
@@ -175,7 +179,8 @@ def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> L
         seconds=sum(sample.thread.interval_s for sample in samples),
         activities={each: count / total for each, count in by_activity.most_common()},
         packages={each: count / total for each, count in packages.most_common()},
-        lines=list(_lines(resolved)),
+        lines=_own_lines(resolved),
+        inner_lines=_inner_lines(resolved),
         engine_clock=clocks / total,
     )
 
@@ -211,30 +216,77 @@ def _innermost_python(sample: _Sample) -> Frame:
     return next(frame for frame in lines if not activities.is_step_clock(frame))
 
 
+def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
+    """Return the lines of the user's code, each with the package that it calls most."""
+    packages: dict[Place, Counter[str]] = defaultdict(Counter)
+    for sample, activity in resolved:
+        if activity != Activity.PHYSICS:
+            frame = _own_frame(sample)
+            place = _shown_place(frame.file, frame.line, frame.function)
+            packages[place][_called_package(sample, frame)] += 1
+    lines = _lines((_own_frame(sample), activity) for sample, activity in resolved)
+    return [
+        replace(line, package=packages[line.place].most_common(1)[0][0])
+        if line.place in packages
+        else line
+        for line in lines
+    ]
+
+
+def _called_package(sample: _Sample, own: Frame) -> str:
+    """Return the installed package that a line of the user's code calls; "" for none."""
+    inner = list(_inner(sample))
+    following = inner[len(inner) - inner[::-1].index(own) :]
+    packages = (activities.package_of(frame.file) for frame in following if frame.is_python)
+    return next((name for name in packages if name), "")
+
+
+def _inner_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
+    """Return the lines of installed packages that samples were in, physics aside."""
+    total = len(resolved)
+    frames = [
+        (frame, activity)
+        for sample, activity in resolved
+        if activity != Activity.PHYSICS
+        for frame in [_innermost_python(sample)]
+        if activities.package_of(frame.file)
+    ]
+    scale = len(frames) / total
+    return [
+        LineTime(
+            line.place,
+            line.share * scale,
+            {activity: share * scale for activity, share in line.activities.items()},
+        )
+        for line in _lines(frames)
+    ]
+
+
 def _inner(sample: _Sample) -> Sequence[Frame]:
     """Return the frames of a sample from the loop inward."""
     return sample.stack[sample.loop_frame :]
 
 
-def _lines(resolved: Iterable[tuple[_Sample, Activity]]) -> Iterator[LineTime]:
-    """Yield what each line of the user's code takes, largest share first."""
-    by_place: dict[Place, Counter[Activity]] = defaultdict(Counter)
+def _lines(frames: Iterable[tuple[Frame, Activity]]) -> Iterator[LineTime]:
+    """Yield what each line takes, largest share first, from the frame and activity of samples."""
+    by_place: dict[tuple[str, int, str], Counter[Activity]] = defaultdict(Counter)
     total = 0
-    for sample, activity in resolved:
-        by_place[_own_place(sample)][activity] += 1
+    for frame, activity in frames:
+        by_place[frame.file, frame.line, frame.function][activity] += 1
         total += 1
     for place, counts in sorted(by_place.items(), key=lambda item: -item[1].total()):
         share = counts.total() / total
         if share >= LEAST_LINE_SHARE:
-            text = source_line(place.file, place.line)
-            place = Place(activities.shown_path(place.file), place.line, place.function, text)
             parts = {activity: count / total for activity, count in counts.most_common()}
-            yield LineTime(place, share, parts)
+            yield LineTime(_shown_place(*place), share, parts)
 
 
-def _own_place(sample: _Sample) -> Place:
+def _shown_place(file: str, line: int, function: str) -> Place:
+    return Place(activities.shown_path(file), line, function, source_line(file, line))
+
+
+def _own_frame(sample: _Sample) -> Frame:
     """Return the innermost line of the user's code; that of the loop where none is."""
     inner = _inner(sample)
     own = [frame for frame in inner if is_own(frame)]
-    frame = own[-1] if own else inner[0]
-    return Place(frame.file, frame.line, frame.function)
+    return own[-1] if own else inner[0]

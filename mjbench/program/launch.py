@@ -31,6 +31,8 @@ _START_S = 10.0
 _END_S = 10.0
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 _LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.02
+# Seconds after the first step from which its pauses count: before, the profiler reads libraries.
+_CALM_S = 1.0
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 _HOOK = Path(__file__).with_name("hook")
 
@@ -214,12 +216,12 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
         begin_s = time.monotonic()
         process = _start(program, folder)
         signals.forward = lambda number: _send(process, number)
-        was_ended = False
+        was_ended = has_begun = False
         profiling = _start_profiler(process, folder, rate_hz)
         while process.poll() is None:
-            if profiling is not None:
-                profiling.look()
             time.sleep(_LOOK_S)
+            if profiling is not None and (has_begun := has_begun or _has_stepped(folder, _CALM_S)):
+                profiling.look()
             if seconds is not None and not was_ended and _has_stepped(folder, seconds):
                 was_ended = True
                 _end(process)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from mjbench.errors import InputError
 from mjbench.loop import lint
 from mjbench.loop.lint import Finding
-from mjbench.program.activities import Activity, Place
+from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.attribution import LineTime, LoopTime
 from mjbench.program.step_times import StepTimes
 
@@ -100,6 +100,7 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.SLEEPING: "the program sleeps: leave it out where nobody watches",
     Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
     Activity.IMPORT: "import before the loop",
+    Activity.LOADING: "load or compile models before the loop",
 }
 _KINDS = {
     Activity.PROCESSES: RemedyKind.PROCESSES,
@@ -202,8 +203,13 @@ def _of_line(loop: LoopTime, line: LineTime, finding: Finding | None) -> Remedy:
     if finding is not None and finding.ns_per_step is not None:
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
         return replace(remedy, code=finding.code)
-    is_step = line.main_activity == Activity.PHYSICS and activity == Activity.BINDINGS
-    text = _STEP_ADVICE if is_step else _ADVICE[activity]
+    text = _ADVICE[activity]
+    if line.package and line.package != STANDARD_LIBRARY:
+        text = f"time in {line.package}"
+        if Activity.PHYSICS in line.activities:
+            text = f"{text} beside physics; `mjbench env` takes an environment apart"
+    elif line.main_activity == Activity.PHYSICS and activity == Activity.BINDINGS:
+        text = _STEP_ADVICE
     kind = _KINDS.get(activity, RemedyKind.LINE)
     return _remedy(loop, kind, activity, line.place, text, share)
 

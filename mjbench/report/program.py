@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from mjbench.program.activities import Activity
-from mjbench.program.attribution import LoopTime
+from mjbench.program.attribution import LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedies import Remedy
 from mjbench.program.step_times import Durations, StepTimes
@@ -117,10 +117,15 @@ def _saving(remedy: Remedy) -> str:
 
 
 def _print_lines(out: Console, time: LoopTime) -> None:
-    if not time.lines:
+    _print_line_table(out, "line of your code", time.lines)
+    _print_line_table(out, "line of a package", time.inner_lines)
+
+
+def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> None:
+    if not lines:
         return
-    table = tables.plain_table(["line", "share", "mostly", ""], right=(1,))
-    for line in time.lines[:_MOST_LINES]:
+    table = tables.plain_table([heading, "share", "mostly", ""], right=(1,))
+    for line in lines[:_MOST_LINES]:
         text = line.place.text
         shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
         table.add_row(str(line.place), _percent(line.share), str(line.main_activity), shown)

@@ -211,6 +211,7 @@ class StepClock:
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
             self._collections = self._collections_ns = self._longest_collection_ns = 0
+            self._write_header()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
     def _end_burst(self, args: Sequence[Any], end_ns: int, used: int) -> None:
