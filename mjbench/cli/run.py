@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +11,10 @@ from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON, RESULTS, WAIT, Seconds, with_options
 from mjbench.errors import InputError
+
+if TYPE_CHECKING:
+    from mjbench.program.launch import Program
+    from mjbench.program.records import ProgramRow
 
 
 class _ProgramCommand(click.Command):
@@ -31,6 +36,22 @@ class _ProgramCommand(click.Command):
         while i < len(args) and args[i].startswith("-") and args[i] not in ("-m", "--"):
             i += 1 if args[i] in flags or "=" in args[i] else 2
         return [*args[:i], *([] if args[i : i + 1] == ["--"] else ["--"]), *args[i:]]
+
+
+def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "ProgramRow":
+    """Return the row, with what the remedies of its first loop save."""
+    from mjbench.program import confirm
+
+    if not row.loops:
+        return row
+    remedies = row.loops[0].remedies
+    try:
+        with context.progress(confirm.runs_of(program, remedies)) as advance:
+            confirmed = confirm.confirm(program, remedies, advance)
+    except KeyboardInterrupt:
+        context.interrupt()
+        return row
+    return row.with_remedies(confirmed)
 
 
 @cli.command(cls=_ProgramCommand)
@@ -60,6 +81,12 @@ class _ProgramCommand(click.Command):
     metavar="FILE",
     help="Python that runs the program  [default: that of mjbench]",
 )
+@click.option(
+    "--confirm",
+    is_flag=True,
+    help="Run the program again, 8 times with and 8 times without what mjbench can change itself, to"
+    " measure what it saves.",
+)
 @with_options(RESULTS, WAIT, JSON)
 def run(
     program: tuple[str, ...],
@@ -67,6 +94,7 @@ def run(
     pid: int | None,
     rate_hz: int | None,
     interpreter: str | None,
+    confirm: bool,
     results: Path,
     wait: bool,
     json_file: str | None,
@@ -81,6 +109,7 @@ def run(
     Examples:
       mjbench run --seconds 30 train.py --num-envs 4
       mjbench run -m package.train
+      mjbench run --confirm --seconds 30 train.py
       mjbench run --attach 4242
     """
     from mjbench.program import launch
@@ -95,7 +124,15 @@ def run(
     of_program = launch.Program(program, interpreter or sys.executable) if program else None
     if of_program is not None:
         launch.check(of_program)
-    arguments = {"program": program, "seconds": seconds, "attach": pid, "rate_hz": rate_hz}
+    if confirm and of_program is None:
+        raise InputError("--confirm runs the program again, which --attach cannot")
+    arguments = {
+        "program": program,
+        "seconds": seconds,
+        "attach": pid,
+        "rate_hz": rate_hz,
+        "confirm": confirm,
+    }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
     storage = Storage(results, arguments)
     with RunContext("run", json_file, files, storage, wait, to_stderr=True) as context:
@@ -105,6 +142,8 @@ def run(
             assert pid is not None, "one of both is given"
             name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, rate_hz)
         row = ProgramRow.of(name, seen)
+        if confirm and of_program is not None:
+            row = _confirmed(context, of_program, row)
         print_program(context.out, row)
         context.record(row)
         context.write(ProgramDocument(machine=context.machine, results=[row]))

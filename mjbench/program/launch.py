@@ -255,12 +255,62 @@ def _observation(profiling: _Profiling | None, pid: int, wall_s: float) -> Obser
     )
 
 
-def _start(program: Program, folder: Path) -> "subprocess.Popen[bytes]":
+def time_steps(
+    program: Program, seconds: float, change: str = "", source: Path | None = None
+) -> list[StepTimes]:
+    """Run a program again without the profiler; return the steps of its processes.
+
+    Its output goes nowhere, and it has no input.
+
+    Args:
+      program: to run.
+      seconds: after its first step, for which it runs at most.
+      change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
+      source: file that is run in the program's place; None for its own.
+
+    Raises:
+      MachineError: the program could not be started, did not step, or the change did not apply.
+    """
+    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
+        folder = Path(name)
+        process = _start(program, folder, change, source, quiet=True)
+        try:
+            while process.poll() is None:
+                time.sleep(_LOOK_S)
+                if _has_stepped(folder, seconds):
+                    _end(process)
+        finally:
+            _send(process, signal.SIGKILL)
+        steps = [each for each in step_times.read_all(folder) if each.step is not None]
+        if not steps:
+            raise MachineError("the program did not step when it ran again")
+        if change and not (folder / change).exists():
+            raise MachineError("the change could not be applied")
+        return steps
+
+
+def _start(
+    program: Program,
+    folder: Path,
+    change: str = "",
+    source: Path | None = None,
+    quiet: bool = False,
+) -> "subprocess.Popen[bytes]":
     """Start the program; the step clock starts with it."""
     path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
+    if change:
+        environment["MJBENCH_CHANGE"] = change
+    runner = [str(_HOOK / "run_source.py"), str(source)] if source is not None else []
+    stream = subprocess.DEVNULL if quiet else None
     try:
-        return subprocess.Popen([program.interpreter, *program.arguments], env=environment)
+        return subprocess.Popen(
+            [program.interpreter, *runner, *program.arguments],
+            env=environment,
+            stdin=stream,
+            stdout=stream,
+            stderr=stream,
+        )
     except OSError as error:
         raise MachineError(
             f"cannot start {shown(program.interpreter)}: {error.strerror}"

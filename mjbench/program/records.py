@@ -1,7 +1,7 @@
 """What the run file and `mjbench run --json` hold for one program."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from mjbench.program import attribution, remedies
@@ -78,6 +78,12 @@ class ProgramRow:
             ],
             steps=steps,
         )
+
+    def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":
+        """Return the row with other remedies of its first loop; the certain ones come first."""
+        ordered = sorted(confirmed, key=lambda remedy: remedy.rank)
+        first = replace(self.loops[0], remedies=ordered)
+        return replace(self, loops=[first, *self.loops[1:]])
 
     @property
     def cost_share(self) -> float:

@@ -63,6 +63,15 @@ class Remedy:
     code: str = ""
     confirmed: "Confirmed | None" = None
 
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands: wrong results, then by gain; last what did not help when tried."""
+        if self.gain is None:
+            return 0, 0.0
+        if self.confirmed is None:
+            return 1, -self.gain
+        return (1, -self.confirmed.gain) if self.confirmed.is_certain else (2, -self.gain)
+
 
 @dataclass(frozen=True)
 class Confirmed:
@@ -120,9 +129,8 @@ def remedies(loop: LoopTime, steps: Sequence[StepTimes], files: Sequence[str] = 
     """
     findings = _findings(files)
     listed = [*_wrong(findings), *_savings(loop, steps, findings)]
-    wrong = [remedy for remedy in listed if remedy.gain is None]
-    saving = [remedy for remedy in listed if remedy.gain is not None and remedy.gain >= LEAST_GAIN]
-    return wrong + sorted(saving, key=lambda remedy: -(remedy.gain or 0.0))
+    worthwhile = [each for each in listed if each.gain is None or each.gain >= LEAST_GAIN]
+    return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
 
 def _findings(files: Sequence[str]) -> Mapping[tuple[str, int], Finding]:

@@ -22,7 +22,7 @@ def _start() -> None:
             module = importlib.util.module_from_spec(spec)
             sys.modules["mjbench_step_clock"] = module
             spec.loader.exec_module(module)
-            module.start(folder)
+            module.start(folder, os.environ.get("MJBENCH_CHANGE", ""))
 
 
 def _import_next() -> None:

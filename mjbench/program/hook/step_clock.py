@@ -38,6 +38,9 @@ TIMERS = struct.Struct(f"<{MAX_TIMERS}d")
 FIRST_RECORD = HEADER.size + TIMERS.size
 CAPACITY = 1 << 19  # records of a process; 25 MB, of which a file takes what is written
 
+# What `mjbench run --confirm` has the clock change, to see what it saves.
+NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
+
 # Kinds of records.
 STEP, ITERATION, COLLECTION, BURST = 1, 2, 3, 4
 
@@ -121,9 +124,17 @@ class StepFile:
 class StepClock:
     """Times the engine's calls of this process in bursts."""
 
-    def __init__(self, folder: str, now_ns: Callable[[], int] = _now_ns) -> None:
-        """Begin the process's file."""
-        self._folder, self._now_ns = folder, now_ns
+    def __init__(
+        self, folder: str, change: str = "", now_ns: Callable[[], int] = _now_ns
+    ) -> None:
+        """Begin the process's file.
+
+        Args:
+          folder: for the file.
+          change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
+          now_ns: the clock.
+        """
+        self._folder, self._change, self._now_ns = folder, change, now_ns
         self._file = StepFile(folder)
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
@@ -158,6 +169,11 @@ class StepClock:
         """Replace the engine's functions in the module `mujoco`, which was just imported."""
         self._module = module
         self._write_engine(module)
+        if self._change == NO_ENGINE_CLOCK:
+            from mjbench.simulation.engine_clock import engine_clock
+
+            engine_clock(False)
+            self._note_change()
         for name in _STEPPING:
             self._originals[name] = getattr(module, name)
             self._timed[name] = self._timing(self._originals[name], is_step=name != "mj_step1")
@@ -166,6 +182,11 @@ class StepClock:
             setattr(module, name, self._timed[name])
         for name in _RESETS:
             setattr(module, name, self._returning(getattr(module, name)))
+
+    def _note_change(self) -> None:
+        """Leave a note that the change was applied."""
+        with open(os.path.join(self._folder, self._change), "w", encoding="utf-8"):
+            pass
 
     def _write_engine(self, module: ModuleType) -> None:
         """Write the release and the names of its timers, for those who read the sums."""
@@ -212,6 +233,11 @@ class StepClock:
             self._first_ns = self._burst_begin_ns
             self._collections = self._collections_ns = self._longest_collection_ns = 0
             self._write_header()
+            if self._change == NO_COLLECTION:
+                gc.collect()
+                gc.freeze()
+                gc.disable()
+                self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
     def _end_burst(self, args: Sequence[Any], end_ns: int, used: int) -> None:
@@ -426,9 +452,9 @@ def _call_after(spec: importlib.machinery.ModuleSpec, action: Callable[[ModuleTy
         return
 
 
-def start(folder: str) -> StepClock:
-    """Start the clock of this process, and of those that it forks."""
-    clock = StepClock(folder)
+def start(folder: str, change: str = "") -> StepClock:
+    """Start the clock of this process, and of those that it forks; see `StepClock`."""
+    clock = StepClock(folder, change)
 
     def environment(class_name: str, method: str) -> Callable[[ModuleType], None]:
         return lambda module: clock.install_environment(module, class_name, method)
