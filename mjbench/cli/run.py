@@ -84,8 +84,8 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
 @click.option(
     "--confirm",
     is_flag=True,
-    help="Run the program again, 8 times with and 8 times without what mjbench can change itself, to"
-    " measure what it saves.",
+    help="Run the program again, 8 times with and 8 times without each change that mjbench can"
+    " make itself, to measure what it saves.",
 )
 @with_options(RESULTS, WAIT, JSON)
 def run(

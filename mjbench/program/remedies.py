@@ -165,14 +165,13 @@ def _savings(
         yield from _collections(loop, steps)
     unexplained = dict(loop.activities)
     for lines in _functions(loop):
-        if _avoidable(lines[0]) >= sum(map(_avoidable, lines)) / 2:
-            listed = [line for line in lines if _avoidable(line) >= LEAST_GAIN]
-        else:
-            listed = []
+        if _is_spread(loop, lines):
             yield _of_function(loop, lines)
-        for line in listed:
-            yield _of_line(loop, line, findings.get((line.place.file, line.place.line)))
-        for line in listed or lines:
+        else:
+            lines = [line for line in lines if _avoidable(line) >= LEAST_GAIN]
+            for line in lines:
+                yield _of_line(loop, line, findings.get((line.place.file, line.place.line)))
+        for line in lines:
             for activity, share in line.activities.items():
                 unexplained[activity] -= share
     for activity, share in unexplained.items():
@@ -188,6 +187,18 @@ def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
         by_function[line.place.file, line.place.function].append(line)
     for lines in by_function.values():
         yield sorted(lines, key=_avoidable, reverse=True)
+
+
+def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
+    """Return whether no line of a function stands out, so that the function is named as a whole.
+
+    The lines of the loop itself are always named.
+    """
+    is_loop = any(
+        line.place.file == loop.loop.file and loop.loop.first <= line.place.line <= loop.loop.last
+        for line in lines
+    )
+    return not is_loop and _avoidable(lines[0]) < sum(map(_avoidable, lines)) / 2
 
 
 def _avoidable(line: LineTime) -> float:

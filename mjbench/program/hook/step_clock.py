@@ -124,9 +124,7 @@ class StepFile:
 class StepClock:
     """Times the engine's calls of this process in bursts."""
 
-    def __init__(
-        self, folder: str, change: str = "", now_ns: Callable[[], int] = _now_ns
-    ) -> None:
+    def __init__(self, folder: str, change: str = "", now_ns: Callable[[], int] = _now_ns) -> None:
         """Begin the process's file.
 
         Args:
