@@ -54,7 +54,8 @@ class LoopTime:
       packages: share of `Python` by installed package, largest first; the user's own code has
         the name "".
       lines: of the user's code, with all that they call, by share.
-      inner_lines: of installed packages, without what they call in Python, by share.
+      inner_functions: of installed packages, without what they call in Python and without physics,
+        by share; the place of each is the line that samples saw most often.
       engine_clock: share of the engine's own clock.
     """
 
@@ -68,7 +69,7 @@ class LoopTime:
     activities: Mapping[Activity, float]
     packages: Mapping[str, float]
     lines: Sequence[LineTime]
-    inner_lines: Sequence[LineTime]
+    inner_functions: Sequence[LineTime]
     engine_clock: float
 
     @property
@@ -180,7 +181,7 @@ def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> L
         activities={each: count / total for each, count in by_activity.most_common()},
         packages={each: count / total for each, count in packages.most_common()},
         lines=_own_lines(resolved),
-        inner_lines=_inner_lines(resolved),
+        inner_functions=_inner_functions(resolved),
         engine_clock=clocks / total,
     )
 
@@ -241,25 +242,24 @@ def _called_package(sample: _Sample, own: Frame) -> str:
     return next((name for name in packages if name), "")
 
 
-def _inner_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
-    """Return the lines of installed packages that samples were in, physics aside."""
+def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
+    """Return the functions of installed packages that samples were in, physics aside."""
     total = len(resolved)
-    frames = [
-        (frame, activity)
-        for sample, activity in resolved
-        if activity != Activity.PHYSICS
-        for frame in [_innermost_python(sample)]
-        if activities.package_of(frame.file)
-    ]
-    scale = len(frames) / total
-    return [
-        LineTime(
-            line.place,
-            line.share * scale,
-            {activity: share * scale for activity, share in line.activities.items()},
-        )
-        for line in _lines(frames)
-    ]
+    functions: dict[tuple[str, str], Counter[Activity]] = defaultdict(Counter)
+    lines: dict[tuple[str, str], Counter[int]] = defaultdict(Counter)
+    for sample, activity in resolved:
+        frame = _innermost_python(sample)
+        if activity != Activity.PHYSICS and activities.package_of(frame.file):
+            functions[frame.file, frame.function][activity] += 1
+            lines[frame.file, frame.function][frame.line] += 1
+    times = []
+    for (file, function), counts in functions.items():
+        line = lines[file, function].most_common(1)[0][0]
+        place = Place(activities.shown_path(file), line, function, f"{function}()")
+        parts = {activity: count / total for activity, count in counts.most_common()}
+        times.append(LineTime(place, counts.total() / total, parts))
+    large = [time for time in times if time.share >= LEAST_LINE_SHARE]
+    return sorted(large, key=lambda time: -time.share)
 
 
 def _inner(sample: _Sample) -> Sequence[Frame]:

@@ -1,6 +1,7 @@
 """What `mjbench run` prints: what to do first, and where the program's time goes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from rich.console import Console
 
@@ -32,6 +33,42 @@ def print_program(out: Console, row: ProgramRow) -> None:
     _print_cost(out, row)
 
 
+@dataclass(frozen=True)
+class ActivityRow:
+    """An activity in a loop, for tables of a whole run.
+
+    Attributes:
+      program: name of the program.
+      loop: file and lines of the loop.
+      activity: what took the time.
+      share: of the loop's time.
+      share_error: its standard error.
+      seconds: in the loop.
+    """
+
+    program: str
+    loop: str
+    activity: Activity
+    share: float
+    share_error: float
+    seconds: float
+
+
+def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
+    """Yield the activities of a program's loops."""
+    for report in row.loops:
+        time = report.time
+        for activity, share in time.activities.items():
+            yield ActivityRow(
+                program=row.program,
+                loop=where(time),
+                activity=activity,
+                share=share,
+                share_error=time.error(share),
+                seconds=share * time.seconds,
+            )
+
+
 def conclusion(row: ProgramRow) -> str:
     """Return the most important thing about a program, in one sentence."""
     if row.status != Status.OK:
@@ -43,8 +80,8 @@ def conclusion(row: ProgramRow) -> str:
     loop = row.loops[0]
     if not loop.remedies:
         return (
-            f"physics takes {_percent(loop.time.activities.get(Activity.PHYSICS, 0.0))} of the loop"
-            " in " + _where(loop.time) + "; nothing else is worth a change in Python"
+            f"physics takes {percent(loop.time.activities.get(Activity.PHYSICS, 0.0))} of the loop"
+            " in " + where(loop.time) + "; nothing else is worth a change in Python"
         )
     return "first, " + _first(loop.time, loop.remedies[0])
 
@@ -54,11 +91,12 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     if remedy.gain is None:
         return f"correct a wrong result{place}: {remedy.text}"
     if remedy.activity == Activity.PHYSICS:
-        return f"the engine's own clock takes {_percent(remedy.gain)} of the loop: {remedy.text}"
-    return f"{remedy.activity}{place}: {_percent(remedy.gain)} of the loop in {_where(time)}"
+        return f"the engine's own clock takes {percent(remedy.gain)} of the loop: {remedy.text}"
+    return f"{remedy.activity}{place}: {percent(remedy.gain)} of the loop in {where(time)}"
 
 
-def _where(time: LoopTime) -> str:
+def where(time: LoopTime) -> str:
+    """Return the file and the lines of a loop."""
     loop = time.loop
     lines = f"{loop.first}" if loop.first == loop.last else f"{loop.first}–{loop.last}"
     return f"{loop.file}:{lines}"
@@ -69,7 +107,7 @@ def _print_loop(out: Console, report: LoopReport) -> None:
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
     out.print(
         tables.headed(
-            f"\nThe loop in {_where(time)}",
+            f"\nThe loop in {where(time)}",
             f": {tables.plain(time.seconds, 3)} s{by}, {time.samples:,} samples",
         ),
         soft_wrap=True,
@@ -80,11 +118,11 @@ def _print_loop(out: Console, report: LoopReport) -> None:
     table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
     for activity, share in time.activities.items():
         bar = "█" * round(_WIDTH * share)
-        table.add_row(str(activity), _percent(share), _percent(time.error(share)), bar)
+        table.add_row(str(activity), percent(share), percent(time.error(share)), bar)
         if activity == Activity.PYTHON:
             for package, of_package in time.packages.items():
                 if of_package >= 0.01:
-                    table.add_row(f"  {package or 'your code'}", _percent(of_package), "", "")
+                    table.add_row(f"  {package or 'your code'}", percent(of_package), "", "")
     out.print(table)
     _print_lines(out, time)
 
@@ -97,7 +135,7 @@ def _print_remedies(out: Console, remedies: Sequence[Remedy]) -> None:
     for number, remedy in enumerate(remedies[:_MOST_REMEDIES], 1):
         code = f" ({remedy.code})" if remedy.code else ""
         place = str(remedy.place) if remedy.place is not None else "the loop"
-        table.add_row(str(number), _saving(remedy), place, f"{_subject(remedy)}{remedy.text}{code}")
+        table.add_row(str(number), saving(remedy), place, f"{_subject(remedy)}{remedy.text}{code}")
     out.print(table)
 
 
@@ -105,20 +143,21 @@ def _subject(remedy: Remedy) -> str:
     return f"{remedy.activity}: " if remedy.activity is not None and not remedy.code else ""
 
 
-def _saving(remedy: Remedy) -> str:
+def saving(remedy: Remedy) -> str:
+    """Return what a remedy saves, in a few words."""
     if remedy.confirmed is not None:
         sure = remedy.confirmed
         if not sure.is_certain:
             return f"not confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
-        return f"{_percent(sure.gain)}, confirmed"
+        return f"{percent(sure.gain)}, confirmed"
     if remedy.gain is None:
         return "wrong result"
-    return _percent(remedy.gain)
+    return percent(remedy.gain)
 
 
 def _print_lines(out: Console, time: LoopTime) -> None:
     _print_line_table(out, "line of your code", time.lines)
-    _print_line_table(out, "line of a package", time.inner_lines)
+    _print_line_table(out, "function of a package", time.inner_functions)
 
 
 def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> None:
@@ -128,7 +167,7 @@ def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> 
     for line in lines[:_MOST_LINES]:
         text = line.place.text
         shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
-        table.add_row(str(line.place), _percent(line.share), str(line.main_activity), shown)
+        table.add_row(str(line.place), percent(line.share), str(line.main_activity), shown)
     out.print(table)
 
 
@@ -153,7 +192,7 @@ def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
     out.print(table)
     if steps.stages:
         largest = sorted(steps.stages.items(), key=lambda item: -item[1])
-        parts = [f"{name} {_percent(share)}" for name, share in largest if share >= 0.03]
+        parts = [f"{name} {percent(share)}" for name, share in largest if share >= 0.03]
         out.print(f"Stages of the engine: {', '.join(parts)}", soft_wrap=True)
 
 
@@ -164,13 +203,14 @@ def _quantiles(durations: Durations) -> list[str]:
 def _print_cost(out: Console, row: ProgramRow) -> None:
     if row.status != Status.OK:
         return
-    line = f"\nObserving took {_percent(row.cost_share, 1)} of the program's time."
+    line = f"\nObserving took {percent(row.cost_share, 1)} of the program's time."
     if row.cost_share > MAX_COST:
         line += f" --rate {max(1, row.rate_hz // 2)} makes it less."
     out.print(line, soft_wrap=True)
 
 
-def _percent(share: float, digits: int = 0) -> str:
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share as people write it."""
     return f"{100 * share:.{digits}f} %"
 
 

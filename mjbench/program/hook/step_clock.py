@@ -450,6 +450,27 @@ def _call_after(spec: importlib.machinery.ModuleSpec, action: Callable[[ModuleTy
         return
 
 
+def _hide_from_tracebacks() -> None:
+    """Let what an uncaught exception prints leave out the clock's own frames."""
+    earlier = sys.excepthook
+
+    def report(kind: type[BaseException], error: BaseException, frames: Any) -> None:
+        earlier(kind, error, _without_own(frames))
+
+    sys.excepthook = report
+
+
+def _without_own(frames: Any) -> Any:
+    """Return a traceback without the frames of this file."""
+    if frames is None:
+        return None
+    rest = _without_own(frames.tb_next)
+    if frames.tb_frame.f_code.co_filename == __file__:
+        return rest
+    frames.tb_next = rest
+    return frames
+
+
 def start(folder: str, change: str = "") -> StepClock:
     """Start the clock of this process, and of those that it forks; see `StepClock`."""
     clock = StepClock(folder, change)
@@ -462,6 +483,7 @@ def start(folder: str, change: str = "") -> StepClock:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, _AfterImport(actions))
     gc.callbacks.append(clock.note_collection)
+    _hide_from_tracebacks()
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=clock.begin_process)
     atexit.register(clock.end)
