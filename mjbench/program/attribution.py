@@ -2,14 +2,16 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
+_Key = TypeVar("_Key")
 # Lines with a smaller share of a loop are left out.
 LEAST_LINE_SHARE = 0.005
 # Loops with a smaller share of the time of all loops that step are left out.
@@ -48,7 +50,8 @@ class LoopTime:
       threads: names of the threads that run it, one for each thread of each process.
       pids: processes that run it.
       in_main: whether the main thread of the program's first process runs it.
-      samples: taken in it.
+      samples: taken in it; where some stand for more time than others, how many equal ones tell as
+        much (Kish's effective sample size).
       seconds: wall time in it, summed over threads: samples times their interval.
       activities: share by activity, largest first; they sum to 1.
       packages: share of `Python` by installed package, largest first; the user's own code has
@@ -90,6 +93,11 @@ class _Sample:
     stack: Sequence[Frame]
     loop_frame: int
     activity: Activity | None
+
+    @property
+    def seconds(self) -> float:
+        """The time that it stands for."""
+        return self.thread.interval_s
 
 
 def loop_times(
@@ -151,16 +159,20 @@ def _loop_frame(stack: Sequence[Frame]) -> int | None:
 
 def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> LoopTime:
     resolved = _resolved(samples)
-    total = len(resolved)
-    by_activity = Counter(activity for _, activity in resolved)
-    packages = Counter(
-        activities.package_of(_innermost_python(sample).file)
-        for sample, activity in resolved
-        if activity == Activity.PYTHON
+    by_activity = _shares((activity, sample.seconds) for sample, activity in resolved)
+    total_s = sum(sample.seconds for sample in samples)
+    packages = _shares(
+        (
+            (activities.package_of(_innermost_python(sample).file), sample.seconds)
+            for sample, activity in resolved
+            if activity == Activity.PYTHON
+        ),
+        total_s,
     )
-    clocks = sum(
-        activity == Activity.PHYSICS and activities.is_engine_clock(sample.stack)
+    clock_s = sum(
+        sample.seconds
         for sample, activity in resolved
+        if activity == Activity.PHYSICS and activities.is_engine_clock(sample.stack)
     )
     threads = {sample.thread.thread: sample.thread.thread.name for sample in samples}
     return LoopTime(
@@ -176,13 +188,13 @@ def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> L
         threads=sorted(threads.values()),
         pids=sorted({thread.pid for thread in threads}),
         in_main=any(thread.pid == main_pid == thread.tid for thread in threads),
-        samples=total,
-        seconds=sum(sample.thread.interval_s for sample in samples),
-        activities={each: count / total for each, count in by_activity.most_common()},
-        packages={each: count / total for each, count in packages.most_common()},
+        samples=round(total_s**2 / sum(sample.seconds**2 for sample in samples)),
+        seconds=total_s,
+        activities=by_activity,
+        packages=packages,
         lines=_own_lines(resolved),
         inner_functions=_inner_functions(resolved),
-        engine_clock=clocks / total,
+        engine_clock=clock_s / total_s,
     )
 
 
@@ -219,19 +231,21 @@ def _innermost_python(sample: _Sample) -> Frame:
 
 def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
     """Return the lines of the user's code, each with the package that it calls most."""
+    total_s = sum(sample.seconds for sample, _ in resolved)
+    seconds: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     packages: dict[Place, Counter[str]] = defaultdict(Counter)
     for sample, activity in resolved:
+        frame = _own_frame(sample)
+        place = _shown_place(frame.file, frame.line, frame.function)
+        seconds[place].append((activity, sample.seconds))
         if activity != Activity.PHYSICS:
-            frame = _own_frame(sample)
-            place = _shown_place(frame.file, frame.line, frame.function)
             packages[place][_called_package(sample, frame)] += 1
-    lines = _lines((_own_frame(sample), activity) for sample, activity in resolved)
-    return [
-        replace(line, package=packages[line.place].most_common(1)[0][0])
-        if line.place in packages
-        else line
-        for line in lines
-    ]
+    times = []
+    for place, parts in seconds.items():
+        shares = _shares(parts, total_s)
+        package = packages[place].most_common(1)[0][0] if packages[place] else ""
+        times.append(LineTime(place, sum(shares.values()), shares, package))
+    return _large(times)
 
 
 def _called_package(sample: _Sample, own: Frame) -> str:
@@ -244,41 +258,42 @@ def _called_package(sample: _Sample, own: Frame) -> str:
 
 def _inner_functions(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
     """Return the functions of installed packages that samples were in, physics aside."""
-    total = len(resolved)
-    functions: dict[tuple[str, str], Counter[Activity]] = defaultdict(Counter)
+    total_s = sum(sample.seconds for sample, _ in resolved)
+    functions: dict[tuple[str, str], list[tuple[Activity, float]]] = defaultdict(list)
     lines: dict[tuple[str, str], Counter[int]] = defaultdict(Counter)
     for sample, activity in resolved:
         frame = _innermost_python(sample)
         if activity != Activity.PHYSICS and activities.package_of(frame.file):
-            functions[frame.file, frame.function][activity] += 1
+            functions[frame.file, frame.function].append((activity, sample.seconds))
             lines[frame.file, frame.function][frame.line] += 1
     times = []
-    for (file, function), counts in functions.items():
+    for (file, function), seconds in functions.items():
         line = lines[file, function].most_common(1)[0][0]
         place = Place(activities.shown_path(file), line, function, f"{function}()")
-        parts = {activity: count / total for activity, count in counts.most_common()}
-        times.append(LineTime(place, counts.total() / total, parts))
+        parts = _shares(seconds, total_s)
+        times.append(LineTime(place, sum(parts.values()), parts))
+    return _large(times)
+
+
+def _large(times: Iterable[LineTime]) -> list[LineTime]:
+    """Return what takes a share that is worth a line, largest first."""
     large = [time for time in times if time.share >= LEAST_LINE_SHARE]
     return sorted(large, key=lambda time: -time.share)
+
+
+def _shares(parts: Iterable[tuple[_Key, float]], total: float | None = None) -> dict[_Key, float]:
+    """Return shares of a total by key, largest first; the total is that of all parts if None."""
+    seconds: dict[_Key, float] = defaultdict(float)
+    for key, part in parts:
+        seconds[key] += part
+    total = sum(seconds.values()) if total is None else total
+    ordered = sorted(seconds.items(), key=lambda item: -item[1])
+    return {key: value / total for key, value in ordered}
 
 
 def _inner(sample: _Sample) -> Sequence[Frame]:
     """Return the frames of a sample from the loop inward."""
     return sample.stack[sample.loop_frame :]
-
-
-def _lines(frames: Iterable[tuple[Frame, Activity]]) -> Iterator[LineTime]:
-    """Yield what each line takes, largest share first, from the frame and activity of samples."""
-    by_place: dict[tuple[str, int, str], Counter[Activity]] = defaultdict(Counter)
-    total = 0
-    for frame, activity in frames:
-        by_place[frame.file, frame.line, frame.function][activity] += 1
-        total += 1
-    for place, counts in sorted(by_place.items(), key=lambda item: -item[1].total()):
-        share = counts.total() / total
-        if share >= LEAST_LINE_SHARE:
-            parts = {activity: count / total for activity, count in counts.most_common()}
-            yield LineTime(_shown_place(*place), share, parts)
 
 
 def _shown_place(file: str, line: int, function: str) -> Place:

@@ -98,6 +98,7 @@ class _Profiling:
       sampler: the profiler.
       looks: how often the program was looked at.
       paused: how often the profiler had stopped it then.
+      earlier: samples at the first rate.
     """
 
     pid: int
@@ -107,6 +108,7 @@ class _Profiling:
     sampler: sampler.Sampler
     looks: int = 0
     paused: int = 0
+    earlier: Sequence[ThreadSamples] = ()
 
     @classmethod
     def begin(cls, pid: int, folder: Path, rate_hz: int | None) -> "_Profiling":
@@ -130,6 +132,7 @@ class _Profiling:
         share = self.paused / self.looks
         if share > MAX_PAUSED_SHARE and self.sampler.process.poll() is None:
             self.sampler.stop()
+            self.earlier = self._read()
             self.rate_hz = max(1, int(self.rate_hz * MAX_PAUSED_SHARE / share))
             self.sampler = sampler.start(self.pid, self.folder, self.rate_hz)
             self.looks = self.paused = 0
@@ -141,9 +144,17 @@ class _Profiling:
 
     def samples(self) -> tuple[Sequence[ThreadSamples], str]:
         """Return the samples; or why there are none."""
-        if not self.sampler.file.is_file():
-            return [], self.sampler.problem()
-        return samples.read(self.sampler.file), ""
+        seen = [*self.earlier, *self._read()]
+        return seen, "" if seen else self.sampler.problem()
+
+    def _read(self) -> Sequence[ThreadSamples]:
+        """Return the samples of the profiler that ran last; none where it wrote no file."""
+        file = self.sampler.file
+        if not file.is_file():
+            return []
+        seen = samples.read(file)
+        file.unlink()
+        return seen
 
 
 @dataclass

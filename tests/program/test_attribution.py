@@ -55,7 +55,7 @@ def test_shares_of_a_loop_sum_to_one(file):
     assert time.samples == 10
     assert time.seconds == pytest.approx(1.0)
     assert time.in_main
-    assert time.activities == {Activity.PHYSICS: 0.7, Activity.PYTHON: 0.3}
+    assert time.activities == pytest.approx({Activity.PHYSICS: 0.7, Activity.PYTHON: 0.3})
     assert time.packages == {"": pytest.approx(0.3)}
     assert time.own_files == ["program.py"]
     assert time.error(0.3) == pytest.approx((0.3 * 0.7 / 10) ** 0.5)
@@ -65,7 +65,8 @@ def test_lines_are_those_of_the_users_code_with_their_text(file):
     of = stacks(file)
     (time,) = attribution.loop_times([samples([of["step"]] * 7 + [of["observe"]] * 3)], 1)
     step, observe = time.lines
-    assert (str(step.place), step.place.text, step.share) == ("program.py:8", "step()", 0.7)
+    assert (str(step.place), step.place.text) == ("program.py:8", "step()")
+    assert step.share == pytest.approx(0.7)
     assert (observe.place.function, observe.place.line) == ("observe", 2)
     assert observe.main_activity == Activity.PYTHON
 
@@ -104,6 +105,15 @@ def test_a_loop_that_waits_for_processes_that_step_comes_first(file):
     assert both.pids == [1, 2, 3]
     assert both.activities[Activity.PROCESSES] == pytest.approx(5 / 13)
     assert waiting[0].file == file
+
+
+def test_samples_at_several_rates_count_for_their_time(file):
+    of = stacks(file)
+    dense = ThreadSamples(Thread(1, 1, "MainThread"), [of["step"]] * 6, 0.1)
+    sparse = ThreadSamples(Thread(1, 1, "MainThread"), [of["observe"]], 0.2)
+    (time,) = attribution.loop_times([dense, sparse], 1)
+    assert time.activities[Activity.PYTHON] == pytest.approx(0.25)
+    assert time.samples == round(0.8**2 / (6 * 0.1**2 + 0.2**2))
 
 
 def _connection():
