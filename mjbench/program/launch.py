@@ -250,9 +250,7 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
 
 def _observation(profiling: _Profiling | None, pid: int, wall_s: float) -> Observation:
     """Return what the profiler saw of a process."""
-    threads, problem = (
-        ([], "it ended before it could be sampled") if profiling is None else profiling.samples()
-    )
+    threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples()
     return Observation(
         exit_code=0,
         was_ended=False,

@@ -6,7 +6,7 @@ remedies in full, by running the program again.
 """
 
 import enum
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -111,6 +111,18 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
 }
+# Activities that are one thing to change, whichever lines they are in.
+_WHOLE = {
+    Activity.POLICY,
+    Activity.RENDERING,
+    Activity.LOGGING,
+    Activity.PROCESSES,
+    Activity.THREADS,
+    Activity.SLEEPING,
+    Activity.COLLECTION,
+    Activity.LOADING,
+    Activity.IMPORT,
+}
 _KINDS = {
     Activity.PROCESSES: RemedyKind.PROCESSES,
     Activity.COLLECTION: RemedyKind.COLLECTION,
@@ -164,7 +176,12 @@ def _savings(
     if Activity.COLLECTION not in loop.activities:
         yield from _collections(loop, steps)
     unexplained = dict(loop.activities)
+    for activity in [each for each in unexplained if each in _WHOLE]:
+        if (share := unexplained.pop(activity)) >= LEAST_GAIN:
+            yield _of_activity(loop, activity, share)
     for lines in _functions(loop):
+        if not _avoidable(lines[0]):
+            continue
         if _is_spread(loop, lines):
             yield _of_function(loop, lines)
         else:
@@ -172,12 +189,21 @@ def _savings(
             for line in lines:
                 yield _of_line(loop, line, findings.get((line.place.file, line.place.line)))
         for line in lines:
-            for activity, share in line.activities.items():
-                unexplained[activity] -= share
+            for activity in line.activities.keys() - _WHOLE:
+                unexplained[activity] -= line.activities[activity]
     for activity, share in unexplained.items():
         if activity != Activity.PHYSICS and share >= LEAST_GAIN:
             kind = _KINDS.get(activity, RemedyKind.ACTIVITY)
             yield _remedy(loop, kind, activity, None, _ADVICE[activity], share)
+
+
+def _of_activity(loop: LoopTime, activity: Activity, share: float) -> Remedy:
+    """Return what to do about an activity as a whole, at the line where most of it is."""
+    lines = [line for line in loop.lines if activity in line.activities]
+    most = max(lines, key=lambda line: line.activities[activity], default=None)
+    kind = _KINDS.get(activity, RemedyKind.ACTIVITY)
+    place = None if most is None else most.place
+    return _remedy(loop, kind, activity, place, _ADVICE[activity], share)
 
 
 def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
@@ -202,18 +228,22 @@ def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
 
 
 def _avoidable(line: LineTime) -> float:
-    """Return the share of a line that is not physics."""
-    return line.share - line.activities.get(Activity.PHYSICS, 0.0)
+    """Return the share of a line that is its own to save."""
+    return sum(
+        share
+        for activity, share in line.activities.items()
+        if activity != Activity.PHYSICS and activity not in _WHOLE
+    )
 
 
 def _main_cost(lines: Sequence[LineTime]) -> Activity:
     """Return what lines spend most time on, physics aside."""
-    total: Counter[Activity] = Counter()
+    total: dict[Activity, float] = defaultdict(float)
     for line in lines:
         for activity, share in line.activities.items():
-            total[activity] += share  # type: ignore[assignment]
-    total.pop(Activity.PHYSICS, None)
-    return total.most_common(1)[0][0] if total else Activity.PYTHON
+            if activity != Activity.PHYSICS and activity not in _WHOLE:
+                total[activity] += share
+    return max(total, key=lambda activity: total[activity], default=Activity.PYTHON)
 
 
 def _of_line(loop: LoopTime, line: LineTime, finding: Finding | None) -> Remedy:

@@ -17,8 +17,10 @@ from mjbench.instrument import extras
 DEFAULT_RATE_HZ = 30
 # Seconds that the profiler may take to write its file, once the program has ended.
 WRITING_S = 60.0
+# Why there are no samples of a program that is over before the profiler has read it.
+TOO_SHORT = "it ended before it could be sampled"
 # Why the profiler is not allowed to read a process, and what helps.
-_REFUSED = ("permission", "operation not permitted", "access denied", "root")
+_REFUSED = ("permission", "operation not permitted", "access denied", "requires root")
 
 
 @dataclass
@@ -57,14 +59,13 @@ class Sampler:
     def problem(self) -> str:
         """Return why there are no samples, in one line."""
         text = self.log.read_text(encoding="utf-8", errors="replace")
-        lines = [line for line in text.splitlines() if "rror" in line] or text.splitlines()
-        reason = one_line(lines[-1] if lines else "it ended without a word", 200)
-        if any(word in text.lower() for word in _REFUSED):
-            reason += (
-                "; a container needs the capability SYS_PTRACE (docker run --cap-add SYS_PTRACE),"
-                " elsewhere kernel.yama.ptrace_scope must be 0 or 1"
-            )
-        return reason
+        if not any(word in text.lower() for word in _REFUSED):
+            return TOO_SHORT
+        lines = [line for line in text.splitlines() if line.startswith(("Error:", "Reason:"))]
+        return one_line(" ".join(lines) or "not permitted", 200) + (
+            "; a container needs the capability SYS_PTRACE (docker run --cap-add SYS_PTRACE),"
+            " elsewhere kernel.yama.ptrace_scope must be 0 or 1"
+        )
 
 
 def program() -> str:
