@@ -30,9 +30,13 @@ _START_S = 10.0
 # Seconds for the program to end after Ctrl-C, and again after SIGTERM.
 _END_S = 10.0
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
-_LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.02
+LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.02
+# Fewer samples per second tell too little, whatever they cost.
+LEAST_RATE_HZ = 5
 # Seconds after the first step from which its pauses count: before, the profiler reads libraries.
 _CALM_S = 1.0
+# The state of a process that a profiler has stopped.
+_TRACED = b"t"
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 _HOOK = Path(__file__).with_name("hook")
 
@@ -84,7 +88,7 @@ class Observation:
 
 
 @dataclass
-class _Profiling:
+class Profiling:
     """The profiler beside a program, and what it costs.
 
     The profiler stops the program for each sample, for the longer the more threads and libraries
@@ -111,20 +115,20 @@ class _Profiling:
     earlier: Sequence[ThreadSamples] = ()
 
     @classmethod
-    def begin(cls, pid: int, folder: Path, rate_hz: int | None) -> "_Profiling":
+    def begin(cls, pid: int, folder: Path, rate_hz: int | None) -> "Profiling":
         """Start the profiler; without a rate, at the usual one, which may be lowered."""
         rate = rate_hz or sampler.DEFAULT_RATE_HZ
         return cls(pid, folder, rate, rate_hz is None, sampler.start(pid, folder, rate))
 
     def look(self) -> None:
         """See whether the profiler has stopped the program at this moment (Linux)."""
-        with contextlib.suppress(OSError):
-            with open(f"/proc/{self.pid}/stat", "rb") as file:  # noqa: PTH123 - cheaper
-                state = file.read().rpartition(b")")[2][1:2]
-            self.looks += 1
-            self.paused += state == b"t"
-            if self.adapts and self.looks == _LOOKS_TO_ADAPT:
-                self._adapt()
+        state = process_state(self.pid)
+        if state is None:
+            return
+        self.looks += 1
+        self.paused += state == _TRACED
+        if self.adapts and self.looks == LOOKS_TO_ADAPT:
+            self._adapt()
 
     def _adapt(self) -> None:
         """Start again at a lower rate where the profiler costs too much."""
@@ -133,7 +137,7 @@ class _Profiling:
         if share > MAX_PAUSED_SHARE and self.sampler.process.poll() is None:
             self.sampler.stop()
             self.earlier = self._read()
-            self.rate_hz = max(1, int(self.rate_hz * MAX_PAUSED_SHARE / share))
+            self.rate_hz = max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share))
             self.sampler = sampler.start(self.pid, self.folder, self.rate_hz)
             self.looks = self.paused = 0
 
@@ -213,7 +217,7 @@ def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
         raise InputError(f"--attach {pid}: no such process")
     with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
         begin_s = time.monotonic()
-        profiling = _Profiling.begin(pid, Path(name), rate_hz)
+        profiling = Profiling.begin(pid, Path(name), rate_hz)
         with contextlib.suppress(KeyboardInterrupt):
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
                 profiling.look()
@@ -248,7 +252,7 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
         )
 
 
-def _observation(profiling: _Profiling | None, pid: int, wall_s: float) -> Observation:
+def _observation(profiling: Profiling | None, pid: int, wall_s: float) -> Observation:
     """Return what the profiler saw of a process."""
     threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples()
     return Observation(
@@ -328,14 +332,14 @@ def _start(
 
 def _start_profiler(
     process: "subprocess.Popen[bytes]", folder: Path, rate_hz: int | None
-) -> _Profiling | None:
+) -> Profiling | None:
     """Start the profiler once Python runs; None where the program ends before."""
     file, begin_s = folder / f"{process.pid}.steps", time.monotonic()
     while not file.exists() and time.monotonic() - begin_s < _START_S:
         if process.poll() is not None:
             return None
         time.sleep(_LOOK_S)
-    return _Profiling.begin(process.pid, folder, rate_hz)
+    return Profiling.begin(process.pid, folder, rate_hz)
 
 
 def _has_stepped(folder: Path, seconds: float) -> bool:
@@ -394,6 +398,15 @@ def _is_foreground() -> bool:
     with contextlib.suppress(OSError):
         return os.isatty(0) and os.tcgetpgrp(0) == os.getpgrp()
     return False
+
+
+def process_state(pid: int) -> bytes | None:
+    """Return the letter of a process's state, as in proc(5); None where there is none to read."""
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:  # noqa: PTH123 - cheaper
+            return file.read().rpartition(b")")[2][1:2]
+    except OSError:
+        return None
 
 
 def _exists(pid: int) -> bool:
