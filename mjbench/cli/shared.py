@@ -404,8 +404,8 @@ ACTIONS = click.option(
     "actions_file",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape (ncontrol,"
-    " nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
+    help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
+    " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
 )
 STARTS = (
     click.option(

@@ -10,7 +10,7 @@ import operator
 import random
 import threading
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -183,15 +183,19 @@ class StepRecorder:
 
         mj_step1 takes no step: it computes what mj_step2 goes on from.
         """
-        return {"mj_step": self._wrap, "mj_step2": self._wrap}
+        return {
+            "mj_step": functools.partial(self._wrap, ("m", "d", "nstep")),
+            "mj_step2": functools.partial(self._wrap, ("m", "d")),
+        }
 
-    def _wrap(self, function: EngineFunction) -> EngineFunction:
+    def _wrap(self, names: Sequence[str], function: EngineFunction) -> EngineFunction:
+        """Return the replacement of a function whose arguments are called so."""
         by_identity, only_data = self._by_identity, self._data
 
         @functools.wraps(function)
         def call(*args: Any, **keywords: Any) -> Any:
             if keywords or len(args) != 2:
-                arguments = _arguments(args, keywords)
+                arguments = _arguments(names, args, keywords)
                 if arguments is None:  # MuJoCo says what is wrong with them
                     return function(*args, **keywords)
                 model, data, nstep = arguments
@@ -209,6 +213,8 @@ class StepRecorder:
                 result = function(*args, **keywords)
                 recorded.nstep += nstep
                 return result
+            if not isinstance(data, mujoco.MjData):
+                return function(*args, **keywords)
             return recorded.take(function, model, data, nstep)
 
         return call
@@ -241,10 +247,9 @@ class StepRecorder:
 
 
 def _arguments(
-    args: tuple[Any, ...], keywords: Mapping[str, Any]
+    names: Sequence[str], args: tuple[Any, ...], keywords: Mapping[str, Any]
 ) -> tuple[mujoco.MjModel, mujoco.MjData, int] | None:
     """Return model, data and steps of a call; None where it is none that takes a step."""
-    names = ("m", "d", "nstep")
     given = {**dict(zip(names, args, strict=False)), **keywords}
     if len(args) + len(keywords) != len(given) or not {"m", "d"} <= given.keys() <= set(names):
         return None

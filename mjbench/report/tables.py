@@ -97,21 +97,26 @@ def starts_lines(starts: Starts | None) -> list[str]:
     """Return which files starts and controls are from, and what was not as asked, a line each."""
     if starts is None:
         return []
-    return [*_file_lines(starts), *_limit_lines(starts)]
+    return [*_file_lines(starts), *capture_lines(starts), *_limit_lines(starts)]
 
 
 def _file_lines(starts: Starts) -> list[str]:
-    """Return which files starts and controls are from, and what is not as it was captured."""
-    lines = []
+    """Return which files starts and controls are from."""
     match starts.file, starts.controls_file:
         case None, str(controls):
-            lines.append(f"Controls are those of {controls}")
+            return [f"Controls are those of {controls}"]
         case str(file), None:
-            lines.append(f"Starts are those of {file}, controls are random")
+            return [f"Starts are those of {file}, controls are random"]
         case str(file), str(controls) if file == controls:
-            lines.append(f"Starts and controls are those of {file}")
+            return [f"Starts and controls are those of {file}"]
         case str(file), str(controls):
-            lines.append(f"Starts are those of {file}, controls those of {controls}")
+            return [f"Starts are those of {file}, controls those of {controls}"]
+    return []
+
+
+def capture_lines(starts: Starts) -> list[str]:
+    """Return what is not as it was where the states of a file were captured, a line each."""
+    lines = []
     if starts.is_other_model:
         lines.append(
             f"{starts.file} was captured from a model that differs from this one, in masses,"
