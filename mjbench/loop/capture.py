@@ -269,15 +269,15 @@ class _Block:
         recorded, *rest = models
         windows = recorded.windows()
         header = _header(recorded, windows)
-        runs = [run for window in windows for run in window.steps.runs()]
-        if not runs:  # every step diverged, or raised
+        segments = [segment for window in windows for segment in window.steps.segments()]
+        if not segments:  # every step diverged, or raised
             return Captured(None, others=_others(others, models), unseen=unseen)
         with (
             writing(self._file),
             files.replacing(self._file) as partial,
             partial.open("wb") as stream,
         ):
-            state_file.write(stream, header, recorded.reader.columns, runs)
+            state_file.write(stream, header, recorded.reader.columns, segments)
             stream.flush()
         if self._failure is not None:
             raise self._failure
@@ -289,7 +289,7 @@ class _Block:
             model=header.model,
             model_digest=header.digests[0],
             variants=len(header.digests),
-            states=sum(len(run) for run in runs),
+            states=sum(len(segment) for segment in segments),
             windows=len(windows),
             steps=recorded.nstep,
             simulated_s=recorded.nstep * recorded.timestep_s,

@@ -1,9 +1,9 @@
-"""Follow the steps of one MjData, and keep its states as runs of consecutive steps.
+"""Follow the steps of one MjData, and keep its states as segments of consecutive steps.
 
-A *run* is a state and those after each further step. Whoever starts at one of them and takes the
+A *segment* is a state and those after each further step. Whoever starts at one of them and takes the
 controls of those that follow does what the program did, to the last bit, as long as the program
 sets nothing but controls between its steps. Where it changes the state itself, as by a reset, a new
-run begins. Where it sets another input, such as a force, the run goes on, and the input is named.
+segment begins. Where it sets another input, such as a force, the segment goes on, and the input is named.
 """
 
 import weakref
@@ -85,7 +85,7 @@ class FollowedSteps:
         self.changed_inputs: set[str] = set()
         self._states = np.empty((most_states, reader.nstate))
         self._count = 0
-        self._begins: list[int] = []  # of runs, as rows of the states
+        self._begins: list[int] = []  # of segments, as rows of the states
         self._before = np.empty(reader.nstate)
         self._last: np.ndarray | None = None
 
@@ -109,7 +109,7 @@ class FollowedSteps:
         before, last, spec = self._before, self._last, self._reader.spec
         self._get_state(model, data, before, spec)
         if last is None or self._is_elsewhere(before, last):
-            self._begin_run(before)
+            self._begin_segment(before)
         self._last = None  # and stays so where the step raises
         begin_s = data.time
         function(model, data)
@@ -129,20 +129,20 @@ class FollowedSteps:
         self.changed_inputs |= changed
         return False
 
-    def _begin_run(self, before: np.ndarray) -> None:
+    def _begin_segment(self, before: np.ndarray) -> None:
         self._begins.append(self._count)
         self._states[self._count] = before
         self._count += 1
 
-    def runs(self) -> list[np.ndarray]:
-        """Return (count, nstate) states of each run that has a step.
+    def segments(self) -> list[np.ndarray]:
+        """Return (count, nstate) states of each segment that has a step.
 
-        A run ends before a state that is not finite, which the engine can be told to go on from.
+        A segment ends before a state that is not finite, which the engine can be told to go on from.
         """
         ends = [*self._begins[1:], self._count]
         pairs = zip(self._begins, ends, strict=True)
         finite = [_until_not_finite(self._states[begin:end]) for begin, end in pairs]
-        return [run for run in finite if len(run) > 1]
+        return [segment for segment in finite if len(segment) > 1]
 
 
 def _until_not_finite(states: np.ndarray) -> np.ndarray:

@@ -18,8 +18,8 @@ from mjbench.simulation.model_digest import model_digest
 
 # The name of the array in the file that holds the header, and the version of the format.
 ARRAY, FORMAT = "mjbench_capture", 1
-# The name of the array with the number of each row's run of consecutive steps.
-RUN_ARRAY = "mjbench_run"
+# The name of the array with the number of each row's segment, which is one of consecutive steps.
+SEGMENT_ARRAY = "mjbench_segment"
 
 
 @dataclass(frozen=True)

@@ -35,13 +35,14 @@ class RecordedStates:
     Attributes:
       fields: by MjData field, each (nrow, size).
       name: of the file, for messages.
-      run: (nrow,) number of the run that a row belongs to; rows of one run are consecutive steps.
+      segment: (nrow,) number of the segment that a row belongs to; rows of one segment are
+        consecutive steps.
       header: where captured states come from; None for others.
     """
 
     fields: Mapping[str, np.ndarray]
     name: str
-    run: np.ndarray
+    segment: np.ndarray
     header: CaptureHeader | None = None
 
     @property
@@ -72,13 +73,13 @@ class RecordedStates:
             return rows
         count = self.first + nstep - hold
         rows = rows[: max(0, self.nrow - count)]
-        return np.asarray(rows[self.run[rows] == self.run[rows + count]])
+        return np.asarray(rows[self.segment[rows] == self.segment[rows + count]])
 
     def most_nstep(self, nstart: int, hold: int) -> int | None:
         """Return how many steps of simulations the file has controls for; None for any number.
 
         From that many steps on, there would be fewer than `nstart` starts (or than half of all, in
-        a short file), or half of its steps would be in runs too short to start from.
+        a short file), or half of its steps would be in segments too short to start from.
 
         Args:
           nstart: different starts wanted.
@@ -86,7 +87,7 @@ class RecordedStates:
         """
         if not self.replays:
             return None
-        _, lengths = np.unique(self.run, return_counts=True)
+        _, lengths = np.unique(self.segment, return_counts=True)
         lengths = np.sort(lengths - self.first)[::-1]
         lengths = lengths[lengths > 0]
         total = int(lengths.sum())
@@ -108,7 +109,7 @@ def write(
     stream: BinaryIO,
     header: CaptureHeader,
     columns: Mapping[str, slice],
-    runs: Sequence[np.ndarray],
+    segments: Sequence[np.ndarray],
 ) -> None:
     """Write captured states.
 
@@ -116,13 +117,13 @@ def write(
       stream: of the file.
       header: where they come from.
       columns: of each MjData field in a state.
-      runs: each (nstate, size) states of consecutive steps.
+      segments: each (count, nstate) states of consecutive steps.
     """
-    states = np.concatenate(runs)
+    states = np.concatenate(segments)
     fields = {field: states[:, place] for field, place in columns.items()}
     fields = {k: rows for k, rows in fields.items() if k not in _USUALLY_ZERO or rows.any()}
-    run = np.repeat(np.arange(len(runs)), [len(rows) for rows in runs])
-    arrays = {capture_header.ARRAY: header.array(), capture_header.RUN_ARRAY: run, **fields}
+    segment = np.repeat(np.arange(len(segments)), [len(rows) for rows in segments])
+    arrays = {capture_header.ARRAY: header.array(), capture_header.SEGMENT_ARRAY: segment, **fields}
     np.savez(stream, **arrays)  # type: ignore[arg-type]  # one is no `allow_pickle`
 
 
@@ -134,13 +135,13 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
     """
     name = shown(file.name)
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    wanted = [*columns, capture_header.ARRAY, capture_header.RUN_ARRAY]
+    wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
     arrays, others = _read_arrays(file, name, wanted)
     header = None
     if capture_header.ARRAY in arrays:
         header = CaptureHeader.of_array(arrays.pop(capture_header.ARRAY), name)
         header.check(model, name)
-    run = arrays.pop(capture_header.RUN_ARRAY, None)
+    segment = arrays.pop(capture_header.SEGMENT_ARRAY, None)
     if "qpos" not in arrays:
         has = shown(", ".join([*arrays, *others][:8])) if arrays or others else "nothing"
         raise InputError(f"{name} has no qpos, which start states need; it has {has}")
@@ -150,27 +151,33 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
         if len(rows) != nrow:
             raise InputError(f"{name}: {field} has {len(rows)} rows, qpos has {nrow}")
     if header is None:
-        return RecordedStates(fields, name, _runs_by_time(model, fields, nrow))
-    return RecordedStates(fields, name, _checked_run(name, run, nrow), header)
+        return RecordedStates(fields, name, _segments_by_time(model, fields, nrow))
+    return RecordedStates(fields, name, _checked_segment(name, segment, nrow), header)
 
 
-def _checked_run(name: str, run: np.ndarray | None, nrow: int) -> np.ndarray:
-    """Return the number of each row's run, (nrow,) whole numbers that never decrease.
+def _checked_segment(name: str, segment: np.ndarray | None, nrow: int) -> np.ndarray:
+    """Return the number of each row's segment, (nrow,) whole numbers that never decrease.
 
     Raises:
       InputError: they are something else.
     """
-    is_whole = run is not None and run.shape == (nrow,) and run.dtype.kind in "iu"
-    if run is None or not is_whole or (run[1:] < run[:-1]).any():
+    if (
+        segment is None
+        or segment.shape != (nrow,)
+        or segment.dtype.kind not in "iu"
+        or (segment[1:] < segment[:-1]).any()
+    ):
         raise InputError(
-            f"{name}: {capture_header.RUN_ARRAY} does not say which rows are consecutive steps:"
-            " capture it again"
+            f"{name}: {capture_header.SEGMENT_ARRAY} does not say which rows are consecutive"
+            " steps: capture it again"
         )
-    return run
+    return segment
 
 
-def _runs_by_time(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], nrow: int) -> np.ndarray:
-    """Return the run of each row, (nrow,): where there is time, a gap in it begins another one."""
+def _segments_by_time(
+    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], nrow: int
+) -> np.ndarray:
+    """Return the segment of each row, (nrow,): a gap in time begins another, where there is time."""
     if "time" not in fields:
         return np.zeros(nrow, dtype=int)
     time, timestep = fields["time"][:, 0], float(model.opt.timestep)

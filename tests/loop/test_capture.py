@@ -101,7 +101,7 @@ def test_a_program_does_the_same_and_what_is_kept_is_replayed_to_the_last_bit(
     assert recorded.nrow <= max_states
     kept, data = rows(recorded, HUMANOID), mujoco.MjData(HUMANOID)
     for i in range(recorded.nrow - 1):
-        if recorded.run[i] != recorded.run[i + 1]:
+        if recorded.segment[i] != recorded.segment[i + 1]:
             continue
         compat.set_state(HUMANOID, data, kept[i], SPEC)
         data.ctrl[:] = recorded.fields["ctrl"][i + 1]
@@ -113,8 +113,8 @@ def test_all_steps_of_a_short_program_are_kept(tmp_path: Path) -> None:
     with mjbench.capture(tmp_path / "states.npz") as capture:
         states = list(program(HUMANOID, one_by_one))
     recorded = captured_states(capture, HUMANOID)
-    # a run begins with the state before its first step; the reset begins another
-    assert np.bincount(recorded.run).tolist() == [40, 22]
+    # a segment begins with the state before its first step; the reset begins another
+    assert np.bincount(recorded.segment).tolist() == [40, 22]
     kept = rows(recorded, HUMANOID)
     np.testing.assert_array_equal(np.delete(kept, [0, 40], axis=0), np.array(states))
     assert capture.result == Captured(
@@ -180,7 +180,7 @@ def test_mj_step2_takes_one_step_only(tmp_path: Path) -> None:
         mujoco.mj_step2(CARTPOLE, mujoco.MjData(CARTPOLE), nstep=2)
 
 
-def test_a_callback_that_raises_ends_a_run_and_not_the_capture(tmp_path: Path) -> None:
+def test_a_callback_that_raises_ends_a_segment_and_not_the_capture(tmp_path: Path) -> None:
     data, calls = mujoco.MjData(CARTPOLE), 0
 
     def control(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -214,7 +214,7 @@ def test_inputs_that_the_program_sets_between_steps_are_named(tmp_path: Path) ->
     assert capture.result.changed_inputs == ("mocap_pos", "xfrc_applied")
     assert "it sets mocap_pos, xfrc_applied between steps" in str(capture.result)
     recorded = captured_states(capture, model)
-    assert len(set(recorded.run)) == 1
+    assert len(set(recorded.segment)) == 1
     np.testing.assert_array_equal(recorded.fields["xfrc_applied"][:, 12], [0, 0, 1, 2, 3, 4, 5])
 
 
@@ -261,8 +261,8 @@ def test_simulations_that_take_turns_are_not_mixed_up(tmp_path: Path) -> None:
             for data in datas:
                 mujoco.mj_step(CARTPOLE, data)
     recorded = captured_states(capture, CARTPOLE)
-    for run in np.unique(recorded.run):
-        assert len(set(np.round(recorded.fields["qpos"][recorded.run == run, 0]))) == 1
+    for segment in np.unique(recorded.segment):
+        assert len(set(np.round(recorded.fields["qpos"][recorded.segment == segment, 0]))) == 1
     assert recorded.nrow >= 30
 
 
