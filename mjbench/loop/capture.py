@@ -82,8 +82,8 @@ class Captured:
         if self.file is None:
             return _why_nothing(self)
         parts = [
-            f"{self.states:,} states from {self.windows:,} windows of {self.steps:,} steps"
-            f" ({self.simulated_s:.6g} s) of {_called(self.model)}"
+            f"{self.states:,} states from {self.windows:,} window{'s' * (self.windows != 1)} of"
+            f" {self.steps:,} steps ({self.simulated_s:.6g} s) of {_called(self.model)}"
         ]
         if self.variants > 1:
             parts.append(f"the program changes its model: {self.variants} variants of it")
@@ -110,8 +110,9 @@ def _why_nothing(captured: Captured) -> str:
             " import`, which cannot be captured; call mujoco.mj_step instead"
         )
     return (
-        "no step seen: calls of mujoco.mj_step and mujoco.mj_step2 in this process are, not those"
-        " by a name that was bound before the block, nor steps of rollout, Batch or MJX"
+        "no step seen: calls of mujoco.mj_step and mj_step2 in this process are seen, but no calls"
+        " by a name that was bound before the block, no steps inside rollout, Batch or MJX, and none"
+        " of other processes"
     )
 
 

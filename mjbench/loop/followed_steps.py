@@ -1,9 +1,10 @@
 """Follow the steps of one MjData, and keep its states as segments of consecutive steps.
 
-A *segment* is a state and those after each further step. Whoever starts at one of them and takes the
-controls of those that follow does what the program did, to the last bit, as long as the program
+A *segment* is a state and those after each further step. Whoever starts at one of them and takes
+the controls of those that follow does what the program did, to the last bit, as long as the program
 sets nothing but controls between its steps. Where it changes the state itself, as by a reset, a new
-segment begins. Where it sets another input, such as a force, the segment goes on, and the input is named.
+segment begins. Where it sets another input, such as a force, the segment goes on, and the input is
+named.
 """
 
 import weakref
@@ -98,28 +99,41 @@ class FollowedSteps:
         """Return whether this is the one that is followed, and another step may be kept."""
         return self._data() is data and self._count < len(self._states)
 
-    def step(self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take one step, and keep the state that it leads to.
+    def step(
+        self,
+        function: EngineFunction,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        nstep: int,
+    ) -> int:
+        """Take steps one by one, and keep the states that they lead to.
 
         Args:
-          function: takes the step.
+          function: takes a step.
           model: that is stepped.
           data: the one that is followed.
+          nstep: steps to take; fewer are taken where no more states can be kept.
+
+        Returns:
+          How many were taken, at least 1.
         """
         before, last, spec = self._before, self._last, self._reader.spec
         self._get_state(model, data, before, spec)
         if last is None or self._is_elsewhere(before, last):
             self._begin_segment(before)
-        self._last = None  # and stays so where the step raises
-        begin_s = data.time
-        function(model, data)
-        if abs(data.time - begin_s - self._timestep) > _TIME_SHARE * self._timestep:
-            return  # the engine started the simulation anew, from a bad state
-        if self._count < len(self._states):
+        self._last = None  # and stays so where a step raises
+        for taken in range(1, nstep + 1):
+            begin_s = data.time
+            function(model, data)
+            if abs(data.time - begin_s - self._timestep) > _TIME_SHARE * self._timestep:
+                return taken  # the engine started the simulation anew, from a bad state
+            if self._count == len(self._states):
+                return taken
             after = self._states[self._count]
             self._get_state(model, data, after, spec)
             self._count += 1
-            self._last = after
+        self._last = after
+        return nstep
 
     def _is_elsewhere(self, before: np.ndarray, last: np.ndarray) -> bool:
         """Return whether the program has changed the state since the last step; note inputs."""
@@ -137,7 +151,7 @@ class FollowedSteps:
     def segments(self) -> list[np.ndarray]:
         """Return (count, nstate) states of each segment that has a step.
 
-        A segment ends before a state that is not finite, which the engine can be told to go on from.
+        A segment ends before a state that is not finite: the engine can be told to go on from one.
         """
         ends = [*self._begins[1:], self._count]
         pairs = zip(self._begins, ends, strict=True)

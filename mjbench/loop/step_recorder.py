@@ -79,7 +79,7 @@ class RecordedModel:
     def take(
         self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
     ) -> None:
-        """Have the engine take steps, one by one while a window is open.
+        """Have the engine take steps, one by one while a window follows them.
 
         Args:
           function: `mj_step`, or `mj_step2` with one step.
@@ -92,10 +92,10 @@ class RecordedModel:
             if window is None or not window.steps.follows(data):
                 window = self._window_of(model, data)
             if window is not None:
-                window.steps.step(function, model, data)
-                self.nstep += 1
+                taken = window.steps.step(function, model, data, nstep)
+                self.nstep += taken
                 self._followed_at = self.nstep
-                nstep -= 1
+                nstep -= taken
                 continue
             unseen = nstep
             if self._window is None:  # up to where the next one begins
@@ -190,17 +190,21 @@ class StepRecorder:
 
     def _wrap(self, names: Sequence[str], function: EngineFunction) -> EngineFunction:
         """Return the replacement of a function whose arguments are called so."""
-        by_identity, only_data = self._by_identity, self._data
+        by_identity, only_data, count_name = self._by_identity, self._data, "".join(names[2:])
 
         @functools.wraps(function)
         def call(*args: Any, **keywords: Any) -> Any:
-            if keywords or len(args) != 2:
+            if len(args) == 2 and not keywords:  # the usual forms first: this is called every step
+                (model, data), nstep = args, 1
+            elif len(args) == 2 and len(keywords) == 1 and type(keywords.get(count_name)) is int:
+                (model, data), nstep = args, keywords[count_name]
+                if nstep < 1:
+                    return function(*args, **keywords)
+            else:
                 arguments = _arguments(names, args, keywords)
                 if arguments is None:  # MuJoCo says what is wrong with them
                     return function(*args, **keywords)
                 model, data, nstep = arguments
-            else:
-                (model, data), nstep = args, 1
             try:
                 recorded = by_identity[id(model)]
             except KeyError:

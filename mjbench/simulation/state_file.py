@@ -177,7 +177,7 @@ def _checked_segment(name: str, segment: np.ndarray | None, nrow: int) -> np.nda
 def _segments_by_time(
     model: mujoco.MjModel, fields: Mapping[str, np.ndarray], nrow: int
 ) -> np.ndarray:
-    """Return the segment of each row, (nrow,): a gap in time begins another, where there is time."""
+    """Return the segment of each row, (nrow,): where there is time, a gap begins another one."""
     if "time" not in fields:
         return np.zeros(nrow, dtype=int)
     time, timestep = fields["time"][:, 0], float(model.opt.timestep)

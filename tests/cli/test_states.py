@@ -81,7 +81,7 @@ def test_compare_replays_captured_states_or_actions_and_continues_with_no_others
     (row,) = results(folder, *compare, "--states", "states.npz")
     assert row["starts"]["file"] == row["starts"]["controls_file"] == "states.npz"
     assert not row["starts"]["is_other_model"]
-    assert (row["nbatch"], row["nstep"]) == (64, 85)  # 64 starts in each window would do for 37
+    assert (row["nbatch"], row["nstep"]) == (64, 85)  # 16 starts in each of 4 windows
     both = (*compare, "--states", "states.npz", "--actions", "actions.npz", "--hold", "5")
     (row,) = results(folder, *both)
     assert (row["starts"]["controls_file"], row["nstep"]) == ("actions.npz", 150)

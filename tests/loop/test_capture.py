@@ -128,7 +128,7 @@ def test_all_steps_of_a_short_program_are_kept(tmp_path: Path) -> None:
         simulated_s=pytest.approx(60 * HUMANOID.opt.timestep),
         unseen=capture.result.unseen if capture.result else (),
     )
-    assert str(capture.result) == "62 states from 1 windows of 60 steps (0.12 s) of humanoid"
+    assert str(capture.result) == "62 states from 1 window of 60 steps (0.12 s) of humanoid"
 
 
 def test_random_numbers_of_the_program_are_its_own(tmp_path: Path) -> None:

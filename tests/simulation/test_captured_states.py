@@ -35,7 +35,7 @@ def header(**changes: Any) -> CaptureHeader:
 
 
 def save(folder: Path, lengths: list[int], **changes: Any) -> Path:
-    """Write segments of so many states; in segment i, the cart is at i, and controls are i + 0.01 k.
+    """Write segments of so many states; in segment i the cart is at i, controls are i + 0.01 k.
 
     All times are 0, as where the program sets them.
     """
