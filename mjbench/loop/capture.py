@@ -111,8 +111,8 @@ def _why_nothing(captured: Captured) -> str:
         )
     return (
         "no step seen: calls of mujoco.mj_step and mj_step2 in this process are seen, but no calls"
-        " by a name that was bound before the block, no steps inside rollout, Batch or MJX, and none"
-        " of other processes"
+        " by a name that was bound before the block, no steps inside rollout, Batch or MJX, and no"
+        " steps of other processes"
     )
 
 

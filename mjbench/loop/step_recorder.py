@@ -190,16 +190,12 @@ class StepRecorder:
 
     def _wrap(self, names: Sequence[str], function: EngineFunction) -> EngineFunction:
         """Return the replacement of a function whose arguments are called so."""
-        by_identity, only_data, count_name = self._by_identity, self._data, "".join(names[2:])
+        by_identity, only_data = self._by_identity, self._data
 
         @functools.wraps(function)
         def call(*args: Any, **keywords: Any) -> Any:
-            if len(args) == 2 and not keywords:  # the usual forms first: this is called every step
+            if len(args) == 2 and not keywords:  # the usual form first: this is called every step
                 (model, data), nstep = args, 1
-            elif len(args) == 2 and len(keywords) == 1 and type(keywords.get(count_name)) is int:
-                (model, data), nstep = args, keywords[count_name]
-                if nstep < 1:
-                    return function(*args, **keywords)
             else:
                 arguments = _arguments(names, args, keywords)
                 if arguments is None:  # MuJoCo says what is wrong with them
