@@ -8,6 +8,7 @@ import numpy as np
 
 from mjbench.errors import InputError
 from mjbench.simulation import given_controls, starts, state_file, work, workload
+from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.simulation.given_controls import GivenControls
 from mjbench.simulation.starts import SettleLimit, StartPlan, Starts
 from mjbench.simulation.state_file import RecordedStates
@@ -204,7 +205,7 @@ def _from_file(
         file=recorded.name,
         controls_file=_name(controls) or (recorded.name if recorded.replays else None),
         is_other_model=header is not None and not header.is_of(model),
-        held_inputs=header.changed_inputs if header else (),
+        held_inputs=_held_inputs(header) if header else (),
     )
     yield from _over_spreads(
         lambda spread: state_file.draw(
@@ -220,6 +221,14 @@ def _from_file(
         came_from,
         SPREADS if came_from.controls_file is None else SPREADS[:1],  # a file's are not scaled
     )
+
+
+def _held_inputs(header: CaptureHeader) -> tuple[str, ...]:
+    """Return what a captured program set between steps, and simulations hold.
+
+    A warm start is not held: each step leaves one. mj_forward changes it in some releases.
+    """
+    return tuple(field for field in header.changed_inputs if field != "qacc_warmstart")
 
 
 def _name(controls: GivenControls | None) -> str | None:

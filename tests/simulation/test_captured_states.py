@@ -108,7 +108,7 @@ def test_a_model_that_differs_a_little_is_noted(tmp_path: Path) -> None:
 
 
 def test_inputs_that_the_program_set_are_noted(tmp_path: Path) -> None:
-    file = save(tmp_path, [9], changed_inputs=("xfrc_applied",))
+    file = save(tmp_path, [9], changed_inputs=("qacc_warmstart", "xfrc_applied"))
     assert draw(file).starts.held_inputs == ("xfrc_applied",)
 
 
