@@ -6,11 +6,15 @@ such as `mjbench.simulation.models` or `mjbench.paths`. docs/architecture.md is 
 
 __version__ = "0.1.0"
 
-__all__ = ["engine_clock", "load", "record"]
+__all__ = ["capture", "engine_clock", "load", "record"]
 
 
 def __getattr__(name: str) -> object:
     """Import a function when it is first used: each needs more than the standard library."""
+    if name == "capture":
+        from mjbench.loop.capture import Capture
+
+        return Capture
     if name == "engine_clock":
         from mjbench.simulation.engine_clock import engine_clock
 

@@ -59,6 +59,7 @@ class _Options:
     seed: int
     settle_s: float | None
     states_file: Path | None
+    actions_file: Path | None
     budget: float | None
     total_steps: int | None
     confirm: bool
@@ -228,7 +229,7 @@ def _plan(
         nstep=options.nstep,
         hold=options.hold,
         seed=options.seed,
-        starts=start_plan(options.settle_s, options.states_file),
+        starts=start_plan(options.settle_s, options.states_file, options.actions_file),
         returns=Product(options.returns),
         budget_s=BUDGET_S if options.budget is None else options.budget,
         limit_s=options.time_limit,
@@ -261,7 +262,7 @@ def _compare(
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
     files += user_module_files(variant.path for variant in plans[0].variants)
-    files += [plans[0].starts.file] if plans[0].starts.file else []
+    files += plans[0].starts.files
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance, contextlib.ExitStack() as closing:
             confirmation = Confirmation(run, closing)

@@ -44,7 +44,7 @@ def search_models(
     storage = Storage(output.results, arguments, output.resume, _finished)
     files = [source.path for source in sources]
     files += user_module_files(request.path_names)
-    files += [request.plan.starts.file] if request.plan.starts.file else []
+    files += request.plan.starts.files
     models: list[ScalingResults] = []
     with RunContext("compare", output.json_file, files, storage, output.wait) as run:
         with run.progress(len(sources)) as advance, contextlib.ExitStack() as closing:

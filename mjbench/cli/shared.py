@@ -25,6 +25,8 @@ MAX_LARGE_COUNT = 10**15
 # The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
 # compiler may take several times its limit.
 MAX_SECONDS = 86_400.0
+# What an .npy file begins with.
+_NPY = b"\x93NUMPY"
 # The largest slowdown to inject, as a share of the time of a block.
 MAX_SLOWDOWN = 10.0
 
@@ -254,27 +256,45 @@ def check_sizes(nstep: int | None, hold: int) -> None:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
 
-def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
+def start_plan(
+    settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
+) -> "StartPlan":
     """Return the plan that the options STARTS ask for.
 
     Raises:
-      InputError: both are given, or there is no such file of arrays.
+      InputError: both --settle and --states are given, or there is no such file of arrays.
+    """
+    from mjbench.simulation.starts import StartPlan
+
+    if states_file is not None:
+        if settle_s is not None:
+            raise InputError("give --settle or --states, not both")
+        states_file = _array_file("--states", states_file)
+    if actions_file is not None:
+        actions_file = _array_file("--actions", actions_file)
+    return StartPlan(settle_s, states_file, actions_file)
+
+
+def _array_file(option: str, file: Path) -> Path:
+    """Return the absolute path of a file that holds arrays, as far as its first bytes tell.
+
+    Raises:
+      InputError: it is none, or cannot be read; an .npy file is none for --states.
     """
     import zipfile
 
-    from mjbench.simulation.starts import StartPlan
-
-    if states_file is None:
-        return StartPlan(settle_s)
-    if settle_s is not None:
-        raise InputError("give --settle or --states, not both")
-    if not states_file.is_file():
-        raise InputError(f"--states {shown(str(states_file))}: no such file")
-    if not zipfile.is_zipfile(states_file):
-        raise InputError(
-            f"--states {shown(str(states_file))}: not an .npz file, as numpy.savez writes it"
-        )
-    return StartPlan(file=states_file.absolute())
+    label = f"{option} {shown(str(file))}"
+    try:
+        if not file.is_file():
+            raise InputError(f"{label}: no such file")
+        with file.open("rb") as stream:
+            is_npy = stream.read(len(_NPY)) == _NPY
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise InputError(f"{label}: cannot be read: {one_line(error)}") from error
+    if not zipfile.is_zipfile(file) and not (is_npy and option == "--actions"):
+        forms = ".npz or .npy file" if option == "--actions" else ".npz file"
+        raise InputError(f"{label}: not an {forms}, as numpy.savez writes it")
+    return file.absolute()
 
 
 COUNT = click.IntRange(1, MAX_COUNT)
@@ -370,6 +390,23 @@ JUDGING = (
     ),
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)
+STATES = click.option(
+    "--states",
+    "states_file",
+    metavar="FILE.npz",
+    type=click.Path(path_type=Path),
+    help="Draw start states, and their controls if there are any, from this file, which"
+    " `mjbench.capture` wrote in your program, or of arrays by MjData field, as `mjbench.record`"
+    " returns them.",
+)
+ACTIONS = click.option(
+    "--actions",
+    "actions_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
+    " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
+)
 STARTS = (
     click.option(
         "--settle",
@@ -378,14 +415,8 @@ STARTS = (
         help="Simulated time for which the model moves before the first start state; 0 starts at"
         " keyframe 0  [default: 0.1s with a keyframe, 1s without]",
     ),
-    click.option(
-        "--states",
-        "states_file",
-        metavar="FILE.npz",
-        type=click.Path(path_type=Path),
-        help="Draw start states, and their controls if there are any, from this file of arrays by"
-        " MjData field, as `mjbench.record` returns them.",
-    ),
+    STATES,
+    ACTIONS,
 )
 SIZES = (
     click.option("--nbatch", type=COUNT, help="Simulations of a block."),

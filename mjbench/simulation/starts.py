@@ -40,16 +40,23 @@ class SettleLimit(enum.StrEnum):
 
 @dataclass(frozen=True)
 class StartPlan:
-    """Where start states are to come from.
+    """Where start states are to come from, and the controls that follow.
 
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
         model's default (see `settle_s`).
       file: start states of the user's own instead (see `state_file`); None for none.
+      controls_file: controls of the user's own (see `given_controls`); None for none.
     """
 
     settle_s: float | None = None
     file: Path | None = None
+    controls_file: Path | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that it names."""
+        return [file for file in (self.file, self.controls_file) if file is not None]
 
 
 DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
@@ -64,12 +71,19 @@ class Starts:
       asked_s: seconds that were asked for, or are the model's default.
       limit: why `settle_s` is less than that; None where it is not.
       file: name of the file with the user's own start states; None for none.
+      controls_file: name of the file that controls come from; None for random ones.
+      is_other_model: whether the states of the file were captured from a model that differs from
+        this one; False also where the file does not say.
+      held_inputs: MjData fields that the captured program set between steps, and simulations hold.
     """
 
     settle_s: float
     asked_s: float
     limit: SettleLimit | None = None
     file: str | None = None
+    controls_file: str | None = None
+    is_other_model: bool = False
+    held_inputs: tuple[str, ...] = ()
 
 
 def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
