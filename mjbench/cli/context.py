@@ -159,11 +159,7 @@ class RunContext:
 
         share = machine.ProcessorTime.now().stolen_since(begin)
         if share >= machine.NOTABLE_STOLEN:
-            self.out.print(
-                f"The host took {100 * share:.0f} % of this machine's processor time for others:"
-                " timings are noisier for it, and verdicts take longer.",
-                soft_wrap=True,
-            )
+            self.out.print(machine.describe_stolen(share), soft_wrap=True)
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""

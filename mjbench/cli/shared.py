@@ -8,25 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import InputError, one_line, shown
-from mjbench.instrument.limits import MAX_COUNT
+from mjbench.errors import InputError, one_line
+from mjbench.instrument.limits import (
+    MAX_COUNT,
+    MAX_HERTZ,
+    MAX_LARGE_COUNT,
+    MAX_SECONDS,
+    MAX_SEED,
+    TIME_LIMIT_S,
+)
+from mjbench.paired import outcomes
 
 if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
-# JSON documents hold integers of 64 bits.
-MAX_SEED = 2**63 - 1
-# The highest rate of paced steps.
-MAX_HERTZ = 1e6
-# Steps that somebody may take in all.
-MAX_LARGE_COUNT = 10**15
-# The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
-# compiler may take several times its limit.
-MAX_SECONDS = 86_400.0
-# What an .npy file begins with.
-_NPY = b"\x93NUMPY"
 # The largest slowdown to inject, as a share of the time of a block.
 MAX_SLOWDOWN = 10.0
 
@@ -264,37 +261,9 @@ def start_plan(
     Raises:
       InputError: both --settle and --states are given, or there is no such file of arrays.
     """
-    from mjbench.simulation.starts import StartPlan
+    from mjbench.simulation import starts
 
-    if states_file is not None:
-        if settle_s is not None:
-            raise InputError("give --settle or --states, not both")
-        states_file = _array_file("--states", states_file)
-    if actions_file is not None:
-        actions_file = _array_file("--actions", actions_file)
-    return StartPlan(settle_s, states_file, actions_file)
-
-
-def _array_file(option: str, file: Path) -> Path:
-    """Return the absolute path of a file that holds arrays, as far as its first bytes tell.
-
-    Raises:
-      InputError: it is none, or cannot be read; an .npy file is none for --states.
-    """
-    import zipfile
-
-    label = f"{option} {shown(str(file))}"
-    try:
-        if not file.is_file():
-            raise InputError(f"{label}: no such file")
-        with file.open("rb") as stream:
-            is_npy = stream.read(len(_NPY)) == _NPY
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        raise InputError(f"{label}: cannot be read: {one_line(error)}") from error
-    if not zipfile.is_zipfile(file) and not (is_npy and option == "--actions"):
-        forms = ".npz or .npy file" if option == "--actions" else ".npz file"
-        raise InputError(f"{label}: not an {forms}, as numpy.savez writes it")
-    return file.absolute()
+    return starts.start_plan(settle_s, states_file, actions_file)
 
 
 COUNT = click.IntRange(1, MAX_COUNT)
@@ -312,7 +281,7 @@ PAGE = click.option(
 LIMIT = click.option(
     "--time-limit",
     type=Seconds(),
-    default="60s",
+    default=f"{TIME_LIMIT_S:g}s",
     show_default=True,
     help="Kill a model's process that reports nothing for this long.",
 )
@@ -355,14 +324,14 @@ JUDGING = (
     click.option(
         "--min-effect",
         type=Share(),
-        default="1%",
+        default=f"{100 * outcomes.MIN_EFFECT:g}%",
         show_default=True,
         help="Smallest change that matters; a change that is certainly smaller is `same`.",
     ),
     click.option(
         "--confidence",
         type=Share(),
-        default="99%",
+        default=f"{100 * outcomes.CONFIDENCE:g}%",
         show_default=True,
         help="Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
         " is called different.",
@@ -370,14 +339,14 @@ JUDGING = (
     click.option(
         "--precision",
         type=Share(),
-        default="0.5%",
+        default=f"{100 * outcomes.PRECISION:g}%",
         show_default=True,
         help="Stop when half the interval's width is below this.",
     ),
     click.option(
         "--time-limit",
         type=Seconds(),
-        default="60s",
+        default=f"{outcomes.TIME_LIMIT_S:g}s",
         show_default=True,
         help="Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",

@@ -154,19 +154,13 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
 
 def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:
     from mjbench.report import comparison as report
-    from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
     from mjbench.report.results import derive_all
 
     models = derive_all(stored.records)
     if not models:
         report_line("the run ended before anything was measured")
-    for model_results in models:
-        report.print_model(run.out, model_results, code)
-    results = [result for model_results in models for result in model_results.results]
-    report.print_crossovers(run.out, crossovers(results))
-    if len(models) > 1:
-        report.print_summary(run.out, models)
+    report.print_models(run.out, models, code)
     if not code:
         report.print_code_hint(run.out, models)
     run.write(CompareDocument.of(stored.header.machine, models))

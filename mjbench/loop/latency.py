@@ -19,6 +19,7 @@ import numpy as np
 from mjbench.errors import Failure, InputError, one_line
 from mjbench.instrument import isolate, stats
 from mjbench.instrument.isolate import Channel
+from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.simulation import compat, models, sampling, starts, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
@@ -169,7 +170,7 @@ class LatencyRow:
 QUANTILES = (0.5, 0.99, 0.999)
 
 
-def measure(request: LatencyRequest, limit_s: float = 60.0) -> list[StepSamples]:
+def measure(request: LatencyRequest, limit_s: float = TIME_LIMIT_S) -> list[StepSamples]:
     """Return the steps of a model at each pace, measured in a child process.
 
     Args:

@@ -19,6 +19,7 @@ import numpy as np
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
+from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.loop import engine_stages, habits, rendering
 from mjbench.loop.compiled_loop import compile_loop
 from mjbench.loop.habits import Habit
@@ -151,7 +152,7 @@ class ProfileRow:
 
 
 def measure(
-    source: ModelSource, limit_s: float = 60.0, states_file: Path | None = None
+    source: ModelSource, limit_s: float = TIME_LIMIT_S, states_file: Path | None = None
 ) -> StepProfile:
     """Return the profile of a model.
 

@@ -6,12 +6,14 @@ evenly over this second part.
 """
 
 import enum
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mjbench.errors import InputError, one_line, shown
 from mjbench.simulation import compat
 from mjbench.simulation.workload import (
     START_VELOCITY_SD,
@@ -20,6 +22,8 @@ from mjbench.simulation.workload import (
     whole_holds,
 )
 
+# What an .npy file begins with.
+_NPY = b"\x93NUMPY"
 # Simulated seconds for which a model settles unless the user says otherwise. A keyframe is a pose
 # that its author chose; it loses its first transients. Without one, models start at their defaults,
 # often in the air: this is long enough to fall from a height of 1 m, and to land.
@@ -60,6 +64,43 @@ class StartPlan:
 
 
 DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
+
+
+def start_plan(
+    settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
+) -> StartPlan:
+    """Return the plan that the options --settle, --states and --actions ask for.
+
+    Raises:
+      InputError: both --settle and --states are given, or there is no such file of arrays.
+    """
+    if states_file is not None:
+        if settle_s is not None:
+            raise InputError("give --settle or --states, not both")
+        states_file = _array_file("--states", states_file)
+    if actions_file is not None:
+        actions_file = _array_file("--actions", actions_file)
+    return StartPlan(settle_s, states_file, actions_file)
+
+
+def _array_file(option: str, file: Path) -> Path:
+    """Return the absolute path of a file that holds arrays, as far as its first bytes tell.
+
+    Raises:
+      InputError: it is none, or cannot be read; an .npy file is none for --states.
+    """
+    label = f"{option} {shown(str(file))}"
+    try:
+        if not file.is_file():
+            raise InputError(f"{label}: no such file")
+        with file.open("rb") as stream:
+            is_npy = stream.read(len(_NPY)) == _NPY
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise InputError(f"{label}: cannot be read: {one_line(error)}") from error
+    if not zipfile.is_zipfile(file) and not (is_npy and option == "--actions"):
+        forms = ".npz or .npy file" if option == "--actions" else ".npz file"
+        raise InputError(f"{label}: not an {forms}, as numpy.savez writes it")
+    return file.absolute()
 
 
 @dataclass(frozen=True)
