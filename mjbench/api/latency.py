@@ -51,6 +51,7 @@ def latency(
     deadline_s: float | None = None,
     rate_hz: float | None = None,
     nstep: int | None = None,
+    hold: int = 1,
     seed: int = 0,
     settle_s: float | None = None,
     states: "States | None" = None,
@@ -68,6 +69,7 @@ def latency(
         free-running ones the model's timestep.
       rate_hz: paced steps per second; None for real time.
       nstep: steps at each pace; None for 10,000, or what 10 seconds allow.
+      hold: steps for which each control is held.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
         at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
@@ -96,7 +98,7 @@ def latency(
         Session("latency", wait) as session,
     ):
         request = LatencyRequest(
-            source, nstep, rate_hz, seed=checks.seed("seed", seed), starts=starts
+            source, nstep, rate_hz, checks.count("hold", hold), checks.seed("seed", seed), starts
         )
         samples = loop_latency.measure(request, limit_s)
         rows = [loop_latency.row(source.name, of_pace, deadline_s) for of_pace in samples]
