@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.cli.confirmation import Confirmation
+from mjbench.cli.confirmation import Confirmation, part_of
 from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
@@ -37,11 +37,16 @@ from mjbench.status import FINISHED, Status
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mjbench.comparison.compare import Progress
     from mjbench.comparison.plan import ComparisonPlan, Variant
     from mjbench.comparison.scaling import ScalingRequest
     from mjbench.instrument.runs import Record
     from mjbench.report.results import ModelResults
     from mjbench.simulation.models import ModelSource
+
+# Shares of the bar of a model: measuring it, where paths are compared again after that; and of that
+# comparison, the one of the engine's clock.
+_MEASURED_SHARE, _CLOCK_SHARE = 0.5, 0.3
 
 
 @dataclass(frozen=True)
@@ -267,9 +272,11 @@ def _compare(
             confirmation = Confirmation(run, closing)
             for number, (source, plan) in enumerate(turns):
                 on_progress = functools.partial(advance, number)
+                measured = _MEASURED_SHARE if options.confirm else 1.0
                 records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
-                    records = compare.compare_model(source, plan, on_progress)
+                    on_measuring = part_of(on_progress, 0.0, measured)
+                    records = compare.compare_model(source, plan, on_measuring)
                     try:
                         for record in records.all:
                             run.record(record)
@@ -278,8 +285,8 @@ def _compare(
                 results = derive(records.model, records.measurements, run.resumed_records)
                 is_over = records.interrupted or failure is not None
                 if options.confirm and not is_over:
-                    on_progress(f"{source.name}: in fresh processes", 1.0)
-                    results = _confirmed(confirmation, source, plan, results)
+                    on_confirming = part_of(on_progress, measured, 1.0)
+                    results = _confirmed(confirmation, source, plan, results, on_confirming)
                 report.print_model(run.out, results, options.code)
                 models.append(results)
                 statuses += [records.model.status, *(r.status for r in results.results)]
@@ -316,14 +323,17 @@ def _confirmed(
     source: "ModelSource",
     plan: "ComparisonPlan",
     results: "ModelResults",
+    on_progress: "Progress",
 ) -> "ModelResults":
     """Return the results of a model with the comparisons in fresh processes that advice needs."""
     from mjbench.report.advice import clock_pairing, contest_groups
 
     if pairing := clock_pairing(results):
-        record = confirmation.compare(source, plan, pairing, results.compared_sizes)
+        on_clock = part_of(on_progress, 0.0, _CLOCK_SHARE)
+        record = confirmation.compare(source, plan, pairing, results.compared_sizes, on_clock)
         results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
     if not confirmation.is_interrupted and (groups := contest_groups(results)):
-        contest = confirmation.contest(source, plan, groups, results.compared_sizes)
+        on_contest = part_of(on_progress, _CLOCK_SHARE, 1.0)
+        contest = confirmation.contest(source, plan, groups, results.compared_sizes, on_contest)
         results = dataclasses.replace(results, contest=contest)
     return results

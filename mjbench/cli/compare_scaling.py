@@ -5,7 +5,7 @@ import dataclasses
 import functools
 from typing import TYPE_CHECKING
 
-from mjbench.cli.confirmation import Confirmation
+from mjbench.cli.confirmation import Confirmation, part_of
 from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.status import FINISHED, Status
 
@@ -154,7 +154,10 @@ class _ModelSearch:
         """Return the results with the comparisons in fresh processes that advice needs."""
         plan = dataclasses.replace(self._request.plan, nbatch=self._request.first_nbatch)
         while pairing := results.next_pairing():
-            record = self._confirmation.compare(self._source, plan, pairing, results.compared_sizes)
+            on_progress = part_of(self._on_progress, 1.0, 1.0)  # the bar is full
+            record = self._confirmation.compare(
+                self._source, plan, pairing, results.compared_sizes, on_progress
+            )
             confirmations = (*results.confirmations, record)
             results = dataclasses.replace(results, confirmations=confirmations)
             if self._confirmation.is_interrupted:
