@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from mjbench.instrument.runs import Record
     from mjbench.simulation.models import ModelSource
 
+# Share of the bar of a model that measuring it has, where paths are compared again after that.
+_MEASURED_SHARE = 0.5
+
 
 @dataclass(frozen=True)
 class _Options:
@@ -235,7 +238,7 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
-    from mjbench.api.confirmation import Confirmation
+    from mjbench.api.confirmation import Confirmation, part_of
     from mjbench.comparison import compare
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
@@ -262,9 +265,11 @@ def _compare(
             confirmation = Confirmation(run.record, closing)
             for number, (source, plan) in enumerate(turns):
                 on_progress = functools.partial(advance, number)
+                measured = _MEASURED_SHARE if options.confirm else 1.0
                 records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
-                    records = compare.compare_model(source, plan, on_progress)
+                    on_measuring = part_of(on_progress, 0.0, measured)
+                    records = compare.compare_model(source, plan, on_measuring)
                     try:
                         for record in records.all:
                             run.record(record)
@@ -273,8 +278,8 @@ def _compare(
                 results = derive(records.model, records.measurements, run.resumed_records)
                 is_over = records.interrupted or failure is not None
                 if options.confirm and not is_over:
-                    on_progress(f"{source.name}: in fresh processes", 1.0)
-                    results = confirmation.complete(source, plan, results)
+                    on_confirming = part_of(on_progress, measured, 1.0)
+                    results = confirmation.complete(source, plan, results, on_confirming)
                 report.print_model(run.out, results, options.code)
                 models.append(results)
                 statuses += [records.model.status, *(r.status for r in results.results)]

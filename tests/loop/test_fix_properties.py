@@ -1,7 +1,6 @@
 """Whatever a script does, `--fix` leaves it computing the same, and a second one finds no more."""
 
 import contextlib
-import itertools
 import json
 import re
 import textwrap
@@ -22,6 +21,7 @@ XML = """<mujoco><worldbody><body name="b"><joint name="j" axis="0 1 0" damping=
 <geom name="g" size=".1" pos="1 0 0"/><body name="j2" pos="1 0 0"><joint name="j2"/>
 <geom size=".1"/></body></body></worldbody><actuator><motor name="m" joint="j"/></actuator>
 <sensor><jointpos name="s" joint="j2"/></sensor></mujoco>"""
+MAX_TICKS = 300
 PREAMBLE = """# coding: utf-8
 import contextlib
 
@@ -94,10 +94,11 @@ def scripts(draw: st.DrawFn) -> str:
     return PREAMBLE + loop
 
 
-def outcome(text: str) -> tuple[list[Any], str, str]:
-    """Return what a script logs, the error that ends it, and the state in which it leaves data."""
+def outcome(text: str) -> tuple[list[Any], str, int]:
+    """Return what a script logs, with the state at its end, the error that ends it, its ticks."""
     log: list[Any] = []
-    names = {"XML": XML, "log": log, "ticks": itertools.count()}
+    ticks = iter(range(MAX_TICKS))  # where a loop would never end, it raises StopIteration
+    names = {"XML": XML, "log": log, "ticks": ticks}
     error = ""
     try:
         exec(compile(text, "script", "exec"), names)
@@ -105,7 +106,7 @@ def outcome(text: str) -> tuple[list[Any], str, str]:
         error = repr(raised)
     with contextlib.suppress(KeyError):
         log.append(names["data"].qpos)
-    return json.loads(json.dumps(log, default=list)), error, str(next(names["ticks"]))
+    return json.loads(json.dumps(log, default=list)), error, next(ticks, MAX_TICKS)
 
 
 @pytest.fixture(scope="module")
