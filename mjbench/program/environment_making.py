@@ -1,0 +1,165 @@
+"""Make an environment from its source, in the process that is to step it.
+
+Whatever the user's code raises becomes one line that names its file and line. What is not installed
+is said with the command that installs it.
+"""
+
+import contextlib
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import (
+    InputError,
+    MjbenchError,
+    describe,
+    shown,
+    suggestion,
+)
+from mjbench.instrument import extras
+from mjbench.program.environment_source import EnvironmentSource, Origin
+
+_OWN_FOLDER = str(Path(__file__).resolve().parents[1])
+
+
+def make(source: EnvironmentSource) -> Any:
+    """Return a new environment.
+
+    A factory runs in the user's folder, and its modules are imported from there.
+
+    Raises:
+      InputError: there is no such environment, its package is not installed, or making it failed.
+    """
+    match source.origin:
+        case Origin.GYMNASIUM:
+            return _from_gymnasium(source)
+        case Origin.DM_CONTROL:
+            return _from_dm_control(source)
+        case Origin.FACTORY:
+            return _from_factory(source)
+
+
+@contextlib.contextmanager
+def blamed(what: str) -> Iterator[None]:
+    """Turn whatever the user's code raises into an InputError that names its file and line.
+
+    Args:
+      what: what failed, such as `its step`.
+
+    Raises:
+      InputError: the block raised.
+    """
+    try:
+        yield
+    except (MjbenchError, KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:  # it may be SystemExit
+        raise InputError(f"{what} raised {describe(error)}{place_of(error)}") from error
+
+
+def place_of(error: BaseException) -> str:
+    """Return the file and line that raised, such as ` (my_env.py:42)`; empty where unknown.
+
+    The innermost line of the user's own code is named, else the innermost of all.
+    """
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith((_OWN_FOLDER, "<frozen"))
+    ]
+    own = [frame for frame in frames if "site-packages" not in frame.filename]
+    for frame in reversed(own or frames):
+        return f" ({Path(frame.filename).name}:{frame.lineno})"
+    return ""
+
+
+def _from_gymnasium(source: EnvironmentSource) -> Any:
+    """Return what `gymnasium.make` makes of an id."""
+    gymnasium = _imported("gymnasium", extras.install_command("env"), source)
+    module, _, name = source.attribute.rpartition(":")
+    if module:
+        _enter(source.folder)
+        with blamed(f"importing {module}"):
+            importlib.import_module(module)
+    with blamed(f"making {source.name}"):
+        try:
+            return gymnasium.make(name)
+        except gymnasium.error.DependencyNotInstalled as error:
+            raise InputError(
+                f"{source.name} needs a package that is not installed here:"
+                f" {extras.install_command('env')}"
+            ) from error
+        except gymnasium.error.UnregisteredEnv as error:
+            raise _unknown(source, name, gymnasium.registry) from error
+
+
+def _from_dm_control(source: EnvironmentSource) -> Any:
+    """Return the environment of a task of dm_control's suite."""
+    _imported("dm_control", "python -m pip install dm_control", source)
+    with blamed(f"making {source.name}"):
+        from dm_control import suite
+
+        names = [f"dm_control:{domain}-{task}" for domain, task in suite.ALL_TASKS]
+        if source.name not in names:
+            raise _unknown(source, source.name, names)
+        return suite.load(source.module, source.attribute)
+
+
+def _from_factory(source: EnvironmentSource) -> Any:
+    """Return what a function of the user's returns."""
+    _enter(source.folder)
+    with blamed(f"importing {source.module}"):
+        try:
+            factory: Any = importlib.import_module(source.module)
+        except ModuleNotFoundError as error:
+            if error.name is None or not (source.module + ".").startswith(error.name + "."):
+                raise  # a module that the user's own imports
+            raise InputError(
+                f"{shown(source.name)}: no module {source.module} in this folder or installed"
+            ) from error
+    for name in source.attribute.split("."):
+        known = [word for word in dir(factory) if not word.startswith("_")]
+        try:
+            factory = getattr(factory, name)
+        except AttributeError:
+            raise InputError(f"{source.module} has no {name}{suggestion(name, known)}") from None
+    if not callable(factory):
+        raise InputError(
+            f"{shown(source.name)} is {type(factory).__name__}, not a function that returns an"
+            " environment"
+        )
+    with blamed(source.name):
+        return factory()
+
+
+def _enter(folder: Path) -> None:
+    """Work in the user's folder, and import from it."""
+    os.chdir(folder)
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+
+
+def _imported(package: str, command: str, source: EnvironmentSource) -> Any:
+    """Return a package.
+
+    Raises:
+      InputError: it is not installed, or cannot be imported.
+    """
+    try:
+        with blamed(f"importing {package}"):
+            return importlib.import_module(package)
+    except InputError as error:
+        if isinstance(error.__cause__, ModuleNotFoundError) and error.__cause__.name == package:
+            raise InputError(
+                f"{shown(source.name)}: {package} is not installed here: {command}"
+            ) from error
+        raise
+
+
+def _unknown(source: EnvironmentSource, name: str, names: Iterable[str]) -> InputError:
+    """Return the error for an environment that a package does not have."""
+    return InputError(f"{source.origin} has no environment {shown(name)}{suggestion(name, names)}")
