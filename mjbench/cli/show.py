@@ -114,12 +114,20 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
 
 
 def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
-    """Print what `overhead`, `profile`, `latency` or `plan` measured; return whether one did."""
+    """Print what `overhead`, `profile`, `latency`, `plan` or `env` measured; return if one did."""
     from mjbench.comparison.planning_run import PlanningRow
     from mjbench.loop.latency import LatencyRow
     from mjbench.loop.overhead import OverheadRow
     from mjbench.loop.profile import ProfileRow
-    from mjbench.report import documents, latency, overhead, planning
+    from mjbench.program.environment_records import EnvironmentRecord
+    from mjbench.report import (
+        documents,
+        environment,
+        environment_results,
+        latency,
+        overhead,
+        planning,
+    )
     from mjbench.report.profile import print_profile
 
     machine = stored.header.machine
@@ -141,6 +149,11 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
             planning.print_rows(run.out, list(of_size))
         planning.print_sizes(run.out, plans)
         run.write(documents.PlanDocument(machine=machine, results=plans))
+    elif environments := stored.of_type(EnvironmentRecord):
+        rows = [environment_results.derive(record) for record in environments]
+        for row in rows:
+            environment.print_environment(run.out, row)
+        run.write(documents.EnvDocument(machine=machine, results=rows))
     else:
         return False
     return True

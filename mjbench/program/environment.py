@@ -116,6 +116,7 @@ class _Measurement:
             compared_ns=[each.compared_ns for each in rounds if each.compared_ns is not None],
             reset_ns=[each.reset_ns for each in rounds],
             layered_ns=[each.layered_ns for each in rounds],
+            timer_ns=[each.timer_ns for each in rounds],
             timer_cost=ready.timer_cost,
             layers=self._layers(ready.facts.nstep),
             paths=[self._path(i) for i in self._reports],

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mjbench.errors import InputError, one_line
+from mjbench.program import environment_callees
 from mjbench.program.environment_callees import Callee
 from mjbench.program.environment_layers import Layer
 
@@ -53,20 +54,19 @@ class EnvironmentAdapter(ABC):
     def inner_steps(self) -> list[Callee]:
         """Return the steps inside the outermost one, as functions to time."""
         chain = [*self.wrappers, self.core]
-        return [
-            Callee(
-                each,
-                "step",
-                Layer.REST if each is self.core else Layer.WRAPPERS,
-                type(each).__name__,
-            )
-            for each in chain[1:]
-        ]
+        return [Callee(each, "step", *self._layer(each)) for each in chain[1:]]
 
     def outermost_layer(self) -> tuple[Layer, str]:
         """Return the layer that the time of the outermost step belongs to, and its name."""
-        layer = Layer.WRAPPERS if self.wrappers else Layer.REST
-        return layer, type(self.environment).__name__
+        return self._layer(self.environment)
+
+    def _layer(self, environment: Any) -> tuple[Layer, str]:
+        """Return the layer of the lines of a step, and how they are called."""
+        name = type(environment).__name__
+        if environment is not self.core:
+            return Layer.WRAPPERS, name
+        info = ", with info" if environment_callees.builds_info(environment) else ""
+        return Layer.REST, f"lines of {name}.step{info}"
 
     def resetting(self, seed: int) -> Callable[[], Any]:
         """Return a function that resets the environment to the start that a seed stands for.

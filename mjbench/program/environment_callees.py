@@ -72,6 +72,18 @@ def find(environment: object) -> list[Callee]:
     return list(found.values())
 
 
+def builds_info(environment: object) -> bool:
+    """Return whether the lines of `environment.step` put information together themselves."""
+    for function in _steps(environment):
+        tree = _tree(function)
+        for node in ast.walk(tree) if tree else ():
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict):
+                names = [name for target in node.targets for name in _names(target)]
+                if layer_of("", names) == Layer.INFO:
+                    return True
+    return False
+
+
 def _known_callees(callee: Callee) -> Iterator[Callee]:
     """Yield what a method calls on its own object that belongs to a layer by its name."""
     function = _function_of(callee.owner, callee.attribute)

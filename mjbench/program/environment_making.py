@@ -8,6 +8,7 @@ import contextlib
 import importlib
 import os
 import sys
+import sysconfig
 import traceback
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -24,6 +25,9 @@ from mjbench.instrument import extras
 from mjbench.program.environment_source import EnvironmentSource, Origin
 
 _OWN_FOLDER = str(Path(__file__).resolve().parents[1])
+_LIBRARY_FOLDERS = tuple(
+    sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")
+)
 
 
 def make(source: EnvironmentSource) -> Any:
@@ -64,17 +68,20 @@ def blamed(what: str) -> Iterator[None]:
 def place_of(error: BaseException) -> str:
     """Return the file and line that raised, such as ` (my_env.py:42)`; empty where unknown.
 
-    The innermost line of the user's own code is named, else the innermost of all.
+    Where that is in a library, the line of the user's own code that led there comes first.
     """
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith((_OWN_FOLDER, "<frozen"))
     ]
-    own = [frame for frame in frames if "site-packages" not in frame.filename]
-    for frame in reversed(own or frames):
-        return f" ({Path(frame.filename).name}:{frame.lineno})"
-    return ""
+    if not frames:
+        return ""
+    own = [frame for frame in frames if not frame.filename.startswith(_LIBRARY_FOLDERS)]
+    places = dict.fromkeys(
+        f"{Path(frame.filename).name}:{frame.lineno}" for frame in (*own[-1:], frames[-1])
+    )
+    return f" ({', from '.join(places)})"
 
 
 def _from_gymnasium(source: EnvironmentSource) -> Any:

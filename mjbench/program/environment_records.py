@@ -157,6 +157,7 @@ class EnvironmentRecord:
       compared_ns: of plain passes, over the steps that the comparison covers alone.
       reset_ns: of a reset, in plain passes.
       layered_ns: of passes in which functions were timed, with the timer's cost.
+      timer_ns: by which a step took longer because functions were timed, the median of all steps.
       timer_cost: what a call of a timed function costs at least.
       layers: what each function took.
       paths: the same physics by other paths.
@@ -176,6 +177,7 @@ class EnvironmentRecord:
     compared_ns: Sequence[float] = field(default=())
     reset_ns: Sequence[float] = field(default=())
     layered_ns: Sequence[float] = field(default=())
+    timer_ns: Sequence[float] = field(default=())
     timer_cost: TimerCost | None = None
     layers: Sequence[LayerSamples] = field(default=())
     paths: Sequence[PathSamples] = field(default=())

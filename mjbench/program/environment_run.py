@@ -91,6 +91,7 @@ class EnvironmentRound:
       compared_ns: of its steps that the comparison covers; None without a comparison.
       reset_ns: of a reset in it.
       layered_ns: of the layered pass, with the timer's cost.
+      timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
       layers: what each function took in all steps of it.
       path_ns: of each path, by the index of its variant.
       cores: that threads got.
@@ -100,6 +101,7 @@ class EnvironmentRound:
     compared_ns: float | None
     reset_ns: float
     layered_ns: float
+    timer_ns: float
     layers: tuple[LayerTime, ...]
     path_ns: Mapping[int, float]
     cores: float
@@ -328,6 +330,7 @@ class _Turns:
             compared,
             float(np.mean(plain.reset_ns)),
             float(layered.times.step_ns.mean()),
+            float(np.median(layered.times.step_ns - plain.step_ns)),
             tuple(layered.layers),
             path_ns,
             cores,

@@ -18,7 +18,7 @@ from mjbench.errors import InputError, describe
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
 from mjbench.program import environment_adapter, environment_making
-from mjbench.program.environment_adapter import EnvironmentAdapter
+from mjbench.program.environment_adapter import EnvironmentAdapter, GymnasiumAdapter
 from mjbench.program.environment_records import EnvironmentRecord, VectorForm, VectorSamples
 from mjbench.program.environment_source import EnvironmentSource
 from mjbench.status import Status
@@ -195,9 +195,8 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     each round, and another `FormReport` for each form that was wrong in a timed block.
     """
     channel.doing("making the environment for its vectorised forms")
-    environment = environment_making.make(request.source)
-    adapter = environment_adapter.adapt(environment)
-    reason = _no_forms(environment)
+    adapter = environment_adapter.adapt(environment_making.make(request.source))
+    reason = _no_forms(adapter)
     if reason:
         channel.send(NoForms(reason))
         return
@@ -210,6 +209,11 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     for single in singles:
         single.run()
         channel.allow_silence(0.0)
+    if not singles[0].repeats():
+        channel.send(
+            NoForms("after the same reset(seed=…) and actions, it observes something else")
+        )
+        return
     forms: dict[int, _Form] = {}
     for index, (kind, nenv) in enumerate(plan.forms()):
         if index in request.exclude:
@@ -226,13 +230,15 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
         form.close()
 
 
-def _no_forms(environment: Any) -> str:
+def _no_forms(adapter: EnvironmentAdapter) -> str:
     """Return why there are no vectorised forms of an environment; empty where there are."""
+    if not isinstance(adapter, GymnasiumAdapter):
+        return "only Gymnasium has them"
     try:
         import gymnasium
     except ImportError:
         return "Gymnasium, which has them, is not installed here"
-    if not isinstance(environment, gymnasium.Env):
+    if not isinstance(adapter.environment, gymnasium.Env):
         return "it is no gymnasium.Env"
     return ""
 
@@ -246,6 +252,12 @@ class _Single:
         self.seed = seed
         self.actions = adapter.draw_actions(nstep, seed)
         self.observations: list[Any] = []
+
+    def repeats(self) -> bool:
+        """Return whether another run observes the same as the last one."""
+        before = self.observations
+        self.run()
+        return _leaves(before) == _leaves(self.observations)
 
     def run(self) -> float:
         """Take all steps, keep copies of the observations, and return the seconds of the steps.
@@ -432,6 +444,14 @@ def _copied(observation: Any) -> Any:
         case np.ndarray() | np.generic() | float() | int():
             return np.array(observation)
     raise InputError(f"an observation of type {type(observation).__name__} cannot be compared")
+
+
+def _leaves(observation: Any) -> list[bytes]:
+    """Return the bytes of every array in a copied observation."""
+    if isinstance(observation, np.ndarray):
+        return [observation.tobytes()]
+    values = observation.values() if isinstance(observation, dict) else observation
+    return [leaf for value in values for leaf in _leaves(value)]
 
 
 def _equal(single: Any, batched: Any, i: int) -> bool:

@@ -1,9 +1,10 @@
 """What follows from the samples of an environment: shares of its step, speeds, and speed-ups.
 
 The timer of the layers costs time. What one of its calls costs beside this environment is the
-difference between steps with and without it, divided by the calls; it is not taken to be less than
-what a loop of such calls shows. Every layer is then without what its calls cost. What the layers
-add up to, compared with steps that were timed as a whole, shows how well that worked.
+median difference between the same step with and without it, divided by the calls; it is not taken
+to be less than what a loop of such calls shows. Every layer is then without what its calls cost.
+What the layers add up to, compared with steps that were timed as a whole, shows how well that
+worked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mjbench import paths
 from mjbench.instrument import stats
 from mjbench.instrument.stats import Estimate
 from mjbench.program.environment_layers import Layer
@@ -101,6 +103,7 @@ class PhysicsPathRow:
       env_steps_per_s: as many as the environment's steps have physics.
       steps_per_s: of the engine.
       speedup: over steps of the environment, round by round.
+      over_loop: speed-up over the plain loop, round by round.
     """
 
     path: str
@@ -111,6 +114,7 @@ class PhysicsPathRow:
     env_steps_per_s: float | None = None
     steps_per_s: float | None = None
     speedup: Estimate | None = None
+    over_loop: Estimate | None = None
 
 
 @dataclass(frozen=True)
@@ -176,6 +180,12 @@ class EnvironmentRow:
     vectors: Sequence[VectorRow] = field(default=())
     no_vectors: str = ""
 
+    def statuses(self) -> list[Status]:
+        """Return how everything ended: the whole, its physics, its paths and vectorised forms."""
+        check = [self.check.status] if self.check else []
+        paths = [path.status for path in self.paths]
+        return [self.status, *check, *paths, *(vector.status for vector in self.vectors)]
+
     def share(self, layer: Layer) -> float:
         """Return the share of a layer; 0 where nothing belongs to it."""
         return next((row.share.median for row in self.layers if row.layer == layer), 0.0)
@@ -223,16 +233,15 @@ class _Layers:
         self._calls = sum(sample.timed_calls for sample in record.layers)
         cost = record.timer_cost
         assert cost is not None, "it was timed"
-        added_ns = np.array(record.layered_ns) - self._plain_ns
-        self._added_ns = float(np.median(added_ns))
-        self._call_ns = max(cost.total_ns, self._added_ns / self._calls if self._calls else 0.0)
+        added_ns = float(np.median(record.timer_ns))
+        self._call_ns = max(cost.total_ns, added_ns / self._calls if self._calls else 0.0)
         inside = cost.inside_ns / cost.total_ns if cost.total_ns else 0.5
         self._inside_ns, self._outside_ns = inside * self._call_ns, (1 - inside) * self._call_ns
 
     def _ns(self, sample: LayerSamples) -> np.ndarray:
         """Return (rounds,) nanoseconds of a function, per step."""
         cost_ns = sample.timed_calls * self._inside_ns + sample.inner_calls * self._outside_ns
-        return np.maximum(np.array(sample.ns) - cost_ns, 0.0)
+        return np.array(sample.ns) - cost_ns
 
     def rows(self, step_ns: float) -> list[LayerRow]:
         """Return the layers, the one with the largest share first.
@@ -273,12 +282,14 @@ def _reset(record: EnvironmentRecord) -> ResetRow:
 
 def _paths(record: EnvironmentRecord) -> list[PhysicsPathRow]:
     frame_skip = record.facts.frame_skip if record.facts else None
+    loop_ns = next((samples.ns for samples in record.paths if samples.path == paths.BASE), ())
     rows = []
     for samples in record.paths:
-        speed = speedup = None
+        speed = speedup = over_loop = None
         if samples.ns:
             speed = 1e9 / float(np.median(samples.ns))
             speedup = stats.speedup_in_common(record.compared_ns, samples.ns)
+            over_loop = stats.speedup_in_common(loop_ns, samples.ns) if loop_ns else None
         rows.append(
             PhysicsPathRow(
                 samples.path,
@@ -289,6 +300,7 @@ def _paths(record: EnvironmentRecord) -> list[PhysicsPathRow]:
                 speed,
                 None if speed is None or frame_skip is None else speed * frame_skip,
                 speedup,
+                over_loop,
             )
         )
     return rows
