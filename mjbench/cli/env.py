@@ -6,10 +6,22 @@ import click
 
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import COUNT, JSON, LIMIT, RESULTS, SEED_NUMBER, WAIT, Numbers, with_options
+from mjbench.cli.shared import (
+    JSON,
+    LIMIT,
+    RESULTS,
+    SEED_NUMBER,
+    WAIT,
+    Numbers,
+    Seconds,
+    with_options,
+)
 from mjbench.errors import MjbenchError, failure_of
 from mjbench.instrument.limits import MAX_THREADS
 from mjbench.status import Status
+
+# Steps of an environment that are recorded at most: each holds two states and its controls.
+MAX_NSTEP = 100_000
 
 
 @cli.command()
@@ -17,7 +29,7 @@ from mjbench.status import Status
 @click.option(
     "--steps",
     "nstep",
-    type=COUNT,
+    type=click.IntRange(1, MAX_NSTEP),
     help="Steps of the environment that are recorded and then repeated in every round"
     "  [default: what takes 0.1 s, at least 50 and at most 1000]",
 )
@@ -37,6 +49,14 @@ from mjbench.status import Status
     type=Numbers(MAX_THREADS),
     help="Environments of vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Seconds(zero=True),
+    default="10s",
+    show_default=True,
+    help="Time for all rounds, and as much again for those of vectorised forms.",
+)
 @click.option("--no-vector", is_flag=True, help="Leave vectorised forms out.")
 @with_options(LIMIT, RESULTS, WAIT, JSON)
 def env(
@@ -45,6 +65,7 @@ def env(
     seed: int,
     threads: list[int] | None,
     nenv: list[int] | None,
+    budget_s: float,
     no_vector: bool,
     time_limit: float,
     results: Path,
@@ -76,7 +97,8 @@ def env(
     sources = [environment_source.resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
     counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
-    plan = EnvironmentPlan(nstep, seed, tuple(threads or sorted({1, cores})), counts, time_limit)
+    nthread = tuple(threads or sorted({1, cores}))
+    plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
     rows: list[EnvironmentRow] = []
     storage = Storage(results, {"environments": list(names), "plan": plan})
     with RunContext("env", json_file, [], storage, wait) as run:

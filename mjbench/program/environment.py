@@ -37,6 +37,7 @@ class EnvironmentPlan:
       seed: of actions and resets.
       threads: of paths that have threads.
       nenv: numbers of environments in vectorised forms; none for no such forms.
+      budget_s: seconds for all rounds of the environment, and again for those of vectorised forms.
       limit_s: a child that is silent for longer is killed.
     """
 
@@ -44,6 +45,7 @@ class EnvironmentPlan:
     seed: int
     threads: tuple[int, ...]
     nenv: tuple[int, ...]
+    budget_s: float
     limit_s: float
 
 
@@ -60,7 +62,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     try:
         ended = isolate.run(
             "mjbench.program.environment_run:measure_in_child",
-            EnvironmentRequest(source, plan.seed, plan.nstep, variants),
+            EnvironmentRequest(source, plan.seed, plan.nstep, variants, plan.budget_s),
             measurement.receive,
             plan.limit_s,
         )
@@ -69,7 +71,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     record = measurement.record(ended)
     if record.status != Status.OK or not plan.nenv:
         return record
-    vector_plan = VectorPlan(plan.seed, plan.nenv, plan.limit_s)
+    vector_plan = VectorPlan(plan.seed, plan.nenv, plan.budget_s, plan.limit_s)
     return environment_vectors.added(record, source, vector_plan)
 
 

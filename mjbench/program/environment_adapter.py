@@ -6,6 +6,7 @@ robosuite's a pair `action_spec`. Physics is found elsewhere, from the engine's 
 `environment_recording`).
 """
 
+import contextlib
 import random
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -51,6 +52,17 @@ class EnvironmentAdapter(ABC):
         """The classes of the wrappers, the outermost first."""
         return [type(wrapper).__name__ for wrapper in self.wrappers]
 
+    def versions(self) -> dict[str, str]:
+        """Return the versions of the packages that its classes come from, by their names."""
+        import importlib.metadata
+
+        classes = [kind for each in (*self.wrappers, self.core) for kind in type(each).__mro__]
+        found = {}
+        for package in sorted({kind.__module__.partition(".")[0] for kind in classes}):
+            with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+                found[package] = importlib.metadata.version(package)
+        return found
+
     def inner_steps(self) -> list[Callee]:
         """Return the steps inside the outermost one, as functions to time."""
         chain = [*self.wrappers, self.core]
@@ -89,7 +101,11 @@ class EnvironmentAdapter(ABC):
 
     @abstractmethod
     def is_over(self, outcome: Any) -> bool:
-        """Return whether an episode ended with the step that returned `outcome`."""
+        """Return whether an episode ended with the step that returned `outcome`.
+
+        Raises:
+          InputError: no step of this framework returns that.
+        """
 
     @abstractmethod
     def reward(self, outcome: Any) -> float | None:
@@ -119,7 +135,8 @@ class GymnasiumAdapter(EnvironmentAdapter):
         return lambda: reset()
 
     def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`."""
+        """See `EnvironmentAdapter.is_over`; after two values come one flag or two."""
+        _check_tuple(outcome, (4, 5))
         return any(bool(flag) for flag in outcome[2:-1])
 
     def reward(self, outcome: Any) -> float | None:
@@ -146,6 +163,8 @@ class DmControlAdapter(EnvironmentAdapter):
 
     def is_over(self, outcome: Any) -> bool:
         """See `EnvironmentAdapter.is_over`."""
+        if not callable(getattr(outcome, "last", None)):
+            raise InputError(f"its step returned {_described(outcome)}, not a dm_env.TimeStep")
         return bool(outcome.last())
 
     def reward(self, outcome: Any) -> float | None:
@@ -170,6 +189,7 @@ class RobosuiteAdapter(EnvironmentAdapter):
 
     def is_over(self, outcome: Any) -> bool:
         """See `EnvironmentAdapter.is_over`."""
+        _check_tuple(outcome, (4,))
         return bool(outcome[2])
 
     def reward(self, outcome: Any) -> float | None:
@@ -263,6 +283,22 @@ def _seed_generator(value: object, seed: int) -> None:
     elif isinstance(value, np.random.Generator):
         bits = value.bit_generator
         bits.state = type(bits)(seed).state
+
+
+def _check_tuple(outcome: Any, lengths: Sequence[int]) -> None:
+    """Refuse what a step returned unless it is a tuple of one of these lengths.
+
+    Raises:
+      InputError: it is something else.
+    """
+    if not isinstance(outcome, tuple) or len(outcome) not in lengths:
+        expected = " or ".join(map(str, lengths))
+        raise InputError(f"its step returned {_described(outcome)}, not {expected} values")
+
+
+def _described(outcome: Any) -> str:
+    kind = type(outcome).__name__
+    return f"{len(outcome)} values" if isinstance(outcome, tuple) else kind
 
 
 def _accepts(function: Callable[..., Any], keyword: str) -> bool:

@@ -24,6 +24,7 @@ class EnvironmentFacts:
       framework: whose it is, such as `Gymnasium`.
       core: class of the innermost environment.
       wrappers: classes of the environments around it, the outermost first.
+      versions: of the packages that these classes come from, by name.
       seed: of the actions and of the first reset.
       nstep: steps of the environment that were recorded.
       nepisode: episodes that were begun.
@@ -38,6 +39,7 @@ class EnvironmentFacts:
     framework: str
     core: str
     wrappers: Sequence[str]
+    versions: Mapping[str, str]
     seed: int
     nstep: int
     nepisode: int

@@ -38,8 +38,8 @@ from mjbench.status import Status
 _FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
 # Steps of a pass unless the user says: as many as take this long, within these bounds.
 PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
-# Seconds for all rounds, and the fewest and most of them; a 95 % interval needs six.
-BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS = 12.0, 7, 100
+# The fewest and most rounds; a 95 % interval needs six.
+LEAST_ROUNDS, MOST_ROUNDS = 7, 100
 # A child may be silent for this many times as long as its work should take.
 _PATIENCE = 20
 # How often the parent is told that steps are being taken, in seconds.
@@ -62,7 +62,7 @@ class EnvironmentRequest:
     seed: int
     nstep: int | None
     variants: tuple[Variant, ...]
-    budget_s: float = BUDGET_S
+    budget_s: float
 
 
 @dataclass(frozen=True)
@@ -229,6 +229,7 @@ def _facts(
         framework=adapter.framework,
         core=type(adapter.core).__name__,
         wrappers=adapter.wrapper_names,
+        versions=adapter.versions(),
         seed=seed,
         nstep=len(recording.steps),
         nepisode=len(times.reset_ns),

@@ -25,7 +25,7 @@ from mjbench.status import Status
 
 # Steps of a block: as many as take one environment this long, within these bounds.
 BLOCK_S, LEAST_NSTEP, MOST_NSTEP = 0.2, 20, 1000
-BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS = 8.0, 7, 60
+LEAST_ROUNDS, MOST_ROUNDS = 7, 100
 _PATIENCE = 20
 
 
@@ -36,11 +36,13 @@ class VectorPlan:
     Attributes:
       seed: of actions and resets.
       nenv: numbers of environments.
+      budget_s: seconds for all rounds.
       limit_s: a child that is silent for longer is killed.
     """
 
     seed: int
     nenv: tuple[int, ...]
+    budget_s: float
     limit_s: float
 
     def forms(self) -> list[tuple[VectorForm, int]]:
@@ -408,7 +410,7 @@ def _time(
     for number in range(MOST_ROUNDS):
         channel.allow_silence(_PATIENCE * longest_s)
         round_begin = time.perf_counter()
-        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > BUDGET_S:
+        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.plan.budget_s:
             break
         channel.send(round_of_all())
         longest_s = max(longest_s, time.perf_counter() - round_begin)

@@ -57,6 +57,8 @@ def alone(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | str:
     if recording.difference is not None:
         return "a plain mj_step from the same state does not reach the same state"
     stepped = [trace for trace in recording.steps if trace is not None]
+    if not stepped:
+        return "the environment never steps the engine"
     written = sorted({name for trace in stepped for name in trace.written})
     if written:
         return f"the environment writes {_listed(written)} between steps of the engine"

@@ -2,7 +2,7 @@
 
 from rich.console import Console
 
-from mjbench.comparison.plan import describe_options
+from mjbench.comparison.plan import Variant, describe_options
 from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE
 from mjbench.program.environment_layers import Layer
@@ -274,7 +274,7 @@ def _print_vectors(out: Console, row: EnvironmentRow) -> None:
 def notes(row: EnvironmentRow) -> list[str]:
     """Return what went wrong with a path or a vectorised form, and what limits the figures."""
     lines = [
-        f"{path.path} {describe_options(path.options)}: {path.status}: {path.detail}"
+        f"{Variant(path.path, path.options)}: {path.status}: {path.detail}"
         for path in row.paths
         if path.status not in (Status.OK, Status.UNAVAILABLE)
     ]
