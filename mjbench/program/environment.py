@@ -140,7 +140,7 @@ class _Measurement:
                 [each[key].ns / nstep for each in by_round],
             )
             for key, counted in first.items()
-            if counted.calls and all(key in each for each in by_round)
+            if all(key in each for each in by_round)
         ]
 
     def _path(self, index: int) -> PathSamples:

@@ -54,7 +54,7 @@ class LayeredPass:
 
     Attributes:
       times: of the same steps.
-      layers: what each function took, with the timer's cost.
+      layers: what each function that was called took, with the timer's cost.
     """
 
     times: Pass
@@ -139,7 +139,8 @@ class EnvironmentPasses:
             rng.shuffle(both)
             remaining = [replay.run_episode() for replay in both]
             goes_on = any(remaining)
-        return plain.result(), LayeredPass(layered.result(), timer.layers())
+        called = [layer for layer in timer.layers() if layer.calls]
+        return plain.result(), LayeredPass(layered.result(), called)
 
     def _begin_plain(self) -> contextlib.AbstractContextManager[Callable[[Any], tuple[Any, int]]]:
         """Prepare an episode whose steps are timed as a whole."""

@@ -23,6 +23,7 @@ needs_gymnasium = pytest.mark.skipif(
 
 # An environment of Gymnasium that needs no MuJoCo: a point that ends its episode at a border.
 POINT = """
+import multiprocessing
 import os
 import gymnasium
 import numpy as np
@@ -62,10 +63,10 @@ class Clumsy(Point):
         return place + 0.1 * (Clumsy.alive > 2), *rest
 
 class Fragile(Point):
-    "Ends every process but that which was there first."
+    "Ends the processes of AsyncVectorEnv."
 
     def step(self, action):
-        if os.getppid() != int(os.environ["FIRST_PARENT"]) :
+        if multiprocessing.parent_process() is not None:
             os._exit(3)
         return super().step(action)
 """
@@ -79,7 +80,7 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 def added(folder: Path, name: str, plan: VectorPlan = PLAN) -> EnvironmentRecord:
     (folder / "point_env.py").write_text(POINT)
     source = resolve(f"point_env:{name}", folder)
-    return environment_vectors.added(record(step_ns=[1e6] * 7), source, plan)
+    return environment_vectors.added(record(step_ns=[1e6] * 7, vectors=[]), source, plan)
 
 
 @needs_gymnasium
@@ -109,6 +110,18 @@ def test_a_form_that_observes_something_else_gets_no_speed(tmp_path: Path) -> No
     wrong = by_form[VectorForm.SYNC, 2]
     assert (wrong.status, wrong.ns) == (Status.DISAGREES, ())
     assert "observes something else after step" in wrong.detail
+
+
+@needs_gymnasium
+def test_a_form_that_crashes_costs_its_own_row(tmp_path: Path) -> None:
+    by_form = {(v.form, v.nenv): v for v in added(tmp_path, "Fragile").vectors}
+    assert by_form[VectorForm.SYNC, 2].status == Status.OK
+    assert len(by_form[VectorForm.SYNC, 2].ns) >= 7
+    for nenv in (1, 2):
+        failed = by_form[VectorForm.ASYNC, nenv]
+        assert failed.status in (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
+        assert failed.detail
+        assert failed.ns == ()
 
 
 @pytest.mark.parametrize(
