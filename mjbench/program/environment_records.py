@@ -9,6 +9,14 @@ from enum import StrEnum
 from typing import Any, ClassVar
 
 from mjbench.errors import Failure
+from mjbench.instrument.bounds import (
+    AnyFloat,
+    Nanoseconds,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 from mjbench.program.environment_layers import Layer
 from mjbench.program.environment_recording import ModelChange
 from mjbench.program.environment_timer import TimerCost
@@ -40,12 +48,12 @@ class EnvironmentFacts:
     core: str
     wrappers: Sequence[str]
     versions: Mapping[str, str]
-    seed: int
-    nstep: int
-    nepisode: int
-    episode_nstep: float | None
+    seed: NonNegativeInt
+    nstep: PositiveInt
+    nepisode: PositiveInt
+    episode_nstep: PositiveFloat | None
     repeats: bool
-    frame_skip: int | None
+    frame_skip: PositiveInt | None
     calls: Sequence[str]
     entered: Sequence[str]
     model: ModelFacts | None
@@ -68,9 +76,9 @@ class PhysicsCheck:
 
     status: Status
     detail: str
-    checked: int
-    covered: int = 0
-    run: int | None = None
+    checked: NonNegativeInt
+    covered: NonNegativeInt = 0
+    run: PositiveInt | None = None
     holds: bool | None = None
 
 
@@ -89,10 +97,10 @@ class LayerSamples:
 
     layer: Layer
     name: str
-    calls: float
-    timed_calls: float
-    inner_calls: float
-    ns: Sequence[float]
+    calls: NonNegativeFloat
+    timed_calls: NonNegativeFloat
+    inner_calls: NonNegativeFloat
+    ns: Sequence[NonNegativeFloat]
 
 
 @dataclass(frozen=True)
@@ -113,7 +121,7 @@ class PathSamples:
     closed_loop: bool
     status: Status
     detail: str
-    ns: Sequence[float] = ()
+    ns: Sequence[Nanoseconds] = ()
 
 
 class VectorForm(StrEnum):
@@ -137,11 +145,20 @@ class VectorSamples:
     """
 
     form: VectorForm
-    nenv: int
+    nenv: PositiveInt
     status: Status
     detail: str = ""
-    ns: Sequence[float] = ()
-    single_ns: Sequence[float] = ()
+    ns: Sequence[Nanoseconds] = ()
+    single_ns: Sequence[Nanoseconds] = ()
+
+    def __post_init__(self) -> None:
+        """Check that each round has both times.
+
+        Raises:
+          ValueError: it has not.
+        """
+        if len(self.ns) != len(self.single_ns):
+            raise ValueError("ns and single_ns differ in length")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,17 +192,34 @@ class EnvironmentRecord:
     facts: EnvironmentFacts | None = None
     check: PhysicsCheck | None = None
     changes: Sequence[ModelChange] = field(default=())
-    step_ns: Sequence[float] = field(default=())
-    compared_ns: Sequence[float] = field(default=())
-    reset_ns: Sequence[float] = field(default=())
-    layered_ns: Sequence[float] = field(default=())
-    timer_ns: Sequence[float] = field(default=())
+    step_ns: Sequence[Nanoseconds] = field(default=())
+    compared_ns: Sequence[Nanoseconds] = field(default=())
+    reset_ns: Sequence[NonNegativeFloat] = field(default=())
+    layered_ns: Sequence[Nanoseconds] = field(default=())
+    timer_ns: Sequence[AnyFloat] = field(default=())
     timer_cost: TimerCost | None = None
     layers: Sequence[LayerSamples] = field(default=())
     paths: Sequence[PathSamples] = field(default=())
-    cores: Sequence[float] = field(default=())
+    cores: Sequence[PositiveFloat] = field(default=())
     vectors: Sequence[VectorSamples] = field(default=())
     no_vectors: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that what was timed is described, and that every round has all its times.
+
+        Raises:
+          ValueError: it is not.
+        """
+        rounds = len(self.step_ns)
+        if rounds and (self.facts is None or self.timer_cost is None or not self.layers):
+            raise ValueError(
+                "it was timed, but its facts, its timer's cost or its layers are missing"
+            )
+        each_round = [self.reset_ns, self.layered_ns, self.timer_ns, *(s.ns for s in self.layers)]
+        if any(len(samples) != rounds for samples in each_round):
+            raise ValueError("step_ns and the other times of rounds differ in length")
+        if any(path.ns for path in self.paths) and not self.compared_ns:
+            raise ValueError("paths were timed, but compared_ns is missing")
 
     @classmethod
     def failed(cls, environment: str, failure: Failure) -> "EnvironmentRecord":

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.instrument.bounds import NonNegativeFloat
 from mjbench.loop.engine_functions import EngineFunction
 from mjbench.program import environment_engine
 from mjbench.program.environment_callees import Callee
@@ -35,8 +36,8 @@ class TimerCost:
       outside_ns: charged to its caller.
     """
 
-    inside_ns: float
-    outside_ns: float
+    inside_ns: NonNegativeFloat
+    outside_ns: NonNegativeFloat
 
     @property
     def total_ns(self) -> float:

@@ -9,7 +9,7 @@ from mjbench.program.environment_layers import Layer
 from mjbench.program.environment_recording import Moment
 from mjbench.program.environment_records import EnvironmentFacts
 from mjbench.report import tables
-from mjbench.report.environment_results import EnvironmentRow, VectorRow
+from mjbench.report.environment_results import EnvironmentRow, VectorRow, nthread
 from mjbench.status import Status
 
 # Layers that the first sentence names beside physics: from this share on, and so many.
@@ -91,7 +91,7 @@ def _rival(row: EnvironmentRow, closed_loop: bool) -> str:
         return ""
     fastest = max(rivals, key=lambda path: path.speedup.median if path.speedup else 0.0)
     assert fastest.speedup is not None, "it was timed"
-    threads = fastest.options.get("threads", 1)
+    threads = nthread(fastest.options)
     place = f" on {threads} threads" if threads > 1 else ""
     loop = "a policy can choose each control" if closed_loop else "open loop"
     return f"{_times(fastest.speedup)} by {fastest.path}{place} ({loop})"
@@ -285,7 +285,7 @@ def notes(row: EnvironmentRow) -> list[str]:
     ]
     if row.no_vectors:
         lines.append(f"No vectorised forms: {row.no_vectors}.")
-    threads = max((path.options.get("threads", 1) for path in row.paths), default=1)
+    threads = max((nthread(path.options) for path in row.paths), default=1)
     if row.cores is not None and threads > 1 and row.cores < _FEW_CORES * threads:
         lines.append(
             f"Threads got {tables.plain(row.cores, 2)} of {threads} cores: other programs were"

@@ -27,6 +27,9 @@ from mjbench.program.environment_records import (
 )
 from mjbench.status import Status
 
+# Less than any clock tells.
+_LEAST_NS = 1e-3
+
 
 @dataclass(frozen=True)
 class FunctionRow:
@@ -191,6 +194,12 @@ class EnvironmentRow:
         return next((row.share.median for row in self.layers if row.layer == layer), 0.0)
 
 
+def nthread(options: Mapping[str, Any]) -> int:
+    """Return the threads of a path; 1 where it has none."""
+    threads = options.get("threads")
+    return threads if isinstance(threads, int) else 1
+
+
 def derive(record: EnvironmentRecord) -> EnvironmentRow:
     """Return the row of a record."""
     facts = record.facts
@@ -264,7 +273,9 @@ class _Layers:
         return sorted(rows, key=lambda row: -row.share.median)
 
     def _total(self) -> np.ndarray:
-        return np.asarray(np.sum([self._ns(sample) for sample in self._samples], axis=0))
+        """Return (rounds,) nanoseconds of all layers together; never 0, as it divides."""
+        total = np.sum([self._ns(sample) for sample in self._samples], axis=0)
+        return np.asarray(np.maximum(total, _LEAST_NS))
 
     def timer(self) -> TimerRow:
         """Return what timing cost."""

@@ -98,7 +98,9 @@ def test_what_was_not_timed_has_no_figures() -> None:
     row = derive(EnvironmentRecord(environment="Robot-v0", status=Status.FAILED, detail="no"))
     assert (row.step_ns, row.layers, row.timer, row.rounds) == (None, (), None, 0)
     assert row.statuses() == [Status.FAILED]
-    untimed = derive(record(step_ns=[], layers=[]))
+    untimed = derive(
+        record(step_ns=[], reset_ns=[], layered_ns=[], timer_ns=[], layers=[], paths=[])
+    )
     assert untimed.step_ns is None
     assert untimed.check is not None
 
