@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from commands import PYTHONPATH, TESTS
-from example_environment_records import record
+from example_environment_records import record as invented_record
 
 from mjbench.program import environment
 from mjbench.program.environment import EnvironmentPlan
@@ -31,64 +31,64 @@ def measured(factory: str, **plan: Any) -> EnvironmentRecord:
 
 
 def test_an_environment_is_measured_and_compared() -> None:
-    measurement = measured("wrapped")
-    assert (measurement.status, measurement.detail) == (Status.OK, "")
-    assert measurement.facts is not None
-    assert measurement.facts.wrappers == ["Outer", "Wrapper"]
-    assert (measurement.facts.nstep, measurement.facts.nepisode) == (40, 3)
-    assert measurement.facts.episode_nstep == 15.0
-    assert measurement.facts.calls == ["mj_step(nstep=4)"]
-    assert measurement.check is not None
-    assert (measurement.check.status, measurement.check.checked, measurement.check.covered) == (
+    record = measured("wrapped")
+    assert (record.status, record.detail) == (Status.OK, "")
+    assert record.facts is not None
+    assert record.facts.wrappers == ["Outer", "Wrapper"]
+    assert (record.facts.nstep, record.facts.nepisode) == (40, 3)
+    assert record.facts.episode_nstep == 15.0
+    assert record.facts.calls == ["mj_step(nstep=4)"]
+    assert record.check is not None
+    assert (record.check.status, record.check.checked, record.check.covered) == (
         Status.OK,
         40,
         40,
     )
-    rounds = len(measurement.step_ns)
+    rounds = len(record.step_ns)
     assert rounds >= 7
     for samples in (
-        measurement.compared_ns,
-        measurement.reset_ns,
-        measurement.layered_ns,
-        measurement.cores,
+        record.compared_ns,
+        record.reset_ns,
+        record.layered_ns,
+        record.cores,
     ):
         assert len(samples) == rounds
         assert min(samples) > 0
-    assert {layer.layer for layer in measurement.layers} >= {
+    assert {layer.layer for layer in record.layers} >= {
         Layer.PHYSICS,
         Layer.WRAPPERS,
         Layer.REWARD,
     }
-    for layer in measurement.layers:
+    for layer in record.layers:
         assert len(layer.ns) == rounds
-    sums = [sum(ns) for ns in zip(*(layer.ns for layer in measurement.layers), strict=True)]
-    assert sums == pytest.approx(measurement.layered_ns)
-    assert measurement.paths[0].path == "python_loop"
-    for path in measurement.paths:
+    sums = [sum(ns) for ns in zip(*(layer.ns for layer in record.layers), strict=True)]
+    assert sums == pytest.approx(record.layered_ns)
+    assert record.paths[0].path == "python_loop"
+    for path in record.paths:
         assert path.status in (Status.OK, Status.UNAVAILABLE)
         assert len(path.ns) == (rounds if path.status == Status.OK else 0)
 
 
 @pytest.mark.parametrize("factory", ["dm_control", "robosuite"])
 def test_other_frameworks_are_measured_as_well(factory: str) -> None:
-    measurement = measured(factory)
-    assert measurement.facts is not None
-    assert (measurement.status, measurement.facts.framework) == (Status.OK, factory)
-    assert measurement.check is not None
-    assert measurement.check.status == Status.OK
-    assert measurement.paths[0].ns
+    record = measured(factory)
+    assert record.facts is not None
+    assert (record.status, record.facts.framework) == (Status.OK, factory)
+    assert record.check is not None
+    assert record.check.status == Status.OK
+    assert record.paths[0].ns
 
 
 def test_a_changed_model_is_said_and_not_compared() -> None:
-    measurement = measured("NewGravity")
-    assert measurement.status == Status.OK
-    assert measurement.changes[0].field == "opt.gravity"
-    assert measurement.changes[0].moment == Moment.STEP
-    assert measurement.check is not None
-    assert measurement.check.status == Status.UNAVAILABLE
-    assert "opt.gravity" in measurement.check.detail
-    assert measurement.paths == []
-    assert len(measurement.step_ns) >= 7  # its own times are there
+    record = measured("NewGravity")
+    assert record.status == Status.OK
+    assert record.changes[0].field == "opt.gravity"
+    assert record.changes[0].moment == Moment.STEP
+    assert record.check is not None
+    assert record.check.status == Status.UNAVAILABLE
+    assert "opt.gravity" in record.check.detail
+    assert record.paths == []
+    assert len(record.step_ns) >= 7  # its own times are there
 
 
 @pytest.mark.parametrize(
@@ -100,11 +100,11 @@ def test_a_changed_model_is_said_and_not_compared() -> None:
     ],
 )
 def test_what_cannot_be_compared_has_its_reason(factory: str, status: Status, detail: str) -> None:
-    measurement = measured(factory)
-    assert measurement.check is not None
-    assert measurement.check.status == status
-    assert detail in measurement.check.detail
-    assert measurement.paths == []
+    record = measured(factory)
+    assert record.check is not None
+    assert record.check.status == status
+    assert detail in record.check.detail
+    assert record.paths == []
 
 
 @pytest.mark.parametrize(
@@ -123,15 +123,15 @@ def test_what_cannot_be_compared_has_its_reason(factory: str, status: Status, de
     ],
 )
 def test_what_is_wrong_with_an_environment_is_one_line(factory: str, detail: str) -> None:
-    measurement = measured(factory)
-    assert measurement.status == Status.INPUT
-    assert detail in measurement.detail
-    assert measurement.detail.isprintable()
-    assert measurement.facts is None
+    record = measured(factory)
+    assert record.status == Status.INPUT
+    assert detail in record.detail
+    assert record.detail.isprintable()
+    assert record.facts is None
 
 
 def test_times_of_rounds_that_do_not_fit_together_are_refused() -> None:
-    whole = record()
+    whole = invented_record()
     for change in (
         {"reset_ns": whole.reset_ns[:-1]},
         {"timer_cost": None},
@@ -145,17 +145,15 @@ def test_times_of_rounds_that_do_not_fit_together_are_refused() -> None:
 
 
 def test_an_environment_that_hangs_is_killed() -> None:
-    measurement = measured("Hangs", limit_s=5.0)
-    assert measurement.status == Status.TIMEOUT
-    assert (
-        "killed (--time-limit) while recording the steps of the environment" in measurement.detail
-    )
+    record = measured("Hangs", limit_s=5.0)
+    assert record.status == Status.TIMEOUT
+    assert "killed (--time-limit) while recording the steps of the environment" in record.detail
 
 
 def test_an_environment_that_crashes_ends_its_own_process_alone() -> None:
-    measurement = measured("crashes")
-    assert measurement.status == Status.CRASHED
-    assert "SIGSEGV" in measurement.detail
+    record = measured("crashes")
+    assert record.status == Status.CRASHED
+    assert "SIGSEGV" in record.detail
 
 
 def test_the_users_folder_is_the_current_one(
@@ -167,5 +165,5 @@ def test_the_users_folder_is_the_current_one(
         "def make():\n    Path('robot.xml').read_text()\n    return example_environments.make()\n"
     )
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([PYTHONPATH]))
-    measurement = environment.measure(resolve("local_env:make", tmp_path), PLAN)
-    assert (measurement.status, measurement.detail) == (Status.OK, "")
+    record = environment.measure(resolve("local_env:make", tmp_path), PLAN)
+    assert (record.status, record.detail) == (Status.OK, "")
