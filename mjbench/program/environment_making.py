@@ -86,19 +86,16 @@ def place_of(error: BaseException) -> str:
 
 def _from_gymnasium(source: EnvironmentSource) -> Any:
     """Return what `gymnasium.make` makes of an id."""
-    gymnasium = _imported("gymnasium", extras.install_command("env"), source)
+    gymnasium = _imported("gymnasium", extras.install_command("env"))
     module, _, name = source.attribute.rpartition(":")
     if module:
-        _enter(source.folder)
-        with blamed(f"importing {module}"):
-            importlib.import_module(module)
-    with blamed(f"making {source.name}"):
+        _user_module(module, source.folder)
+    with blamed("making it"):
         try:
             return gymnasium.make(name)
         except gymnasium.error.DependencyNotInstalled as error:
             raise InputError(
-                f"{source.name} needs a package that is not installed here:"
-                f" {extras.install_command('env')}"
+                f"it needs a package that is not installed here: {extras.install_command('env')}"
             ) from error
         except gymnasium.error.UnregisteredEnv as error:
             raise _unknown(source, name, gymnasium.registry) from error
@@ -106,8 +103,8 @@ def _from_gymnasium(source: EnvironmentSource) -> Any:
 
 def _from_dm_control(source: EnvironmentSource) -> Any:
     """Return the environment of a task of dm_control's suite."""
-    _imported("dm_control", "python -m pip install dm_control", source)
-    with blamed(f"making {source.name}"):
+    _imported("dm_control", "python -m pip install dm_control")
+    with blamed("making it"):
         from dm_control import suite
 
         names = [f"dm_control:{domain}-{task}" for domain, task in suite.ALL_TASKS]
@@ -118,16 +115,7 @@ def _from_dm_control(source: EnvironmentSource) -> Any:
 
 def _from_factory(source: EnvironmentSource) -> Any:
     """Return what a function of the user's returns."""
-    _enter(source.folder)
-    with blamed(f"importing {source.module}"):
-        try:
-            factory: Any = importlib.import_module(source.module)
-        except ModuleNotFoundError as error:
-            if error.name is None or not (source.module + ".").startswith(error.name + "."):
-                raise  # a module that the user's own imports
-            raise InputError(
-                f"{shown(source.name)}: no module {source.module} in this folder or installed"
-            ) from error
+    factory = _user_module(source.module, source.folder)
     for name in source.attribute.split("."):
         known = [word for word in dir(factory) if not word.startswith("_")]
         try:
@@ -136,22 +124,33 @@ def _from_factory(source: EnvironmentSource) -> Any:
             raise InputError(f"{source.module} has no {name}{suggestion(name, known)}") from None
     if not callable(factory):
         raise InputError(
-            f"{shown(source.name)} is {type(factory).__name__}, not a function that returns an"
+            f"{source.attribute} is {type(factory).__name__}, not a function that returns an"
             " environment"
         )
-    with blamed(source.name):
+    with blamed(f"{source.attribute}()"):
         return factory()
 
 
-def _enter(folder: Path) -> None:
-    """Work in the user's folder, and import from it."""
+def _user_module(name: str, folder: Path) -> Any:
+    """Return a module of the user's, which is imported from a folder, and works in it.
+
+    Raises:
+      InputError: there is no such module, or it cannot be imported.
+    """
     os.chdir(folder)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
+    with blamed(f"importing {name}"):
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+                raise  # a module that the user's own imports
+            raise InputError(f"no module {name} in this folder or installed") from error
 
 
-def _imported(package: str, command: str, source: EnvironmentSource) -> Any:
-    """Return a package.
+def _imported(package: str, command: str) -> Any:
+    """Return a package, which a command installs.
 
     Raises:
       InputError: it is not installed, or cannot be imported.
@@ -161,9 +160,7 @@ def _imported(package: str, command: str, source: EnvironmentSource) -> Any:
             return importlib.import_module(package)
     except InputError as error:
         if isinstance(error.__cause__, ModuleNotFoundError) and error.__cause__.name == package:
-            raise InputError(
-                f"{shown(source.name)}: {package} is not installed here: {command}"
-            ) from error
+            raise InputError(f"{package} is not installed here: {command}") from error
         raise
 
 
