@@ -255,20 +255,24 @@ class _Layers:
     def rows(self, step_ns: float) -> list[LayerRow]:
         """Return the layers, the one with the largest share first.
 
+        Shares are of medians over rounds, so that they add up.
+
         Args:
           step_ns: of a step that was timed as a whole.
         """
-        total = self._total()
+        total_ns, each_total = self._median_total(), self._total()
         by_layer: dict[Layer, list[LayerSamples]] = {}
         for sample in self._samples:
             by_layer.setdefault(sample.layer, []).append(sample)
         rows = []
         for layer, samples in by_layer.items():
-            share = _estimate(sum(self._ns(sample) for sample in samples) / total)
             functions = [
-                FunctionRow(s.name, s.calls, float(np.median(self._ns(s) / total))) for s in samples
+                FunctionRow(s.name, s.calls, float(np.median(self._ns(s))) / total_ns)
+                for s in samples
             ]
             functions.sort(key=lambda function: -function.share)
+            in_rounds = sum(self._ns(sample) for sample in samples) / each_total
+            share = _around(sum(function.share for function in functions), in_rounds)
             rows.append(LayerRow(layer, share, share.median * step_ns, functions))
         return sorted(rows, key=lambda row: -row.share.median)
 
@@ -277,12 +281,16 @@ class _Layers:
         total = np.sum([self._ns(sample) for sample in self._samples], axis=0)
         return np.asarray(np.maximum(total, _LEAST_NS))
 
+    def _median_total(self) -> float:
+        """Return the sum of every function's median, in ns; never 0."""
+        medians = [float(np.median(self._ns(sample))) for sample in self._samples]
+        return max(_LEAST_NS, sum(medians))
+
     def timer(self) -> TimerRow:
         """Return what timing cost."""
-        share = self._calls * self._call_ns / float(np.median(self._plain_ns))
-        return TimerRow(
-            self._calls, self._call_ns, share, _estimate(self._total() / self._plain_ns)
-        )
+        plain_ns = float(np.median(self._plain_ns))
+        total = _around(self._median_total() / plain_ns, self._total() / self._plain_ns)
+        return TimerRow(self._calls, self._call_ns, self._calls * self._call_ns / plain_ns, total)
 
 
 def _reset(record: EnvironmentRecord) -> ResetRow:
@@ -329,6 +337,14 @@ def _vectors(record: EnvironmentRecord) -> list[VectorRow]:
         )
         for samples in record.vectors
     ]
+
+
+def _around(value: float, samples: np.ndarray) -> Estimate:
+    """Return a value with the 95 % interval of the median of samples, widened to hold it."""
+    low, high = stats.median_interval(samples)
+    if low is None or high is None:
+        return Estimate(value, None, None)
+    return Estimate(value, min(low, value), max(high, value))
 
 
 def _estimate(samples: Sequence[float] | np.ndarray) -> Estimate:
