@@ -9,6 +9,7 @@ from mjbench.cli import (  # each adds its command to the group
     compare,
     diff,
     doctor,
+    env,
     explain,
     falls,
     history,

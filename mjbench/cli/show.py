@@ -119,8 +119,16 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
     from mjbench.loop.latency import LatencyRow
     from mjbench.loop.overhead import OverheadRow
     from mjbench.loop.profile import ProfileRow
+    from mjbench.program.environment_records import EnvironmentRecord
     from mjbench.program.records import ProgramRow
-    from mjbench.report import documents, latency, overhead, planning
+    from mjbench.report import (
+        documents,
+        environment,
+        environment_results,
+        latency,
+        overhead,
+        planning,
+    )
     from mjbench.report.profile import print_profile
     from mjbench.report.program import print_program
 
@@ -147,6 +155,11 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         for program in programs:
             print_program(run.out, program)
         run.write(documents.ProgramDocument(machine=machine, results=programs))
+    elif environments := stored.of_type(EnvironmentRecord):
+        rows = [environment_results.derive(record) for record in environments]
+        for row in rows:
+            environment.print_environment(run.out, row)
+        run.write(documents.EnvDocument(machine=machine, results=rows))
     else:
         return False
     return True

@@ -18,8 +18,10 @@ from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
+from mjbench.program.environment_records import EnvironmentRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
+from mjbench.report import environment_results
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
@@ -73,6 +75,7 @@ def _results(run: Run) -> Iterator[object]:
         yield from run.of_type(kind)
     for program in run.of_type(ProgramRow):
         yield from program_rows(program)
+    yield from map(environment_results.derive, run.of_type(EnvironmentRecord))
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)
 

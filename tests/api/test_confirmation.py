@@ -2,12 +2,10 @@
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, cast
 
 import pytest
 
-from mjbench.cli.confirmation import Confirmation, part_of
-from mjbench.cli.context import RunContext
+from mjbench.api.confirmation import Confirmation, part_of
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument.runs import Record
 from mjbench.paired import contest
@@ -15,16 +13,6 @@ from mjbench.paired.confirmation import ComparedSizes
 from mjbench.paired.contest import ContestRecord
 from mjbench.simulation import models
 from mjbench.status import Status
-
-
-class _Run:
-    """A command that stores its records in a list."""
-
-    def __init__(self) -> None:
-        self.records: list[Record] = []
-
-    def record(self, record: Record) -> None:
-        self.records.append(record)
 
 
 def test_each_launch_of_a_contest_moves_the_bar(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,9 +23,9 @@ def test_each_launch_of_a_contest_moves_the_bar(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(contest, "run", run)
     seen: list[tuple[str, float]] = []
-    command = _Run()
+    records: list[Record] = []
     with contextlib.ExitStack() as closing:
-        confirmation = Confirmation(cast(RunContext, command), closing)
+        confirmation = Confirmation(records.append, closing)
         record = confirmation.contest(
             models.resolve("cartpole"),
             ComparisonPlan(()),
@@ -48,4 +36,4 @@ def test_each_launch_of_a_contest_moves_the_bar(monkeypatch: pytest.MonkeyPatch)
     assert [share for _, share in seen] == [0.5, 0.625, 0.75]
     assert seen[-1][0] == "cartpole: fastest paths in fresh processes, launch 2"
     assert confirmation.is_interrupted
-    assert cast(list[Any], command.records) == [record]
+    assert records == [record]
