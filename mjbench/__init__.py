@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mjbench.api.profile import profile as profile
     from mjbench.api.timer import timer as timer
     from mjbench.api.versions import versions as versions
+    from mjbench.loop.capture import Capture as capture  # noqa: N813 - it is called as a function
     from mjbench.loop.recording import record as record
     from mjbench.report.rows import load as load
     from mjbench.simulation.engine_clock import engine_clock as engine_clock
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "capture",
     "compare",
     "engine_clock",
     "latency",
@@ -36,6 +38,10 @@ _MEASURING = ("compare", "latency", "profile", "versions")
 
 def __getattr__(name: str) -> object:
     """Import a function when it is first used: each needs more than the standard library."""
+    if name == "capture":
+        from mjbench.loop.capture import Capture
+
+        return Capture
     if name in _MEASURING:
         import importlib
 

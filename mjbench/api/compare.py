@@ -33,7 +33,7 @@ from mjbench.simulation.workload import Product
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
-    from mjbench.api.start_states import States
+    from mjbench.api.start_states import Actions, States
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -85,6 +85,7 @@ def compare(
     seed: int = 0,
     settle_s: float | None = None,
     states: "States | None" = None,
+    actions: "Actions | None" = None,
     budget_s: float = BUDGET_S,
     total_steps: float | None = None,
     confirm: bool = True,
@@ -112,7 +113,10 @@ def compare(
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
         at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
-      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns them.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them.
+      actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
+        of random ones.
       budget_s: seconds of timing for each model.
       total_steps: steps that you will take in all: a path that compiles is advised only if that
         pays within them; None for those of one block.
@@ -154,14 +158,14 @@ def compare(
     )
     with (
         model_sources.sources(models or shipped_models.shipped()) as sources,
-        start_states.plan(settle_s, states) as starts,
+        start_states.plan(settle_s, states, actions) as starts,
         Session("compare", wait) as session,
     ):
         sized = [replace(plan, starts=starts) for plan in plans]
         turns = list(itertools.product(sources, sized))
         records = _measure(turns, confirm, on_progress or ignore_progress)
         failures.check_any([record for record in records if isinstance(record, ModelRecord)])
-        files = [source.path for source in sources] + ([starts.file] if starts.file else [])
+        files = [*(source.path for source in sources), *starts.files]
         run = session.run(records, {"models": [source.name for source in sources]}, files)
         return Comparison(run, session.notes())
 

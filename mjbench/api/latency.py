@@ -16,7 +16,7 @@ from mjbench.report.latency import print_rows
 
 if TYPE_CHECKING:
     from mjbench.api.model_sources import Model
-    from mjbench.api.start_states import States
+    from mjbench.api.start_states import Actions, States
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -51,9 +51,11 @@ def latency(
     deadline_s: float | None = None,
     rate_hz: float | None = None,
     nstep: int | None = None,
+    hold: int = 1,
     seed: int = 0,
     settle_s: float | None = None,
     states: "States | None" = None,
+    actions: "Actions | None" = None,
     time_limit_s: float = TIME_LIMIT_S,
     wait: bool = False,
 ) -> Latency:
@@ -67,10 +69,14 @@ def latency(
         free-running ones the model's timestep.
       rate_hz: paced steps per second; None for real time.
       nstep: steps at each pace; None for 10,000, or what 10 seconds allow.
+      hold: steps for which each control is held.
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
         at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
-      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns them.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them.
+      actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
+        of random ones.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
 
@@ -88,11 +94,13 @@ def latency(
         nstep = checks.count("nstep", nstep)
     with (
         model_sources.sources([model]) as (source,),
-        start_states.plan(settle_s, states) as starts,
+        start_states.plan(settle_s, states, actions) as starts,
         Session("latency", wait) as session,
     ):
-        request = LatencyRequest(source, nstep, rate_hz, checks.seed("seed", seed), starts)
+        request = LatencyRequest(
+            source, nstep, rate_hz, checks.count("hold", hold), checks.seed("seed", seed), starts
+        )
         samples = loop_latency.measure(request, limit_s)
         rows = [loop_latency.row(source.name, of_pace, deadline_s) for of_pace in samples]
-        files = [source.path, *([starts.file] if starts.file else [])]
+        files = [source.path, *starts.files]
         return Latency(session.run(rows, {"models": [source.name]}, files), session.notes())

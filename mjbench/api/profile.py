@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from mjbench.api import checks, model_sources
+from mjbench.api import checks, model_sources, start_states
 from mjbench.api.measured import Measured
 from mjbench.api.session import Session
 from mjbench.instrument.limits import TIME_LIMIT_S
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mjbench.api.model_sources import Model
+    from mjbench.api.start_states import States
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -61,13 +62,21 @@ class Profile(Measured):
         print_profile(out, self.step_profile)
 
 
-def profile(model: "Model", *, time_limit_s: float = TIME_LIMIT_S, wait: bool = False) -> Profile:
+def profile(
+    model: "Model",
+    *,
+    states: "States | None" = None,
+    time_limit_s: float = TIME_LIMIT_S,
+    wait: bool = False,
+) -> Profile:
     """Return where a step's time goes: engine stages, Python around it, rendering.
 
     The same as `mjbench profile`. All is measured in child processes.
 
     Args:
       model: a name as on the command line, a path, an MjModel or an MjSpec.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them; None for keyframe 0.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
 
@@ -77,7 +86,11 @@ def profile(model: "Model", *, time_limit_s: float = TIME_LIMIT_S, wait: bool = 
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     limit_s = checks.seconds("time_limit_s", time_limit_s)
-    with model_sources.sources([model]) as (source,), Session("profile", wait) as session:
-        row = ProfileRow.measured(loop_profile.measure(source, limit_s))
-        run = session.run([row], {"models": [source.name]}, [source.path])
+    with (
+        model_sources.sources([model]) as (source,),
+        start_states.plan(None, states) as starts,
+        Session("profile", wait) as session,
+    ):
+        row = ProfileRow.measured(loop_profile.measure(source, limit_s, starts.file))
+        run = session.run([row], {"models": [source.name]}, [source.path, *starts.files])
         return Profile(run, session.notes())

@@ -33,7 +33,7 @@ from mjbench.status import Status
 if TYPE_CHECKING:
     import os
 
-    from mjbench.api.start_states import States
+    from mjbench.api.start_states import Actions, States
 
 # After as many launches, half of the work on a pair is done.
 _HALFWAY_LAUNCHES = 15
@@ -82,6 +82,7 @@ def versions(
     seed: int = 0,
     settle_s: float | None = None,
     states: "States | None" = None,
+    actions: "Actions | None" = None,
     wait: bool = False,
     on_progress: Progress | None = None,
 ) -> ReleaseComparison:
@@ -112,7 +113,10 @@ def versions(
       seed: of start states and controls.
       settle_s: simulated seconds for which the model moves before the first start state; 0 starts
         at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
-      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns them.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them.
+      actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
+        of random ones.
       wait: whether to wait until no other mjbench measures on this machine.
       on_progress: called with what is measured now, and the share of all work that is done.
 
@@ -131,7 +135,7 @@ def versions(
         {source.path: source for source in map(model_sources.named, _several(models))}.values()
     )
     advance = on_progress or ignore_progress
-    with start_states.plan(settle_s, states) as starts:
+    with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(
             None if nbatch is None else checks.count("nbatch", nbatch),
             None if nstep is None else checks.count("nstep", nstep),
@@ -157,7 +161,7 @@ def versions(
             else:
                 records = _time(pairs, replace(plan, family=len(pairs)), advance)
             failures.check_any(records)
-            files = [source.path for source in sources] + ([starts.file] if starts.file else [])
+            files = [*(source.path for source in sources), *starts.files]
             run = session.run(records, {"confidence": plan.confidence}, files)
             return ReleaseComparison(run, (*_pinning_notes(), *session.notes()))
 

@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from mjbench.instrument.runs import Record
     from mjbench.simulation.models import ModelSource
 
+# Share of the bar of a model that measuring it has, where paths are compared again after that.
+_MEASURED_SHARE = 0.5
+
 
 @dataclass(frozen=True)
 class _Options:
@@ -56,6 +59,7 @@ class _Options:
     seed: int
     settle_s: float | None
     states_file: Path | None
+    actions_file: Path | None
     budget: float | None
     total_steps: int | None
     confirm: bool
@@ -221,7 +225,7 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
         nstep=options.nstep,
         hold=options.hold,
         seed=options.seed,
-        starts=start_plan(options.settle_s, options.states_file),
+        starts=start_plan(options.settle_s, options.states_file, options.actions_file),
         returns=Product(options.returns),
         budget_s=BUDGET_S if options.budget is None else options.budget,
         limit_s=options.time_limit,
@@ -234,7 +238,7 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
-    from mjbench.api.confirmation import Confirmation
+    from mjbench.api.confirmation import Confirmation, part_of
     from mjbench.comparison import compare
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
@@ -255,15 +259,17 @@ def _compare(
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
     files += user_module_files(variant.path for variant in plans[0].variants)
-    files += [plans[0].starts.file] if plans[0].starts.file else []
+    files += plans[0].starts.files
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance, contextlib.ExitStack() as closing:
             confirmation = Confirmation(run.record, closing)
             for number, (source, plan) in enumerate(turns):
                 on_progress = functools.partial(advance, number)
+                measured = _MEASURED_SHARE if options.confirm else 1.0
                 records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
-                    records = compare.compare_model(source, plan, on_progress)
+                    on_measuring = part_of(on_progress, 0.0, measured)
+                    records = compare.compare_model(source, plan, on_measuring)
                     try:
                         for record in records.all:
                             run.record(record)
@@ -272,8 +278,8 @@ def _compare(
                 results = derive(records.model, records.measurements, run.resumed_records)
                 is_over = records.interrupted or failure is not None
                 if options.confirm and not is_over:
-                    on_progress(f"{source.name}: in fresh processes", 1.0)
-                    results = confirmation.complete(source, plan, results)
+                    on_confirming = part_of(on_progress, measured, 1.0)
+                    results = confirmation.complete(source, plan, results, on_confirming)
                 report.print_model(run.out, results, options.code)
                 models.append(results)
                 statuses += [records.model.status, *(r.status for r in results.results)]

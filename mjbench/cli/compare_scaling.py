@@ -45,7 +45,7 @@ def search_models(
     storage = Storage(output.results, arguments, output.resume, _finished)
     files = [source.path for source in sources]
     files += user_module_files(request.path_names)
-    files += [request.plan.starts.file] if request.plan.starts.file else []
+    files += request.plan.starts.files
     models: list[ScalingResults] = []
     with RunContext("compare", output.json_file, files, storage, output.wait) as run:
         with run.progress(len(sources)) as advance, contextlib.ExitStack() as closing:
@@ -153,9 +153,14 @@ class _ModelSearch:
 
     def _confirmed(self, results: "ScalingResults") -> "ScalingResults":
         """Return the results with the comparisons in fresh processes that advice needs."""
+        from mjbench.api.confirmation import part_of
+
         plan = dataclasses.replace(self._request.plan, nbatch=self._request.first_nbatch)
         while pairing := results.next_pairing():
-            record = self._confirmation.compare(self._source, plan, pairing, results.compared_sizes)
+            on_progress = part_of(self._on_progress, 1.0, 1.0)  # the bar is full
+            record = self._confirmation.compare(
+                self._source, plan, pairing, results.compared_sizes, on_progress
+            )
             confirmations = (*results.confirmations, record)
             results = dataclasses.replace(results, confirmations=confirmations)
             if self._confirmation.is_interrupted:

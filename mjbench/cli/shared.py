@@ -253,15 +253,17 @@ def check_sizes(nstep: int | None, hold: int) -> None:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
 
-def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
+def start_plan(
+    settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
+) -> "StartPlan":
     """Return the plan that the options STARTS ask for.
 
     Raises:
-      InputError: both are given, or there is no such file of arrays.
+      InputError: both --settle and --states are given, or there is no such file of arrays.
     """
     from mjbench.simulation import starts
 
-    return starts.start_plan(settle_s, states_file)
+    return starts.start_plan(settle_s, states_file, actions_file)
 
 
 COUNT = click.IntRange(1, MAX_COUNT)
@@ -357,6 +359,23 @@ JUDGING = (
     ),
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)
+STATES = click.option(
+    "--states",
+    "states_file",
+    metavar="FILE.npz",
+    type=click.Path(path_type=Path),
+    help="Draw start states, and their controls if there are any, from this file, which"
+    " `mjbench.capture` wrote in your program, or of arrays by MjData field, as `mjbench.record`"
+    " returns them.",
+)
+ACTIONS = click.option(
+    "--actions",
+    "actions_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
+    " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
+)
 STARTS = (
     click.option(
         "--settle",
@@ -365,14 +384,8 @@ STARTS = (
         help="Simulated time for which the model moves before the first start state; 0 starts at"
         " keyframe 0  [default: 0.1s with a keyframe, 1s without]",
     ),
-    click.option(
-        "--states",
-        "states_file",
-        metavar="FILE.npz",
-        type=click.Path(path_type=Path),
-        help="Draw start states, and their controls if there are any, from this file of arrays by"
-        " MjData field, as `mjbench.record` returns them.",
-    ),
+    STATES,
+    ACTIONS,
 )
 SIZES = (
     click.option("--nbatch", type=COUNT, help="Simulations of a block."),

@@ -114,13 +114,23 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
 
 
 def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
-    """Print what `overhead`, `profile`, `latency` or `plan` measured; return whether one did."""
+    """Print what a command around one loop measured; return whether one did."""
     from mjbench.comparison.planning_run import PlanningRow
     from mjbench.loop.latency import LatencyRow
     from mjbench.loop.overhead import OverheadRow
     from mjbench.loop.profile import ProfileRow
-    from mjbench.report import documents, latency, overhead, planning
+    from mjbench.program.environment_records import EnvironmentRecord
+    from mjbench.program.records import ProgramRow
+    from mjbench.report import (
+        documents,
+        environment,
+        environment_results,
+        latency,
+        overhead,
+        planning,
+    )
     from mjbench.report.profile import print_profile
+    from mjbench.report.program import print_program
 
     machine = stored.header.machine
     if costs := stored.of_type(OverheadRow):
@@ -141,6 +151,15 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
             planning.print_rows(run.out, list(of_size))
         planning.print_sizes(run.out, plans)
         run.write(documents.PlanDocument(machine=machine, results=plans))
+    elif programs := stored.of_type(ProgramRow):
+        for program in programs:
+            print_program(run.out, program)
+        run.write(documents.ProgramDocument(machine=machine, results=programs))
+    elif environments := stored.of_type(EnvironmentRecord):
+        rows = [environment_results.derive(record) for record in environments]
+        for row in rows:
+            environment.print_environment(run.out, row)
+        run.write(documents.EnvDocument(machine=machine, results=rows))
     else:
         return False
     return True

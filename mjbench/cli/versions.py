@@ -140,7 +140,7 @@ def _compare_instructions(
     storage = Storage(output.results, arguments, output.resume, records.finished)
     files = [source.path for source in comparison.sources]
     files += [wheel for release in builds for wheel in release.wheels]
-    files += paired_options.states_files(plan)
+    files += plan.sizes.starts.files
     rows: list[VerdictRow] = []
     with RunContext("versions", output.json_file, files, storage, output.wait) as run:
         try:

@@ -386,11 +386,16 @@ def why(advice: Advice) -> str:
             text = f"{gain + '; ' if gain else ''}{advice.rival} is not faster by 3 %"
         case Reason.NO_GAIN:
             text = "no path is certainly faster"
-        case Reason.UNCONFIRMED:
+        case Reason.ALONE:
+            text = "no other path was timed for it"
+        case Reason.UNCONFIRMED if advice.rival:
             text = f"{advice.rival} seems faster, but was not compared again in fresh processes"
+        case Reason.UNCONFIRMED:
+            text = "no path seems faster; nothing was compared again in fresh processes"
     if advice.detail:
         text += f": {advice.detail}"
-    return f"{text}; {advice.break_even}" if advice.break_even else text
+    unable = [f"cannot run beside the others: {each}" for each in advice.unable]
+    return "; ".join(filter(None, (text, *unable, advice.break_even)))
 
 
 def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:

@@ -31,11 +31,14 @@ from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
+from mjbench.program.environment_records import EnvironmentRecord
+from mjbench.program.records import ProgramRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
+from mjbench.report.environment_results import EnvironmentRow
 from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
@@ -53,8 +56,10 @@ RECORD_TYPES: Mapping[str, type] = {
     ScalingRecord.record_type: ScalingRecord,
     OverheadRow.record_type: OverheadRow,
     ProfileRow.record_type: ProfileRow,
+    ProgramRow.record_type: ProgramRow,
     LatencyRow.record_type: LatencyRow,
     PlanningRow.record_type: PlanningRow,
+    EnvironmentRecord.record_type: EnvironmentRecord,
     VerdictRecord.record_type: VerdictRecord,
     TrialRecord.record_type: TrialRecord,
     SpreadRecord.record_type: SpreadRecord,
@@ -223,6 +228,15 @@ class ProfileDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ProgramDocument:
+    """What `mjbench run --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[ProgramRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class LatencyDocument:
     """What `mjbench latency --json` writes."""
 
@@ -238,6 +252,15 @@ class PlanDocument:
     schema: int = SCHEMA
     machine: Machine
     results: Sequence[PlanningRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvDocument:
+    """What `mjbench env --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[EnvironmentRow]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,8 +327,10 @@ DOCUMENTS: Mapping[str, type] = {
     "explain": ExplainDocument,
     "overhead": OverheadDocument,
     "profile": ProfileDocument,
+    "run": ProgramDocument,
     "latency": LatencyDocument,
     "plan": PlanDocument,
+    "env": EnvDocument,
     "doctor": DoctorDocument,
     "falls": FallsDocument,
     "lint": LintDocument,

@@ -25,6 +25,8 @@ def print_rows(out: Console, rows: Sequence[LatencyRow]) -> None:
         ),
         soft_wrap=True,
     )
+    for line in tables.starts_lines(rows[0].starts):
+        out.print(line, soft_wrap=True)
     table = tables.plain_table(
         ["", "steps", "p50", "p99", "p99.9", "max", "deadline", "missed"], right=range(1, 8)
     )

@@ -3,7 +3,7 @@
 from rich.console import Console
 
 from mjbench.instrument.units import duration
-from mjbench.loop.profile import FRAMES_PER_S, StepProfile
+from mjbench.loop.profile import FRAMES_PER_S, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import tables
 
@@ -39,6 +39,8 @@ def _print_step(out: Console, profile: StepProfile) -> None:
         f" {tables.plain(work.solver_iterations, 3)} solver iterations.",
         soft_wrap=True,
     )
+    for line in _starts_lines(steps):
+        out.print(line, soft_wrap=True)
     for line in tables.warning_lines(steps.warnings):
         out.print(line, soft_wrap=True)
     if clock_ns / loop_ns >= LEAST_CLOCK_SHARE:
@@ -47,6 +49,14 @@ def _print_step(out: Console, profile: StepProfile) -> None:
             f" of it ({duration(clock_ns)}); mjbench.engine_clock(False) turns it off.",
             soft_wrap=True,
         )
+
+
+def _starts_lines(steps: StepTimes) -> list[str]:
+    """Return which states were stepped, where they are the user's own."""
+    lines = tables.starts_lines(steps.starts)
+    if steps.run_nstep:
+        lines.append(f"Each start is stepped {steps.run_nstep} times with its controls held")
+    return lines
 
 
 def _print_stages(out: Console, profile: StepProfile) -> None:

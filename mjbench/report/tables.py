@@ -117,8 +117,45 @@ def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
 
 
 def starts_lines(starts: Starts | None) -> list[str]:
-    """Return how starts were sampled where that is not what was asked for, a line each."""
-    if starts is None or starts.limit is None:
+    """Return which files starts and controls are from, and what was not as asked, a line each."""
+    if starts is None:
+        return []
+    return [*_file_lines(starts), *capture_lines(starts), *_limit_lines(starts)]
+
+
+def _file_lines(starts: Starts) -> list[str]:
+    """Return which files starts and controls are from."""
+    match starts.file, starts.controls_file:
+        case None, str(controls):
+            return [f"Controls are those of {controls}"]
+        case str(file), None:
+            return [f"Starts are those of {file}, controls are random"]
+        case str(file), str(controls) if file == controls:
+            return [f"Starts and controls are those of {file}"]
+        case str(file), str(controls):
+            return [f"Starts are those of {file}, controls those of {controls}"]
+    return []
+
+
+def capture_lines(starts: Starts) -> list[str]:
+    """Return what is not as it was where the states of a file were captured, a line each."""
+    lines = []
+    if starts.is_other_model:
+        lines.append(
+            f"{starts.file} was captured from a model that differs from this one, in masses,"
+            " geometry or options"
+        )
+    if starts.held_inputs:
+        lines.append(
+            f"The captured program also set {', '.join(starts.held_inputs)} between steps; here"
+            " these stay as they were at each start"
+        )
+    return lines
+
+
+def _limit_lines(starts: Starts) -> list[str]:
+    """Return how starts were sampled where that is not what was asked for."""
+    if starts.limit is None:
         return []
     asked = f"{plain(starts.asked_s, 3)} s"
     if starts.limit == SettleLimit.COST:

@@ -11,20 +11,23 @@ class ModelGuard:
         """Remember `model`."""
         self._model = model
         self._buffer = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
-        self._original = self._content().copy()
+        mujoco.mj_saveModel(model, None, self._buffer)
+        self._original = self._buffer.copy()
 
     def change(self) -> str | None:
         """Return which field has changed, such as `opt.timestep`, or None if none has."""
-        if np.array_equal(self._content(), self._original):
-            return None
+        return self.difference(self._model)
+
+    def difference(self, model: mujoco.MjModel) -> str | None:
+        """Return which field of another model differs from what was remembered, or None."""
+        size = mujoco.mj_sizeModel(model)
+        if size == len(self._original):
+            mujoco.mj_saveModel(model, None, self._buffer)
+            if np.array_equal(self._buffer, self._original):
+                return None
         files = {"model.mjb": self._original.tobytes()}
         original = mujoco.MjModel.from_binary_path("model.mjb", files)
-        return _differing_field(self._model, original) or "a field without a name"
-
-    def _content(self) -> np.ndarray:
-        """Return the bytes that mj_saveModel writes."""
-        mujoco.mj_saveModel(self._model, None, self._buffer)
-        return self._buffer
+        return _differing_field(model, original) or "a field without a name"
 
 
 def _differing_field(changed: object, original: object) -> str | None:

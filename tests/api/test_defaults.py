@@ -18,6 +18,7 @@ RENAMED = {
     "path_names": "paths",
     "option_words": "options",
     "states_file": "states",
+    "actions_file": "actions",
     "budget": "budget_s",
     "time_limit": "time_limit_s",
 }
@@ -58,7 +59,8 @@ def test_functions_are_documented_and_typed(function: str) -> None:
     described = getattr(mjbench, function)
     assert described.__doc__
     signature = inspect.signature(described)
-    assert signature.return_annotation is not inspect.Signature.empty
+    if not inspect.isclass(described):
+        assert signature.return_annotation is not inspect.Signature.empty
     for name, parameter in signature.parameters.items():
         assert parameter.annotation is not inspect.Parameter.empty, name
 

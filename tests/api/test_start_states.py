@@ -47,3 +47,17 @@ def test_a_file_stays(tmp_path: Path) -> None:
 def test_what_is_wrong_is_refused(settle_s: float | None, states: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         start_states.plan(settle_s, states).__enter__()
+
+
+def test_controls_lie_in_a_file_as_long_as_they_are_needed() -> None:
+    with start_states.plan(None, None, [[0.5], [1.0]]) as plan:
+        assert plan.controls_file is not None
+        np.testing.assert_array_equal(np.load(plan.controls_file), [[0.5], [1.0]])
+        file = plan.controls_file
+    assert not file.exists()
+
+
+@pytest.mark.parametrize("actions", ["missing.npz", [["a"]], {"ctrl": 1}, [[1.0], [1.0, 2.0]]])
+def test_wrong_controls_are_refused(actions: Any) -> None:
+    with pytest.raises(InputError, match=r"no such file|actions cannot be stored"):
+        start_states.plan(None, None, actions).__enter__()

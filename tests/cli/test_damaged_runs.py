@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from example_environment_records import record as environment_record
 from example_records import CHECK, measurement, model_record
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -85,6 +86,7 @@ SPREADS = (
 )  # fmt: skip
 KINDS = {
     "compare": COMPARISON, "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
+    "env": (environment_record(),),
 }  # fmt: skip
 FOREIGN: list[Any] = [
     None, True, 0, -1, 1, 10**30, -0.0, 1e-320, 1e308, -1e308, "", "x", "NaN", "a\x1b]52;\nb",

@@ -1,0 +1,125 @@
+"""`mjbench env`: where the time of an environment's step goes."""
+
+from pathlib import Path
+
+import click
+
+from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.group import cli, report_line
+from mjbench.cli.shared import (
+    JSON,
+    LIMIT,
+    RESULTS,
+    SEED_NUMBER,
+    WAIT,
+    Numbers,
+    Seconds,
+    with_options,
+)
+from mjbench.errors import MjbenchError, failure_of
+from mjbench.instrument.limits import MAX_THREADS
+from mjbench.status import Status
+
+# Steps of an environment that are recorded at most: each holds two states and its controls.
+MAX_NSTEP = 100_000
+
+
+@cli.command()
+@click.argument("names", nargs=-1, required=True, metavar="ENVIRONMENT…")
+@click.option(
+    "--steps",
+    "nstep",
+    type=click.IntRange(1, MAX_NSTEP),
+    help="Steps of the environment that are recorded and then repeated in every round"
+    "  [default: what takes 0.1 s, at least 50 and at most 1000]",
+)
+@click.option(
+    "--seed",
+    type=SEED_NUMBER,
+    default=0,
+    show_default=True,
+    help="Seed of actions and of the first reset; each further episode has the next.",
+)
+@click.option(
+    "--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: 1 and usable cores]"
+)
+@click.option(
+    "--num-envs",
+    "nenv",
+    type=Numbers(MAX_THREADS),
+    help="Environments of vectorised forms  [default: 1, 2, 4, … usable cores]",
+)
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Seconds(zero=True),
+    default="10s",
+    show_default=True,
+    help="Time for all rounds, and as much again for those of vectorised forms.",
+)
+@click.option("--no-vector", is_flag=True, help="Leave vectorised forms out.")
+@with_options(LIMIT, RESULTS, WAIT, JSON)
+def env(
+    names: tuple[str, ...],
+    nstep: int | None,
+    seed: int,
+    threads: list[int] | None,
+    nenv: list[int] | None,
+    budget_s: float,
+    no_vector: bool,
+    time_limit: float,
+    results: Path,
+    wait: bool,
+    json_file: str | None,
+) -> None:
+    """Where does the time of env.step go, and how fast is the same physics without it?
+
+    ENVIRONMENT is a Gymnasium id, dm_control:DOMAIN-TASK, or MODULE:FACTORY: a function of yours,
+    imported from the current folder, that returns an environment. It is stepped with random
+    actions. Its physics is repeated by a plain loop, to the last bit, before anything is compared.
+
+    \b
+    Examples:
+      mjbench env Humanoid-v5
+      mjbench env dm_control:humanoid-walk --steps 500
+      mjbench env my_env:make --no-vector
+    """
+    from mjbench.instrument import machine
+    from mjbench.program import environment, environment_source
+    from mjbench.program.environment import EnvironmentPlan
+    from mjbench.program.environment_records import EnvironmentRecord
+    from mjbench.report.documents import EnvDocument
+    from mjbench.report.environment import print_environment
+    from mjbench.report.environment_results import EnvironmentRow, derive
+
+    if no_vector and nenv:
+        raise click.UsageError("give --num-envs or --no-vector, not both")
+    sources = [environment_source.resolve(name, Path.cwd()) for name in names]
+    cores = machine.usable_cores()
+    counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
+    nthread = tuple(threads or sorted({1, cores}))
+    plan = EnvironmentPlan(nstep, seed, nthread, counts, budget_s, time_limit)
+    rows: list[EnvironmentRow] = []
+    storage = Storage(results, {"environments": list(names), "plan": plan})
+    with RunContext("env", json_file, [], storage, wait) as run:
+        for source in sources:
+            try:
+                record = environment.measure(source, plan)
+            except MjbenchError as error:
+                record = EnvironmentRecord.failed(source.name, failure_of(error))
+            run.record(record)
+            rows.append(derive(record))
+            if rows[-1].facts is None and record.status != Status.INTERRUPTED:
+                report_line(f"{source.name}: {record.detail}")
+            else:
+                print_environment(run.out, rows[-1])
+            if record.status == Status.INTERRUPTED:
+                run.interrupt()
+                break
+        run.write(EnvDocument(machine=run.machine, results=rows))
+    run.exit(status for row in rows for status in row.statuses())
+
+
+def _doubled(most: int) -> list[int]:
+    """Return 1, 2, 4, … and `most`."""
+    return sorted({most, *(2**i for i in range(most.bit_length()) if 2**i <= most)})

@@ -1,0 +1,1 @@
+"""The user's own program: where its time goes."""

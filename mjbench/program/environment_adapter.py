@@ -1,0 +1,322 @@
+"""How environments of each framework are reset with a seed, given actions, and read.
+
+Frameworks are told apart by what an environment has, not by its class, so an environment of the
+user's own needs no package: Gymnasium's has `action_space`, dm_control's a method `action_spec`,
+robosuite's a pair `action_spec`. Physics is found elsewhere, from the engine's functions (see
+`environment_recording`).
+"""
+
+import contextlib
+import random
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mjbench.errors import InputError, one_line
+from mjbench.program import environment_callees
+from mjbench.program.environment_callees import Callee
+from mjbench.program.environment_layers import Layer
+
+# Where a wrapper keeps the environment inside it.
+_INNER = ("env", "_env", "environment", "_environment")
+_MAX_WRAPPERS = 100
+# Seeds of NumPy's older generators have 32 bits.
+_SEEDS = 2**32
+
+
+class EnvironmentAdapter(ABC):
+    """An environment, and how mjbench talks to it.
+
+    Attributes:
+      environment: the outermost one.
+      core: the innermost one.
+      wrappers: the environments around the core, the outermost first.
+
+    Class attributes:
+      framework: whose environment it is, for people.
+    """
+
+    framework: ClassVar[str]
+
+    def __init__(self, environment: Any):
+        """Look into an environment, without stepping it."""
+        self.environment = environment
+        chain = chain_of(environment)
+        self.wrappers: Sequence[Any] = chain[:-1]
+        self.core = chain[-1]
+
+    @property
+    def wrapper_names(self) -> list[str]:
+        """The classes of the wrappers, the outermost first."""
+        return [type(wrapper).__name__ for wrapper in self.wrappers]
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of the packages that its classes come from, by their names."""
+        import importlib.metadata
+
+        classes = [kind for each in (*self.wrappers, self.core) for kind in type(each).__mro__]
+        found = {}
+        for package in sorted({kind.__module__.partition(".")[0] for kind in classes}):
+            with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+                found[package] = importlib.metadata.version(package)
+        return found
+
+    def inner_steps(self) -> list[Callee]:
+        """Return the steps inside the outermost one, as functions to time."""
+        chain = [*self.wrappers, self.core]
+        return [Callee(each, "step", *self._layer(each)) for each in chain[1:]]
+
+    def outermost_layer(self) -> tuple[Layer, str]:
+        """Return the layer that the time of the outermost step belongs to, and its name."""
+        return self._layer(self.environment)
+
+    def _layer(self, environment: Any) -> tuple[Layer, str]:
+        """Return the layer of the lines of a step, and how they are called."""
+        name = type(environment).__name__
+        if environment is not self.core:
+            return Layer.WRAPPERS, name
+        info = ", with info" if environment_callees.builds_info(environment) else ""
+        return Layer.REST, f"lines of {name}.step{info}"
+
+    def resetting(self, seed: int) -> Callable[[], Any]:
+        """Return a function that resets the environment to the start that a seed stands for.
+
+        Generators of random numbers, global ones and those that the environment and its task hold,
+        are seeded now.
+        """
+        random.seed(seed)
+        np.random.seed(seed % _SEEDS)
+        holders = [*self.wrappers, self.core, getattr(self.core, "task", None)]
+        for holder in holders:
+            for value in list(getattr(holder, "__dict__", {}).values()):
+                _seed_generator(value, seed)
+        return self._reset_function(seed)
+
+    def _reset_function(self, seed: int) -> Callable[[], Any]:
+        """Return a function that resets the environment; its generators are seeded."""
+        reset = self.environment.reset
+        return lambda: reset()
+
+    @abstractmethod
+    def is_over(self, outcome: Any) -> bool:
+        """Return whether an episode ended with the step that returned `outcome`.
+
+        Raises:
+          InputError: no step of this framework returns that.
+        """
+
+    @abstractmethod
+    def reward(self, outcome: Any) -> float | None:
+        """Return the reward of a step; None where it is no number."""
+
+    @abstractmethod
+    def draw_actions(self, count: int, seed: int) -> list[Any]:
+        """Return random actions.
+
+        Raises:
+          InputError: it is unknown what an action is.
+        """
+
+
+class GymnasiumAdapter(EnvironmentAdapter):
+    """Gymnasium, Gym, and what has their interface: `action_space`, and steps of four or five."""
+
+    framework = "Gymnasium"
+
+    def _reset_function(self, seed: int) -> Callable[[], Any]:
+        reset = self.environment.reset
+        if _accepts(reset, "seed"):
+            return lambda: reset(seed=seed)
+        set_seed = getattr(self.environment, "seed", None)
+        if callable(set_seed):
+            set_seed(seed)
+        return lambda: reset()
+
+    def is_over(self, outcome: Any) -> bool:
+        """See `EnvironmentAdapter.is_over`; after two values come one flag or two."""
+        _check_tuple(outcome, (4, 5))
+        return any(bool(flag) for flag in outcome[2:-1])
+
+    def reward(self, outcome: Any) -> float | None:
+        """See `EnvironmentAdapter.reward`."""
+        return _number(outcome[1])
+
+    def draw_actions(self, count: int, seed: int) -> list[Any]:
+        """See `EnvironmentAdapter.draw_actions`; from the action space where it draws itself."""
+        space = self.environment.action_space
+        if callable(getattr(space, "sample", None)):
+            if callable(getattr(space, "seed", None)):
+                space.seed(seed)
+            return [space.sample() for _ in range(count)]
+        low, high = getattr(space, "low", None), getattr(space, "high", None)
+        if low is None or high is None:
+            raise InputError("its action_space has neither sample() nor low and high")
+        return draw_uniform(low, high, count, seed, getattr(space, "dtype", None))
+
+
+class DmControlAdapter(EnvironmentAdapter):
+    """dm_control, and what has dm_env's interface: `action_spec()`, and steps with `last()`."""
+
+    framework = "dm_control"
+
+    def is_over(self, outcome: Any) -> bool:
+        """See `EnvironmentAdapter.is_over`."""
+        if not callable(getattr(outcome, "last", None)):
+            raise InputError(f"its step returned {_described(outcome)}, not a dm_env.TimeStep")
+        return bool(outcome.last())
+
+    def reward(self, outcome: Any) -> float | None:
+        """See `EnvironmentAdapter.reward`."""
+        return _number(outcome.reward)
+
+    def draw_actions(self, count: int, seed: int) -> list[Any]:
+        """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
+        spec = self.environment.action_spec()
+        low, high = getattr(spec, "minimum", None), getattr(spec, "maximum", None)
+        shape = getattr(spec, "shape", None)
+        if low is None or high is None or shape is None:
+            raise InputError("its action_spec() has no minimum, maximum and shape")
+        low, high = np.broadcast_to(low, shape), np.broadcast_to(high, shape)
+        return draw_uniform(low, high, count, seed, getattr(spec, "dtype", None))
+
+
+class RobosuiteAdapter(EnvironmentAdapter):
+    """robosuite: `action_spec` is a pair of bounds, and a step returns four values."""
+
+    framework = "robosuite"
+
+    def is_over(self, outcome: Any) -> bool:
+        """See `EnvironmentAdapter.is_over`."""
+        _check_tuple(outcome, (4,))
+        return bool(outcome[2])
+
+    def reward(self, outcome: Any) -> float | None:
+        """See `EnvironmentAdapter.reward`."""
+        return _number(outcome[1])
+
+    def draw_actions(self, count: int, seed: int) -> list[Any]:
+        """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
+        low, high = self.environment.action_spec
+        return draw_uniform(low, high, count, seed)
+
+
+def adapt(environment: Any) -> EnvironmentAdapter:
+    """Return the adapter of an environment.
+
+    Raises:
+      InputError: it is no environment, or does not say what its actions are.
+    """
+    kind = type(environment).__name__
+    for name in ("reset", "step"):
+        if not callable(getattr(environment, name, None)):
+            raise InputError(f"{kind} is no environment: it has no {name}()")
+    if getattr(environment, "num_envs", None) is not None and hasattr(
+        environment, "single_action_space"
+    ):
+        raise InputError(f"{kind} is several environments; give a factory that returns one")
+    if getattr(environment, "action_space", None) is not None:
+        return GymnasiumAdapter(environment)
+    spec = getattr(environment, "action_spec", None)
+    if callable(spec):
+        return DmControlAdapter(environment)
+    if isinstance(spec, tuple) and len(spec) == 2:
+        return RobosuiteAdapter(environment)
+    raise InputError(
+        f"{kind} does not say what its actions are: it has neither action_space nor action_spec"
+    )
+
+
+def chain_of(environment: Any) -> list[Any]:
+    """Return an environment and those inside it, the outermost first."""
+    chain = [environment]
+    while len(chain) < _MAX_WRAPPERS:
+        inner = _inner(chain[-1])
+        if inner is None or any(inner is each for each in chain):
+            break
+        chain.append(inner)
+    return chain
+
+
+def _inner(environment: Any) -> Any:
+    """Return the environment that a wrapper wraps; None where it wraps none."""
+    own = getattr(environment, "__dict__", {})
+    for name in _INNER:
+        inner = own.get(name)
+        if callable(getattr(inner, "step", None)) and callable(getattr(inner, "reset", None)):
+            return inner
+    return None
+
+
+def draw_uniform(low: Any, high: Any, count: int, seed: int, dtype: Any = None) -> list[Any]:
+    """Return random arrays within bounds; where a bound is infinite, standard normal numbers.
+
+    Args:
+      low: smallest values.
+      high: largest values, of the same shape.
+      count: how many arrays.
+      seed: to draw with.
+      dtype: of the arrays; None for that of the bounds.
+
+    Raises:
+      InputError: these are no bounds.
+    """
+    try:
+        low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+        bounded = np.isfinite(low) & np.isfinite(high)
+        least, most = np.where(bounded, low, 0.0), np.where(bounded, high, 0.0)
+        rng = np.random.default_rng([seed, 5])
+        drawn = [
+            np.where(bounded, rng.uniform(least, most), rng.standard_normal(low.shape))
+            for _ in range(count)
+        ]
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"no action can be drawn from its bounds: {one_line(error)}") from error
+    return [action.astype(dtype or float) for action in drawn]
+
+
+def _seed_generator(value: object, seed: int) -> None:
+    """Seed a generator of random numbers, in place, as others may hold it, too."""
+    if isinstance(value, np.random.RandomState):
+        value.seed(seed % _SEEDS)
+    elif isinstance(value, np.random.Generator):
+        bits = value.bit_generator
+        bits.state = type(bits)(seed).state
+
+
+def _check_tuple(outcome: Any, lengths: Sequence[int]) -> None:
+    """Refuse what a step returned unless it is a tuple of one of these lengths.
+
+    Raises:
+      InputError: it is something else.
+    """
+    if not isinstance(outcome, tuple) or len(outcome) not in lengths:
+        expected = " or ".join(map(str, lengths))
+        raise InputError(f"its step returned {_described(outcome)}, not {expected} values")
+
+
+def _described(outcome: Any) -> str:
+    kind = type(outcome).__name__
+    return f"{len(outcome)} values" if isinstance(outcome, tuple) else kind
+
+
+def _accepts(function: Callable[..., Any], keyword: str) -> bool:
+    """Return whether a function takes a keyword argument."""
+    import inspect
+
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return True
+    return any(
+        parameter.name == keyword or parameter.kind == parameter.VAR_KEYWORD
+        for parameter in parameters
+    )
+
+
+def _number(value: Any) -> float | None:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None

@@ -1,0 +1,254 @@
+"""The functions that an environment's step calls, found in its source.
+
+A step is read with those it overrides and calls by `super().step(…)`. Functions that it calls are
+methods of the environment or of what it holds (`self.sim.step()`), and functions of its module.
+What those call in turn is found where its name says which layer it belongs to.
+"""
+
+import ast
+import functools
+import inspect
+import sys
+import textwrap
+import types
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mjbench.program.environment_layers import Layer, layer_of
+
+# What functions of these layers call is looked for, too; what others call belongs to them.
+_ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.REST}
+
+
+@dataclass(frozen=True, eq=False)
+class Callee:
+    """A function that a step calls.
+
+    Attributes:
+      owner: the object or module that has it.
+      attribute: its name there.
+      layer: that its time belongs to.
+      name: for people; of a wrapper's step, the wrapper's class.
+    """
+
+    owner: Any
+    attribute: str
+    layer: Layer
+    name: str
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A call in the source of a method.
+
+    Attributes:
+      path: the names after `self`, such as `("sim", "step")`; of a function of the module, its
+        name alone.
+      is_own: whether it begins at `self`.
+      results: names that its result is assigned to.
+    """
+
+    path: tuple[str, ...]
+    is_own: bool
+    results: tuple[str, ...]
+
+
+def find(environment: object) -> list[Callee]:
+    """Return the functions that `environment.step` calls, each once.
+
+    Args:
+      environment: the innermost one, without wrappers. What it holds may be replaced by a reset,
+        so this result holds until the next.
+    """
+    found: dict[tuple[int, str], Callee] = {}
+    for function in _steps(environment):
+        for callee in _callees_of(environment, function):
+            found.setdefault((id(callee.owner), callee.attribute), callee)
+            if callee.layer in _ENTERED and not isinstance(callee.owner, types.ModuleType):
+                for inner in _known_callees(callee):
+                    found.setdefault((id(inner.owner), inner.attribute), inner)
+    found.pop((id(environment), "step"), None)
+    return list(found.values())
+
+
+def builds_info(environment: object) -> bool:
+    """Return whether the lines of `environment.step` put information together themselves."""
+    for function in _steps(environment):
+        tree = _tree(function)
+        for node in ast.walk(tree) if tree else ():
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict):
+                names = [name for target in node.targets for name in _names(target)]
+                if layer_of("", names) == Layer.INFO:
+                    return True
+    return False
+
+
+def _known_callees(callee: Callee) -> Iterator[Callee]:
+    """Yield what a method calls on its own object that belongs to a layer by its name."""
+    function = _function_of(callee.owner, callee.attribute)
+    if function is None:
+        return
+    for inner in _callees_of(callee.owner, function):
+        if inner.owner is callee.owner and layer_of(inner.attribute) != Layer.REST:
+            yield inner
+
+
+def _steps(environment: object) -> Iterator[Callable[..., Any]]:
+    """Yield the step of an environment, and those of base classes that it calls."""
+    own = vars(environment).get("step") if hasattr(environment, "__dict__") else None
+    if isinstance(own, types.FunctionType):
+        yield own
+    for each in type(environment).__mro__:
+        step = vars(each).get("step")
+        if not isinstance(step, types.FunctionType):
+            continue
+        step = _undecorated(step)
+        yield step
+        if not _calls_base_step(step):
+            return
+
+
+def _function_of(owner: object, attribute: str) -> Callable[..., Any] | None:
+    """Return the function of a method; None where it is something else."""
+    method = inspect.getattr_static(type(owner), attribute, None)
+    return _undecorated(method) if isinstance(method, types.FunctionType) else None
+
+
+def _undecorated(function: types.FunctionType) -> types.FunctionType:
+    """Return the function inside its decorators, also those that do not say what they wrap."""
+    function = inspect.unwrap(function)
+    for cell in function.__closure__ or ():
+        try:
+            content = cell.cell_contents
+        except ValueError:  # empty
+            continue
+        if isinstance(content, types.FunctionType) and "self" in content.__code__.co_varnames[:1]:
+            return _undecorated(content)
+    return function
+
+
+def _callees_of(owner: object, function: Callable[..., Any]) -> Iterator[Callee]:
+    """Yield what a method calls, as far as it can be replaced."""
+    for call in _calls(function):
+        target = _owner(owner, function, call)
+        if target is not None and _can_be_replaced(target, call.path[-1]):
+            name = call.path[-1]
+            yield Callee(target, name, layer_of(name, call.results), name)
+
+
+def _owner(owner: object, function: Callable[..., Any], call: _Call) -> Any:
+    """Return what has the function of a call; None where nothing does now."""
+    if not call.is_own:
+        module = sys.modules.get(function.__module__)
+        is_home = module is not None and vars(module) is getattr(function, "__globals__", None)
+        return module if is_home else None
+    target: Any = owner
+    for name in call.path[:-1]:
+        try:
+            target = getattr(target, name)
+        except Exception:  # a property of the user's may raise anything
+            return None
+    return target
+
+
+def _can_be_replaced(owner: object, attribute: str) -> bool:
+    """Return whether an attribute is a Python function that its owner can have another for."""
+    if isinstance(owner, types.ModuleType):
+        return isinstance(vars(owner).get(attribute), types.FunctionType)
+    if not hasattr(owner, "__dict__") or isinstance(owner, type):
+        return False
+    own = vars(owner).get(attribute)
+    if own is not None:
+        return isinstance(own, types.FunctionType | types.MethodType)
+    return isinstance(
+        inspect.getattr_static(type(owner), attribute, None),
+        types.FunctionType | classmethod | staticmethod,
+    )
+
+
+@functools.lru_cache(maxsize=256)
+def _calls(function: Callable[..., Any]) -> Sequence[_Call]:
+    """Return the calls in a function's source; none where it has no source."""
+    tree = _tree(function)
+    if tree is None or not tree.args.args:
+        return ()
+    own = tree.args.args[0].arg
+    results = _results(tree)
+    calls = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        names = _dotted(node.func)
+        if names and names[0] == own and len(names) > 1:
+            calls.append(_Call(names[1:], True, results.get(node, ())))
+        elif len(names) == 1:
+            calls.append(_Call(names, False, results.get(node, ())))
+    return tuple(calls)
+
+
+def _tree(function: Callable[..., Any]) -> ast.FunctionDef | None:
+    """Return the syntax of a function; None where it has no source."""
+    try:
+        module = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    except (OSError, TypeError, SyntaxError, ValueError):
+        return None
+    first = module.body[0] if module.body else None
+    return first if isinstance(first, ast.FunctionDef) else None
+
+
+def _results(tree: ast.AST) -> dict[ast.Call, tuple[str, ...]]:
+    """Return the names that the result of each call is assigned to, alone or in an expression."""
+    names: dict[ast.Call, tuple[str, ...]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            targets: list[ast.expr] = node.targets
+        elif isinstance(node, ast.AnnAssign | ast.AugAssign):
+            targets = [node.target]
+        else:
+            continue
+        assigned = tuple(_names(target) for target in targets)
+        flat = tuple(name for group in assigned for name in group)
+        if node.value is None:
+            continue
+        for inner in ast.walk(node.value):
+            if isinstance(inner, ast.Call):
+                names[inner] = flat
+    return names
+
+
+def _names(target: ast.expr) -> list[str]:
+    """Return the names of what is assigned to; of `self.info["a"]` it is `info`."""
+    match target:
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return [name]
+        case ast.Tuple(elts=parts) | ast.List(elts=parts):
+            return [name for part in parts for name in _names(part)]
+        case ast.Subscript(value=value) | ast.Starred(value=value):
+            return _names(value)
+    return []
+
+
+def _dotted(node: ast.expr) -> tuple[str, ...]:
+    """Return the names of `a.b.c`; none of anything else."""
+    match node:
+        case ast.Name(id=name):
+            return (name,)
+        case ast.Attribute(value=value, attr=attribute):
+            before = _dotted(value)
+            return (*before, attribute) if before else ()
+    return ()
+
+
+def _calls_base_step(function: Callable[..., Any]) -> bool:
+    """Return whether a step calls that of a base class."""
+    tree = _tree(function)
+    if tree is None:
+        return False
+    return any(
+        isinstance(node, ast.Attribute)
+        and node.attr == "step"
+        and isinstance(node.value, ast.Call)
+        and _dotted(node.value.func) == ("super",)
+        for node in ast.walk(tree)
+    )

@@ -1,0 +1,81 @@
+"""MuJoCo's functions, replaced wherever a program holds them, while it runs.
+
+`mujoco.mj_step` finds a replacement in the module `mujoco`. A name bound by `from mujoco import
+mj_step` does not, so every module that holds one of the functions is given the replacement, too.
+"""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+
+import mujoco
+
+from mjbench.loop import engine_functions
+from mjbench.loop.engine_functions import EngineFunction
+
+# Modules that keep MuJoCo's own functions.
+_KEEP = ("mujoco", "mjbench")
+
+
+@dataclass(frozen=True, eq=False)
+class Binding:
+    """A name of a module that stands for a function of the engine.
+
+    Attributes:
+      module: that has it.
+      attribute: its name there.
+      function: the name in `mujoco`.
+    """
+
+    module: ModuleType
+    attribute: str
+    function: str
+
+
+def function_names() -> list[str]:
+    """Return the names of MuJoCo's functions of a model or a simulation (`mj_…`)."""
+    return [
+        name for name in dir(mujoco) if name.startswith("mj_") and callable(getattr(mujoco, name))
+    ]
+
+
+def bindings(names: Sequence[str]) -> list[Binding]:
+    """Return where modules other than `mujoco` hold functions of the engine now.
+
+    Args:
+      names: of the functions.
+    """
+    by_identity = {id(getattr(mujoco, name)): name for name in names if hasattr(mujoco, name)}
+    found = []
+    for module_name, module in list(sys.modules.items()):
+        if module_name.partition(".")[0] in _KEEP or not isinstance(module, ModuleType):
+            continue
+        for attribute, value in list(vars(module).items()):
+            if (name := by_identity.get(id(value))) is not None:
+                found.append(Binding(module, attribute, name))
+    return found
+
+
+@contextlib.contextmanager
+def replaced(
+    wrappers: Mapping[str, Callable[[EngineFunction], EngineFunction]],
+    elsewhere: Sequence[Binding] = (),
+) -> Iterator[None]:
+    """Replace functions of the engine while the block runs.
+
+    Args:
+      wrappers: by the function's name, what makes the replacement from the function.
+      elsewhere: other names of these functions (see `bindings`).
+    """
+    before = [(each, getattr(each.module, each.attribute)) for each in elsewhere]
+    with engine_functions.replaced(wrappers):
+        try:
+            for binding in elsewhere:
+                replacement = getattr(mujoco, binding.function)
+                setattr(binding.module, binding.attribute, replacement)
+            yield
+        finally:
+            for binding, function in before:
+                setattr(binding.module, binding.attribute, function)

@@ -1,0 +1,169 @@
+"""Make an environment from its source, in the process that is to step it.
+
+Whatever the user's code raises becomes one line that names its file and line. What is not installed
+is said with the command that installs it.
+"""
+
+import contextlib
+import importlib
+import os
+import sys
+import sysconfig
+import traceback
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import (
+    InputError,
+    MjbenchError,
+    describe,
+    shown,
+    suggestion,
+)
+from mjbench.instrument import extras
+from mjbench.program.environment_source import EnvironmentSource, Origin
+
+_OWN_FOLDER = str(Path(__file__).resolve().parents[1])
+_LIBRARY_FOLDERS = tuple(
+    sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")
+)
+
+
+def make(source: EnvironmentSource) -> Any:
+    """Return a new environment.
+
+    A factory runs in the user's folder, and its modules are imported from there.
+
+    Raises:
+      InputError: there is no such environment, its package is not installed, or making it failed.
+    """
+    match source.origin:
+        case Origin.GYMNASIUM:
+            return _from_gymnasium(source)
+        case Origin.DM_CONTROL:
+            return _from_dm_control(source)
+        case Origin.FACTORY:
+            return _from_factory(source)
+
+
+@contextlib.contextmanager
+def blamed(what: str) -> Iterator[None]:
+    """Turn whatever the user's code raises into an InputError that names its file and line.
+
+    Args:
+      what: what failed, such as `its step`.
+
+    Raises:
+      InputError: the block raised.
+    """
+    try:
+        yield
+    except (MjbenchError, KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:  # it may be SystemExit
+        raise InputError(f"{what} raised {describe(error)}{place_of(error)}") from error
+
+
+def place_of(error: BaseException) -> str:
+    """Return the file and line that raised, such as ` (my_env.py:42)`; empty where unknown.
+
+    Where that is in a library, the line of the user's own code that led there comes first.
+    """
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith((_OWN_FOLDER, "<frozen"))
+    ]
+    if not frames:
+        return ""
+    own = [frame for frame in frames if not frame.filename.startswith(_LIBRARY_FOLDERS)]
+    places = dict.fromkeys(
+        f"{Path(frame.filename).name}:{frame.lineno}" for frame in (*own[-1:], frames[-1])
+    )
+    return f" ({', from '.join(places)})"
+
+
+def _from_gymnasium(source: EnvironmentSource) -> Any:
+    """Return what `gymnasium.make` makes of an id."""
+    gymnasium = _imported("gymnasium", extras.install_command("env"))
+    module, _, name = source.attribute.rpartition(":")
+    if module:
+        _user_module(module, source.folder)
+    with blamed("making it"):
+        try:
+            return gymnasium.make(name)
+        except gymnasium.error.DependencyNotInstalled as error:
+            raise InputError(
+                f"it needs a package that is not installed here: {extras.install_command('env')}"
+            ) from error
+        except gymnasium.error.UnregisteredEnv as error:
+            raise _unknown(source, name, gymnasium.registry) from error
+
+
+def _from_dm_control(source: EnvironmentSource) -> Any:
+    """Return the environment of a task of dm_control's suite."""
+    _imported("dm_control", "python -m pip install dm_control")
+    with blamed("making it"):
+        from dm_control import suite
+
+        names = [f"dm_control:{domain}-{task}" for domain, task in suite.ALL_TASKS]
+        if source.name not in names:
+            raise _unknown(source, source.name, names)
+        return suite.load(source.module, source.attribute)
+
+
+def _from_factory(source: EnvironmentSource) -> Any:
+    """Return what a function of the user's returns."""
+    factory = _user_module(source.module, source.folder)
+    for name in source.attribute.split("."):
+        known = [word for word in dir(factory) if not word.startswith("_")]
+        try:
+            factory = getattr(factory, name)
+        except AttributeError:
+            raise InputError(f"{source.module} has no {name}{suggestion(name, known)}") from None
+    if not callable(factory):
+        raise InputError(
+            f"{source.attribute} is {type(factory).__name__}, not a function that returns an"
+            " environment"
+        )
+    with blamed(f"{source.attribute}()"):
+        return factory()
+
+
+def _user_module(name: str, folder: Path) -> Any:
+    """Return a module of the user's, which is imported from a folder, and works in it.
+
+    Raises:
+      InputError: there is no such module, or it cannot be imported.
+    """
+    os.chdir(folder)
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+    with blamed(f"importing {name}"):
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+                raise  # a module that the user's own imports
+            raise InputError(f"no module {name} in this folder or installed") from error
+
+
+def _imported(package: str, command: str) -> Any:
+    """Return a package, which a command installs.
+
+    Raises:
+      InputError: it is not installed, or cannot be imported.
+    """
+    try:
+        with blamed(f"importing {package}"):
+            return importlib.import_module(package)
+    except InputError as error:
+        if isinstance(error.__cause__, ModuleNotFoundError) and error.__cause__.name == package:
+            raise InputError(f"{package} is not installed here: {command}") from error
+        raise
+
+
+def _unknown(source: EnvironmentSource, name: str, names: Iterable[str]) -> InputError:
+    """Return the error for an environment that a package does not have."""
+    return InputError(f"{source.origin} has no environment {shown(name)}{suggestion(name, names)}")

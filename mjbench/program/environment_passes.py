@@ -1,0 +1,268 @@
+"""Passes over the recorded actions: each resets to the same starts and takes the same steps.
+
+A plain pass times steps and resets and nothing else. A layered pass also times the functions inside
+a step. Both sum up what the environment returned, which shows whether they did the same.
+"""
+
+import contextlib
+import hashlib
+import random
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mjbench.program import environment_callees, environment_engine
+from mjbench.program.environment_adapter import EnvironmentAdapter
+from mjbench.program.environment_engine import Binding
+from mjbench.program.environment_making import blamed
+from mjbench.program.environment_recording import EngineWatch
+from mjbench.program.environment_timer import (
+    ClockNs,
+    LayerTime,
+    LayerTimer,
+    engine_timed,
+    functions_timed,
+)
+
+# How deep observations are nested, at most.
+_MAX_DEPTH = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Pass:
+    """A pass over the recorded actions.
+
+    Attributes:
+      step_ns: (nstep,) of each step of the environment.
+      reset_ns: of each reset.
+      lengths: steps of each episode that ended.
+      digest: names all rewards, the ends of episodes and the observations there.
+    """
+
+    step_ns: np.ndarray
+    reset_ns: Sequence[int]
+    lengths: Sequence[int]
+    digest: str
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredPass:
+    """A pass in which the functions inside a step were timed, too.
+
+    Attributes:
+      times: of the same steps.
+      layers: what each function that was called took, with the timer's cost.
+    """
+
+    times: Pass
+    layers: Sequence[LayerTime]
+
+
+# Prepares an episode, after its reset, and gives what takes and times a step of it.
+_BeginEpisode = Callable[[], contextlib.AbstractContextManager[Callable[[Any], tuple[Any, int]]]]
+
+
+class EnvironmentPasses:
+    """Replays actions in an environment, as often as one likes."""
+
+    def __init__(
+        self,
+        adapter: EnvironmentAdapter,
+        actions: Sequence[Any],
+        seed: int,
+        clock_ns: ClockNs = time.perf_counter_ns,
+    ):
+        """Replay `actions`; episode number i is reset with `seed` + i."""
+        self._adapter, self._actions, self._seed = adapter, actions, seed
+        self._clock_ns = clock_ns
+
+    def plain(self, alive: Callable[[], None] = lambda: None) -> Pass:
+        """Return the times of a pass.
+
+        Args:
+          alive: called after every step, untimed.
+
+        Raises:
+          InputError: the environment raised something.
+        """
+        replay = self._replay(self._begin_plain, alive)
+        while replay.run_episode():
+            pass
+        return replay.result()
+
+    def recorded(self, watch: EngineWatch, alive: Callable[[], None]) -> Pass:
+        """Return a pass that `watch` watches; its times include the watching.
+
+        Raises:
+          InputError: the environment raised something.
+        """
+        clock_ns = self._clock_ns
+
+        def begin_episode() -> contextlib.AbstractContextManager[Callable[[Any], Any]]:
+            step = self._step()
+            watch.begin_episode()
+
+            def run(action: Any) -> tuple[Any, int]:
+                begin = clock_ns()
+                outcome = watch.run(lambda: step(action))
+                return outcome, clock_ns() - begin
+
+            return contextlib.nullcontext(run)
+
+        replay = self._replay(begin_episode, alive)
+        with watch.watching():
+            while replay.run_episode():
+                pass
+        return replay.result()
+
+    def side_by_side(
+        self, elsewhere: Sequence[Binding], rng: random.Random
+    ) -> tuple[Pass, LayeredPass]:
+        """Return a plain pass and a layered one, which take turns from episode to episode.
+
+        Args:
+          elsewhere: names of the engine's functions in other modules.
+          rng: draws which of the two is first in each episode.
+
+        Raises:
+          InputError: the environment raised something.
+        """
+        timer = LayerTimer(self._clock_ns)
+        plain = self._replay(self._begin_plain)
+        layered = self._replay(lambda: self._begin_layered(timer, elsewhere))
+        both = [plain, layered]
+        goes_on = True
+        while goes_on:
+            rng.shuffle(both)
+            remaining = [replay.run_episode() for replay in both]
+            goes_on = any(remaining)
+        called = [layer for layer in timer.layers() if layer.calls]
+        return plain.result(), LayeredPass(layered.result(), called)
+
+    def _begin_plain(self) -> contextlib.AbstractContextManager[Callable[[Any], tuple[Any, int]]]:
+        """Prepare an episode whose steps are timed as a whole."""
+        clock_ns, step = self._clock_ns, self._step()
+
+        def run(action: Any) -> tuple[Any, int]:
+            begin = clock_ns()
+            outcome = step(action)
+            return outcome, clock_ns() - begin
+
+        return contextlib.nullcontext(run)
+
+    @contextlib.contextmanager
+    def _begin_layered(
+        self, timer: LayerTimer, elsewhere: Sequence[Binding]
+    ) -> Iterator[Callable[[Any], tuple[Any, int]]]:
+        """Prepare an episode whose steps are timed by layer."""
+        adapter = self._adapter
+        layer, name = adapter.outermost_layer()
+        # a reset may have replaced what the environment holds
+        callees = [*adapter.inner_steps(), *environment_callees.find(adapter.core)]
+        step = self._step()
+        with engine_timed(timer, elsewhere), functions_timed(timer, callees):
+            yield timer.outermost(step, layer, name)
+
+    def _step(self) -> Callable[[Any], Any]:
+        step: Callable[[Any], Any] = self._adapter.environment.step
+        return step
+
+    def _replay(
+        self, begin_episode: _BeginEpisode, alive: Callable[[], None] = lambda: None
+    ) -> "_Replay":
+        return _Replay(
+            self._adapter, self._actions, self._seed, begin_episode, alive, self._clock_ns
+        )
+
+
+class _Replay:
+    """A pass that is being made, episode by episode."""
+
+    def __init__(
+        self,
+        adapter: EnvironmentAdapter,
+        actions: Sequence[Any],
+        seed: int,
+        begin_episode: _BeginEpisode,
+        alive: Callable[[], None],
+        clock_ns: ClockNs,
+    ):
+        self._adapter, self._actions, self._seed = adapter, actions, seed
+        self._begin_episode, self._alive, self._clock_ns = begin_episode, alive, clock_ns
+        self._step_ns = np.zeros(len(actions), dtype=np.int64)
+        self._reset_ns: list[int] = []
+        self._lengths: list[int] = []
+        self._digest = _Digest()
+        self._number = 0
+
+    def run_episode(self) -> bool:
+        """Reset the environment and take the steps of the next episode; return whether more follow.
+
+        Raises:
+          InputError: the environment raised something.
+        """
+        if self._number == len(self._actions):
+            return False
+        adapter, first = self._adapter, self._number
+        self._reset_ns.append(self._reset())
+        with self._begin_episode() as step:
+            is_over = False
+            while not is_over and self._number < len(self._actions):
+                with blamed("its step"):
+                    outcome, self._step_ns[self._number] = step(self._actions[self._number])
+                    is_over = adapter.is_over(outcome)
+                    self._digest.add(adapter.reward(outcome))
+                self._number += 1
+                self._alive()
+        if is_over:
+            self._lengths.append(self._number - first)
+        self._digest.add((is_over, outcome))
+        return self._number < len(self._actions)
+
+    def _reset(self) -> int:
+        """Reset the environment, and return how many nanoseconds it took."""
+        with blamed("its reset"):
+            reset = self._adapter.resetting(self._seed + len(self._reset_ns))
+            begin = self._clock_ns()
+            reset()
+            return self._clock_ns() - begin
+
+    def result(self) -> Pass:
+        """Return the pass, now that it is over."""
+        return Pass(self._step_ns, self._reset_ns, self._lengths, self._digest.text())
+
+
+class _Digest:
+    """Names a sequence of values, bit by bit."""
+
+    def __init__(self) -> None:
+        self._content = hashlib.blake2b(digest_size=8)
+
+    def add(self, value: Any, depth: int = 0) -> None:
+        """Add a number, an array, or a container of them; anything else counts as its type."""
+        if depth > _MAX_DEPTH:
+            return
+        self._content.update(type(value).__name__.encode())
+        match value:
+            case Mapping():
+                for key in value:
+                    self.add((str(key), value[key]), depth + 1)
+            case list() | tuple():
+                for each in value:
+                    self.add(each, depth + 1)
+            case str() | bool() | int() | float() | None:
+                self._content.update(repr(value).encode())
+            case np.ndarray() | np.generic() if np.asarray(value).dtype.kind in "biufc":
+                self._content.update(np.ascontiguousarray(value).tobytes())
+
+    def text(self) -> str:
+        """Return the digest of what was added."""
+        return self._content.hexdigest()
+
+
+def bindings() -> list[Binding]:
+    """Return where modules that are loaded now hold functions of the engine."""
+    return environment_engine.bindings(environment_engine.function_names())

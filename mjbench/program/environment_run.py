@@ -1,0 +1,362 @@
+"""Measure one environment, in a child process (see `isolate`).
+
+The order is: make it, record its steps and check its physics, verify the other paths of the same
+physics, and only then time: plain passes, layered passes and the paths, in turns of random order.
+"""
+
+import random
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mjbench.comparison.plan import Variant
+from mjbench.errors import InputError
+from mjbench.instrument import machine, timing
+from mjbench.instrument.isolate import Channel
+from mjbench.program import (
+    environment_adapter,
+    environment_comparison,
+    environment_making,
+    environment_passes,
+    environment_workload,
+)
+from mjbench.program.environment_adapter import EnvironmentAdapter
+from mjbench.program.environment_comparison import PhysicsComparison
+from mjbench.program.environment_passes import EnvironmentPasses, LayeredPass, Pass
+from mjbench.program.environment_recording import EngineWatch, ModelChange, Recording, StepTrace
+from mjbench.program.environment_records import EnvironmentFacts, PhysicsCheck
+from mjbench.program.environment_source import EnvironmentSource
+from mjbench.program.environment_timer import LayerTime, TimerCost, measure_cost
+from mjbench.program.environment_workload import PhysicsAlone
+from mjbench.simulation import work
+from mjbench.status import Status
+
+# Steps by which the time of a step is found, at first and where that takes few seconds.
+_FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
+# Steps of a pass unless the user says: as many as take this long, within these bounds.
+PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
+# The fewest and most rounds; a 95 % interval needs six.
+LEAST_ROUNDS, MOST_ROUNDS = 7, 100
+# A child may be silent for this many times as long as its work should take.
+_PATIENCE = 20
+# How often the parent is told that steps are being taken, in seconds.
+_SIGN_OF_LIFE_S = 1.0
+
+
+@dataclass(frozen=True)
+class EnvironmentRequest:
+    """An environment to measure.
+
+    Attributes:
+      source: where it comes from.
+      seed: of actions and resets.
+      nstep: steps of the environment; None to choose them.
+      variants: paths to compare it with, the plain loop first.
+      budget_s: seconds for all rounds.
+    """
+
+    source: EnvironmentSource
+    seed: int
+    nstep: int | None
+    variants: tuple[Variant, ...]
+    budget_s: float
+
+
+@dataclass(frozen=True)
+class EnvironmentReady:
+    """What was recorded of an environment, and whether a plain loop does its physics.
+
+    Attributes:
+      facts: of the environment.
+      check: of its physics.
+      changes: of its model.
+      timer_cost: what a call of a timed function costs at least.
+    """
+
+    facts: EnvironmentFacts
+    check: PhysicsCheck
+    changes: tuple[ModelChange, ...]
+    timer_cost: TimerCost
+
+
+@dataclass(frozen=True)
+class EnvironmentRound:
+    """One round; nanoseconds are per step of the environment.
+
+    Attributes:
+      step_ns: of the plain pass.
+      compared_ns: of its steps that the comparison covers; None without a comparison.
+      reset_ns: of a reset in it.
+      layered_ns: of the layered pass, with the timer's cost.
+      timer_ns: by which a step of it took longer than the same one of the plain pass; the median.
+      layers: what each function took in all steps of it.
+      path_ns: of each path, by the index of its variant.
+      cores: that threads got.
+    """
+
+    step_ns: float
+    compared_ns: float | None
+    reset_ns: float
+    layered_ns: float
+    timer_ns: float
+    layers: tuple[LayerTime, ...]
+    path_ns: Mapping[int, float]
+    cores: float
+
+
+@dataclass(frozen=True)
+class PathDisagreed:
+    """A timed block of a path did not reach the states of the plain loop."""
+
+    index: int
+    detail: str
+
+
+def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
+    """Measure one environment.
+
+    Messages: `EnvironmentReady`; where a plain loop does its physics, an `AgreementReport` per
+    variant; an `EnvironmentRound` for each round; `PathDisagreed` for each path that was wrong.
+    """
+    channel.doing("making the environment")
+    adapter = environment_adapter.adapt(environment_making.make(request.source))
+    channel.doing("stepping the environment")
+    alive = _signs_of_life(channel)
+    nstep = request.nstep or _affordable_nstep(adapter, request.seed, alive)
+    actions = _actions(adapter, nstep, request.seed)
+    passes = EnvironmentPasses(adapter, actions, request.seed)
+    channel.doing("recording the steps of the environment")
+    watch = EngineWatch()
+    recorded = passes.recorded(watch, alive)
+    recording = watch.recording()
+    _check_steps_engine(recording, nstep)
+    first = passes.plain(alive)
+    repeats = first.digest == recorded.digest
+    nthread = max((variant.options.get("threads", 1) for variant in request.variants), default=1)
+    physics = _physics_alone(recording, repeats, request.seed, nthread)
+    facts = _facts(adapter, recording, first, request.seed, repeats)
+    check = _check(recording, physics)
+    channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
+    comparison = None
+    if isinstance(physics, PhysicsAlone):
+        comparison = environment_comparison.prepare(physics, request.variants, channel)
+    _time(passes, comparison, request, channel)
+
+
+def _signs_of_life(channel: Channel) -> Callable[[], None]:
+    """Return a function that tells the parent now and then that the child is at work."""
+    last = time.monotonic()
+
+    def alive() -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last > _SIGN_OF_LIFE_S:
+            last = now
+            channel.allow_silence(0.0)
+
+    return alive
+
+
+def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
+    with environment_making.blamed("its action space"):
+        return adapter.draw_actions(count, seed)
+
+
+def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, alive: Callable[[], None]) -> int:
+    """Return how many steps a pass has: as many as take PASS_S."""
+    actions = _actions(adapter, _WARM_UP_NSTEP, seed)
+    few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(alive)
+    step_s = float(np.median(few.step_ns)) * 1e-9
+    if step_s * _WARM_UP_NSTEP < _WARM_UP_S:
+        more = EnvironmentPasses(adapter, actions, seed).plain(alive)
+        step_s = float(more.step_ns.mean()) * 1e-9
+    return int(min(MOST_NSTEP, max(LEAST_NSTEP, PASS_S / max(step_s, 1e-9))))
+
+
+def _check_steps_engine(recording: Recording, nstep: int) -> None:
+    """Refuse an environment that does not step MuJoCo's engine.
+
+    Raises:
+      InputError: it does not.
+    """
+    if any(trace is not None for trace in recording.steps):
+        return
+    if recording.obstacle:
+        raise InputError(f"the environment {recording.obstacle}; only mj_step is understood")
+    if recording.other_calls:
+        raise InputError(
+            f"the environment uses MuJoCo but none of its {nstep} steps called mj_step, mj_step1 or"
+            " mj_step2 from Python"
+        )
+    raise InputError(f"no MuJoCo physics: none of its {nstep} steps called the engine from Python")
+
+
+def _physics_alone(
+    recording: Recording, repeats: bool, seed: int, nthread: int
+) -> PhysicsAlone | str:
+    """Return the physics to compare with; or why there is no comparison, in words."""
+    physics = environment_workload.alone(recording, seed, nthread)
+    if isinstance(physics, str):
+        return physics
+    if not repeats:
+        return "with the same seed and actions, the environment does not do the same again"
+    if not np.isfinite(physics.final_state).all():
+        return "its states are not finite"
+    return environment_comparison.difference_from(physics) or physics
+
+
+def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
+    """Return the record of the check of a recording's physics."""
+    if isinstance(physics, PhysicsAlone):
+        covered, run, holds = len(physics.numbers), physics.run, physics.holds
+        return PhysicsCheck(Status.OK, "", recording.checked, covered, run, holds)
+    if recording.difference is not None:
+        detail = environment_comparison.described(*recording.difference)
+        return PhysicsCheck(Status.DISAGREES, detail, recording.checked)
+    return PhysicsCheck(Status.UNAVAILABLE, physics, recording.checked)
+
+
+def _facts(
+    adapter: EnvironmentAdapter, recording: Recording, times: Pass, seed: int, repeats: bool
+) -> EnvironmentFacts:
+    traces = [trace for trace in recording.steps if trace is not None]
+    counts = {trace.nstep for trace in traces}
+    model = recording.model
+    return EnvironmentFacts(
+        framework=adapter.framework,
+        core=type(adapter.core).__name__,
+        wrappers=adapter.wrapper_names,
+        versions=adapter.versions(),
+        seed=seed,
+        nstep=len(recording.steps),
+        nepisode=len(times.reset_ns),
+        episode_nstep=float(np.mean(times.lengths)) if times.lengths else None,
+        repeats=repeats,
+        frame_skip=counts.pop() if len(counts) == 1 else None,
+        calls=_calls(traces[0]),
+        entered=sorted({name for trace in traces if trace.follows for name in trace.entered}),
+        model=None if model is None else work.describe(model),
+    )
+
+
+def _calls(trace: StepTrace) -> list[str]:
+    """Return the engine's functions that a step called, such as `mj_step(nstep=5)`."""
+    words: list[str] = []
+    for name, nstep in trace.calls:
+        words.append(f"{name}(nstep={nstep})" if name == "mj_step" and nstep != 1 else name)
+    period = next(
+        (n for n in range(1, len(words) + 1) if words == words[:n] * (len(words) // n)), 0
+    )
+    repeats = len(words) // period if period else 1
+    if repeats == 1:
+        return words
+    unit = words[0] if period == 1 else f"({', '.join(words[:period])})"
+    return [f"{repeats} × {unit}"]
+
+
+def _time(
+    passes: EnvironmentPasses,
+    comparison: PhysicsComparison | None,
+    request: EnvironmentRequest,
+    channel: Channel,
+) -> None:
+    """Time rounds until the budget is used; send each."""
+    turns = _Turns(passes, comparison, request, channel)
+    begin = time.perf_counter()
+    turns.round()  # touches all memory
+    channel.allow_silence(_PATIENCE * (time.perf_counter() - begin))
+    begin, longest_s = time.perf_counter(), 0.0
+    for number in range(MOST_ROUNDS):
+        round_begin = time.perf_counter()
+        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.budget_s:
+            break
+        channel.send(turns.round())
+        longest_s = max(longest_s, time.perf_counter() - round_begin)
+        channel.allow_silence(_PATIENCE * longest_s)
+    if comparison is not None:
+        for index, difference in comparison.differences.items():
+            channel.send(PathDisagreed(index, f"in a timed block: {difference}"))
+        comparison.close()
+
+
+class _Turns:
+    """Rounds in which passes and paths take turns."""
+
+    def __init__(
+        self,
+        passes: EnvironmentPasses,
+        comparison: PhysicsComparison | None,
+        request: EnvironmentRequest,
+        channel: Channel,
+    ):
+        self._passes, self._comparison = passes, comparison
+        self._variants, self._channel = request.variants, channel
+        self._elsewhere = environment_passes.bindings()
+        self._random = random.Random(request.seed)
+        self._rng = np.random.default_rng([request.seed, 6])
+        cores = min(
+            machine.usable_cores(),
+            max((v.options.get("threads", 1) for v in request.variants), default=1),
+        )
+        self._calibration = machine.Calibration(cores) if cores > 1 and comparison else None
+
+    def round(self) -> EnvironmentRound:
+        """Time both passes and every path once, in random order."""
+        passes: list[tuple[Pass, LayeredPass]] = []
+        path_ns: dict[int, float] = {}
+        cores = [1.0]
+        turns: list[Callable[[], None]] = [
+            lambda: passes.append(self._both_passes()),
+            lambda: cores.append(self._cores()),
+        ]
+        if self._comparison is not None:
+            self._comparison.reorder(self._rng)
+            turns += [self._path_turn(index, path_ns) for index in self._comparison.prepared]
+        self._random.shuffle(turns)
+        for turn in turns:
+            turn()
+        return self._result(*passes[0], path_ns, cores[-1])
+
+    def _result(
+        self, plain: Pass, layered: LayeredPass, path_ns: Mapping[int, float], cores: float
+    ) -> EnvironmentRound:
+        compared = None
+        if self._comparison is not None:
+            compared = float(plain.step_ns[self._comparison.physics.numbers].mean())
+        return EnvironmentRound(
+            float(plain.step_ns.mean()),
+            compared,
+            float(np.mean(plain.reset_ns)),
+            float(layered.times.step_ns.mean()),
+            float(np.median(layered.times.step_ns - plain.step_ns)),
+            tuple(layered.layers),
+            path_ns,
+            cores,
+        )
+
+    def _both_passes(self) -> tuple[Pass, LayeredPass]:
+        self._channel.doing("timing the environment")
+        return self._passes.side_by_side(self._elsewhere, self._random)
+
+    def _cores(self) -> float:
+        if self._calibration is None:
+            return 1.0
+        single_s, together_s = (
+            timing.block_s(timing.Contender(run))
+            for run in (self._calibration.single, self._calibration.together)
+        )
+        return self._calibration.cores(single_s, together_s)
+
+    def _path_turn(self, index: int, path_ns: dict[int, float]) -> Callable[[], None]:
+        """Return a function that times a path, and stores its time by its index."""
+        comparison = self._comparison
+        assert comparison is not None, "there is a comparison"
+
+        def turn() -> None:
+            self._channel.doing(f"timing {self._variants[index]}", index)
+            path_ns[index] = 1e9 * comparison.block_s(index) / comparison.env_steps()
+
+        return turn

@@ -1,0 +1,226 @@
+"""How long each layer of a step takes: functions that charge the clock to the layer on top.
+
+At every call and return of a timed function the time since the one before is charged to the
+function that ran meanwhile. So the times of all layers add up to the step, whatever calls what.
+Timing costs time itself, more than a loop of such calls shows, because the engine leaves little of
+the timer in the caches. So nothing is subtracted here: `LayerTime` counts the calls that cost, for
+those who know what a call costs beside this environment (see `report.environment_results`).
+"""
+
+import contextlib
+import functools
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mjbench.instrument.bounds import NonNegativeFloat
+from mjbench.loop.engine_functions import EngineFunction
+from mjbench.program import environment_engine
+from mjbench.program.environment_callees import Callee
+from mjbench.program.environment_engine import Binding
+from mjbench.program.environment_layers import PHYSICS_FUNCTIONS, Layer
+
+ClockNs = Callable[[], int]
+# Calls of a block when the timer's own cost is measured, and blocks; the fastest counts.
+_COST_CALLS, _COST_BLOCKS = 2_000, 7
+
+
+@dataclass(frozen=True)
+class TimerCost:
+    """What one call of a timed function costs at least, in nanoseconds: in a loop of such calls.
+
+    Attributes:
+      inside_ns: charged to the function.
+      outside_ns: charged to its caller.
+    """
+
+    inside_ns: NonNegativeFloat
+    outside_ns: NonNegativeFloat
+
+    @property
+    def total_ns(self) -> float:
+        """Both together."""
+        return self.inside_ns + self.outside_ns
+
+
+@dataclass(frozen=True)
+class LayerTime:
+    """What one function, or the lines of the step itself, took in a pass.
+
+    Attributes:
+      layer: that it belongs to.
+      name: of the function or wrapper.
+      calls: of it.
+      timed_calls: calls of it that were timed, and so cost inside it.
+      inner_calls: timed calls of other functions, which cost it what they cost outside.
+      ns: nanoseconds, without those of functions that it calls and that are timed, too.
+    """
+
+    layer: Layer
+    name: str
+    calls: int
+    timed_calls: int
+    inner_calls: int
+    ns: int
+
+
+class LayerTimer:
+    """Times functions by layer, in the thread that made it."""
+
+    def __init__(self, clock_ns: ClockNs = time.perf_counter_ns):
+        """Time by `clock_ns`, which returns nanoseconds."""
+        self._clock_ns = clock_ns
+        self._thread = threading.get_ident()
+        self._keys: dict[tuple[Layer, str], int] = {}
+        self._own_ns: list[int] = []
+        self._calls: list[int] = []
+        self._timed_calls: list[int] = []
+        self._inner_calls: list[int] = []
+        self._stack: list[int] = []
+        self._last = [0]
+
+    def _index(self, layer: Layer, name: str) -> int:
+        index = self._keys.setdefault((layer, name), len(self._keys))
+        if index == len(self._own_ns):
+            for column in (self._own_ns, self._calls, self._timed_calls, self._inner_calls):
+                column.append(0)
+        return index
+
+    def outermost(
+        self, function: Callable[[Any], Any], layer: Layer, name: str
+    ) -> Callable[[Any], tuple[Any, int]]:
+        """Return a function that runs a whole step, and returns its result and its nanoseconds."""
+        index = self._index(layer, name)
+        own_ns, calls, stack, last = self._own_ns, self._calls, self._stack, self._last
+        clock_ns = self._clock_ns
+
+        def run(action: Any) -> tuple[Any, int]:
+            stack.append(index)
+            calls[index] += 1
+            begin = last[0] = clock_ns()
+            try:
+                outcome = function(action)
+                end = clock_ns()
+                own_ns[index] += end - last[0]
+                return outcome, end - begin
+            finally:
+                stack.clear()
+
+        return run
+
+    def timed(self, function: EngineFunction, layer: Layer, name: str) -> EngineFunction:
+        """Return a function that does the same, and charges its time to a layer.
+
+        Outside of a step, and in another thread, it does nothing else.
+        """
+        index = self._index(layer, name)
+        own_ns, calls, stack, last = self._own_ns, self._calls, self._stack, self._last
+        timed_calls, inner_calls = self._timed_calls, self._inner_calls
+        clock_ns, thread, get_ident = self._clock_ns, self._thread, threading.get_ident
+
+        def run(*args: Any, **keywords: Any) -> Any:
+            if not stack or get_ident() != thread:
+                return function(*args, **keywords)
+            now = clock_ns()
+            caller = stack[-1]
+            own_ns[caller] += now - last[0]
+            inner_calls[caller] += 1
+            calls[index] += 1
+            timed_calls[index] += 1
+            stack.append(index)
+            last[0] = now
+            try:
+                return function(*args, **keywords)
+            finally:
+                now = clock_ns()
+                own_ns[index] += now - last[0]
+                if stack:
+                    stack.pop()
+                last[0] = now
+
+        with contextlib.suppress(Exception):  # some callables have no name
+            functools.update_wrapper(run, function)
+        return run
+
+    def layers(self) -> list[LayerTime]:
+        """Return what every function took since the timer was made, with the timer's cost."""
+        columns = zip(
+            self._keys, self._calls, self._timed_calls, self._inner_calls, self._own_ns, strict=True
+        )
+        return [LayerTime(*key, *values) for key, *values in columns]
+
+
+def measure_cost(clock_ns: ClockNs = time.perf_counter_ns) -> TimerCost:
+    """Return what a call of a timed function costs in a loop; of several loops, the fastest."""
+    blocks = [_block_ns(clock_ns) for _ in range(_COST_BLOCKS)]
+    plain_ns, inside_ns, all_ns = (min(times) for times in zip(*blocks, strict=True))
+    inside = max(0.0, (inside_ns - plain_ns) / _COST_CALLS)
+    return TimerCost(inside, max(0.0, (all_ns - plain_ns) / _COST_CALLS - inside))
+
+
+def _block_ns(clock_ns: ClockNs) -> tuple[int, int, int]:
+    """Return the time of a loop that calls a function, and of one that calls it timed.
+
+    Of the second, also what is charged to the function: it comes before the whole.
+    """
+    timer = LayerTimer(clock_ns)
+    timed = timer.timed(_nothing, Layer.REST, "inside")
+
+    def call_many(function: Callable[[], None]) -> int:
+        begin = clock_ns()
+        for _ in range(_COST_CALLS):
+            function()
+        return clock_ns() - begin
+
+    plain_ns = call_many(_nothing)
+    _, all_ns = timer.outermost(lambda _: call_many(timed), Layer.REST, "outside")(None)
+    inside_ns = next(each.ns for each in timer.layers() if each.name == "inside")
+    return plain_ns, inside_ns, all_ns
+
+
+def _nothing() -> None:
+    pass
+
+
+@contextlib.contextmanager
+def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[None]:
+    """Time the engine's functions while the block runs.
+
+    Args:
+      timer: to charge.
+      elsewhere: names of these functions in other modules.
+    """
+
+    def wrapper(name: str) -> Callable[[EngineFunction], EngineFunction]:
+        layer = Layer.PHYSICS if name in PHYSICS_FUNCTIONS else Layer.ENGINE
+        return lambda function: timer.timed(function, layer, name)
+
+    wrappers = {name: wrapper(name) for name in environment_engine.function_names()}
+    with environment_engine.replaced(wrappers, elsewhere):
+        yield
+
+
+@contextlib.contextmanager
+def functions_timed(timer: LayerTimer, callees: Sequence[Callee]) -> Iterator[None]:
+    """Time functions of an environment while the block runs; what cannot be replaced is not timed.
+
+    Args:
+      timer: to charge.
+      callees: what to time.
+    """
+    with contextlib.ExitStack() as restoring:
+        for callee in callees:
+            owner, attribute = callee.owner, callee.attribute
+            try:
+                had_own = attribute in vars(owner)
+                function = getattr(owner, attribute)
+                setattr(owner, attribute, timer.timed(function, callee.layer, callee.name))
+            except Exception:  # an object of the user's may refuse it by any error
+                continue
+            if had_own:
+                restoring.callback(setattr, owner, attribute, function)
+            else:
+                restoring.callback(delattr, owner, attribute)
+        yield

@@ -1,0 +1,326 @@
+"""What `mjbench env` prints: where a step of an environment goes, what its physics costs alone."""
+
+from rich.console import Console
+
+from mjbench.comparison.plan import Variant, describe_options
+from mjbench.instrument.stats import Estimate
+from mjbench.paths import BASE
+from mjbench.program.environment_layers import Layer
+from mjbench.program.environment_recording import Moment
+from mjbench.program.environment_records import EnvironmentFacts
+from mjbench.report import tables
+from mjbench.report.environment_results import EnvironmentRow, VectorRow, nthread
+from mjbench.status import Status
+
+# Layers that the first sentence names beside physics: from this share on, and so many.
+_NAMED_SHARE, _NAMED = 0.01, 4
+# The layers must add up to steps that were timed as a whole, within this share.
+SUM_TOLERANCE = 0.03
+# Threads had fewer cores than they could use if they had less than this share of them.
+_FEW_CORES = 0.8
+# Shares below this are not told apart from none.
+_LEAST_SHARE = 0.001
+
+
+def print_environment(out: Console, row: EnvironmentRow) -> None:
+    """Print what was measured of an environment, conclusions first."""
+    out.print()
+    first, *rest = conclusions(row) or [f"{row.environment}: {row.status}: {row.detail}"]
+    heading, _, text = first.partition(": ")
+    out.print(tables.headed(heading, f": {text}"), soft_wrap=True)
+    for line in rest:
+        out.print(line, soft_wrap=True)
+    if row.facts is None:
+        return
+    out.print(f"\n{_recorded(row.facts)}", soft_wrap=True)
+    if row.step_ns is not None:
+        _print_step(out, row)
+    for line in physics_lines(row):
+        out.print(line, soft_wrap=True)
+    if any(path.speedup for path in row.paths):
+        _print_paths(out, row)
+    if any(vector.speedup for vector in row.vectors):
+        _print_vectors(out, row)
+    for line in notes(row):
+        out.print(line, soft_wrap=True)
+
+
+def conclusions(row: EnvironmentRow) -> list[str]:
+    """Return what follows from an environment's measurement, a sentence each; none without one."""
+    if row.step_ns is None or not row.layers:
+        return []
+    found = [_shares(row)]
+    if physics := _physics_conclusion(row):
+        found.append(physics)
+    if vectors := _vector_conclusion(row):
+        found.append(vectors)
+    return found
+
+
+def _shares(row: EnvironmentRow) -> str:
+    others = [
+        f"{layer.layer} {100 * layer.share.median:.0f} %"
+        for layer in row.layers
+        if layer.layer != Layer.PHYSICS and layer.share.median >= _NAMED_SHARE
+    ][:_NAMED]
+    physics = f"{100 * row.share(Layer.PHYSICS):.0f} % of env.step is physics"
+    return f"{row.environment}: {'; '.join([physics, ', '.join(others)] if others else [physics])}"
+
+
+def _physics_conclusion(row: EnvironmentRow) -> str:
+    """Return how fast the same physics is without the environment; empty where nobody knows."""
+    loop = next((path for path in row.paths if path.path == BASE and path.speedup), None)
+    if loop is None or loop.speedup is None:
+        return ""
+    if loop.speedup.low is None or loop.speedup.low <= 1:
+        start = "The same physics in a plain loop is not certainly faster than env.step"
+    else:
+        start = f"The same physics runs {_times(loop.speedup)} as fast in a plain loop"
+    better = [_rival(row, closed_loop) for closed_loop in (True, False)]
+    return "; ".join([start, *filter(None, better)]) + "."
+
+
+def _rival(row: EnvironmentRow, closed_loop: bool) -> str:
+    """Return the fastest path that is certainly faster than the plain loop; empty without one."""
+    rivals = [
+        path
+        for path in row.paths
+        if path.closed_loop == closed_loop and path.over_loop and (path.over_loop.low or 0) > 1
+    ]
+    if not rivals:
+        return ""
+    fastest = max(rivals, key=lambda path: path.speedup.median if path.speedup else 0.0)
+    assert fastest.speedup is not None, "it was timed"
+    threads = nthread(fastest.options)
+    place = f" on {threads} threads" if threads > 1 else ""
+    loop = "a policy can choose each control" if closed_loop else "open loop"
+    return f"{_times(fastest.speedup)} by {fastest.path}{place} ({loop})"
+
+
+def _times(speedup: Estimate) -> str:
+    return f"{tables.factor(speedup.median)} times ({_interval(speedup)})"
+
+
+def _vector_conclusion(row: EnvironmentRow) -> str:
+    """Return which vectorised form is fastest; empty without any."""
+    timed = [vector for vector in row.vectors if vector.speedup is not None]
+    if not timed:
+        return ""
+    fastest = max(timed, key=lambda vector: vector.speedup.median if vector.speedup else 0.0)
+    speedup = fastest.speedup
+    assert speedup is not None, "it was timed"
+    if speedup.low is None or speedup.low <= 1:
+        return "No vectorised form is certainly faster than one environment here."
+    return (
+        f"{fastest.form} of {fastest.nenv} takes {tables.factor(speedup.median)} times"
+        f" ({_interval(speedup)}) as many steps per second as one environment."
+    )
+
+
+def _recorded(facts: EnvironmentFacts) -> str:
+    """Return what was recorded, in a sentence."""
+    episodes = f"{facts.nepisode} episodes" if facts.nepisode > 1 else "one episode"
+    length = (
+        f"of {tables.plain(facts.episode_nstep, 3)} steps on average"
+        if facts.episode_nstep
+        else "which did not end"
+    )
+    wrappers = f" in {', '.join(facts.wrappers)}" if facts.wrappers else " without wrappers"
+    steps = "a varying number of steps of the engine"
+    if facts.frame_skip:
+        steps = f"{facts.frame_skip} step{'s' * (facts.frame_skip > 1)} of the engine"
+    return (
+        f"{facts.framework}: {facts.core}{wrappers}; each step takes {steps}:"
+        f" {', '.join(facts.calls)}. {facts.nstep:,} steps with random actions (seed"
+        f" {facts.seed}), {episodes}, {length}."
+    )
+
+
+def _print_step(out: Console, row: EnvironmentRow) -> None:
+    assert row.step_ns is not None and row.reset is not None, "it was timed"
+    engine = f", {row.steps_per_s:,.0f} of the engine" if row.steps_per_s else ""
+    out.print(
+        f"env.step takes {time_text(row.step_ns.median)} ({_ns_interval(row.step_ns)}, 95 %,"
+        f" {row.rounds} rounds): {row.env_steps_per_s:,.0f} steps per second{engine}.",
+        soft_wrap=True,
+    )
+    table = tables.plain_table(["layer", "of env.step", "95 %", "time", "calls"], right=range(1, 5))
+    for layer in row.layers:
+        table.add_row(
+            layer.layer.value,
+            _share_text(layer.share.median),
+            _percent_interval(layer.share),
+            time_text(layer.ns) if layer.share.median >= _LEAST_SHARE else "",
+            "",
+        )
+        for function in layer.functions:
+            is_shown = function.share >= _LEAST_SHARE
+            table.add_row(
+                f"  {function.name}",
+                _share_text(function.share),
+                "",
+                time_text(function.share * row.step_ns.median) if is_shown else "",
+                tables.plain(function.calls, 3),
+            )
+    out.print(table)
+    for line in timing_lines(row):
+        out.print(line, soft_wrap=True)
+
+
+def _share_text(share: float) -> str:
+    return f"{100 * share:.1f} %" if share >= _LEAST_SHARE else f"< {100 * _LEAST_SHARE:.1f} %"
+
+
+def timing_lines(row: EnvironmentRow) -> list[str]:
+    """Return what timing the layers cost, whether they add up, and what a reset takes."""
+    if row.timer is None or row.reset is None:
+        return []
+    timer, reset = row.timer, row.reset
+    total = f"{100 * timer.sum.median:.1f} %"
+    lines = [
+        f"Timing {tables.plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
+        f" ({time_text(timer.call_ns)} a call), which is subtracted. The layers then add up to"
+        f" {total} ({_percent_interval(timer.sum)}) of a step that is timed as a whole."
+    ]
+    if abs(timer.sum.median - 1) > SUM_TOLERANCE:
+        lines.append("That is too far from 100 %: the machine is too busy to trust these shares.")
+    per_step = (
+        "no episode ended"
+        if reset.step_ns is None
+        else (f"{time_text(reset.step_ns)} for each step of an episode")
+    )
+    lines.append(f"A reset takes {time_text(reset.ns.median)}: {per_step}.")
+    return lines
+
+
+def physics_lines(row: EnvironmentRow) -> list[str]:
+    """Return whether a plain loop does the same physics, and what the environment does besides."""
+    facts, check = row.facts, row.check
+    if facts is None or check is None:
+        return []
+    calls = f"{check.checked:,} calls of the engine"
+    match check.status:
+        case Status.OK:
+            lines = [
+                f"Same physics: a plain mj_step repeats {calls} to the last bit. {check.covered:,}"
+                f" steps of the environment are compared below, {check.run} in a run."
+            ]
+        case Status.DISAGREES:
+            lines = [f"NOT the same physics as a plain loop: {check.detail}. Nothing is compared."]
+        case _:
+            lines = [f"No comparison with a plain loop: {check.detail}."]
+    if check.holds is False:
+        lines.append(
+            "It sets another control for each step of the engine; the comparison replays these"
+            " controls, without what computes them."
+        )
+    if facts.entered:
+        lines.append(f"Beside controls, it writes {', '.join(facts.entered)} between its steps.")
+    for change in row.changes:
+        often = f"{change.count} times" if change.count > 1 else "once"
+        when = "a reset" if change.moment == Moment.RESET else "its steps"
+        verb = "in" if change.moment == Moment.RESET else "between"
+        lines.append(f"It changes the model's {change.field} {verb} {when}, {often}.")
+    if not facts.repeats:
+        lines.append("With the same seed and actions, it does not do the same again.")
+    return lines
+
+
+def _print_paths(out: Console, row: EnvironmentRow) -> None:
+    table = tables.plain_table(
+        [
+            "same physics by",
+            "options",
+            "env steps/s",
+            "engine steps/s",
+            "× env.step",
+            "95 %",
+            "loop",
+        ],
+        right=range(2, 6),
+    )
+    for path in row.paths:
+        if path.speedup is None:
+            continue
+        table.add_row(
+            path.path,
+            describe_options(path.options),
+            f"{path.env_steps_per_s:,.0f}",
+            f"{path.steps_per_s:,.0f}" if path.steps_per_s else "",
+            tables.factor(path.speedup.median),
+            _interval(path.speedup),
+            "closed" if path.closed_loop else "open",
+        )
+    out.print(table)
+
+
+def _print_vectors(out: Console, row: EnvironmentRow) -> None:
+    table = tables.plain_table(
+        ["environments at once", "number", "env steps/s", "× one", "95 %"], right=range(1, 5)
+    )
+    for vector in row.vectors:
+        if vector.speedup is not None:
+            table.add_row(
+                vector.form.value,
+                str(vector.nenv),
+                f"{vector.env_steps_per_s:,.0f}",
+                tables.factor(vector.speedup.median),
+                _interval(vector.speedup),
+            )
+    out.print(table)
+    out.print("Resets are included, and observations are those of one environment.")
+
+
+def notes(row: EnvironmentRow) -> list[str]:
+    """Return what went wrong with a path or a vectorised form, and what limits the figures."""
+    lines = [
+        f"{Variant(path.path, path.options)}: {path.status}: {path.detail}"
+        for path in row.paths
+        if path.status not in (Status.OK, Status.UNAVAILABLE)
+    ]
+    lines += [
+        f"{_named(vector)}: {vector.status}: {vector.detail}"
+        for vector in row.vectors
+        if vector.status != Status.OK
+    ]
+    if row.no_vectors:
+        lines.append(f"No vectorised forms: {row.no_vectors}.")
+    threads = max((nthread(path.options) for path in row.paths), default=1)
+    if row.cores is not None and threads > 1 and row.cores < _FEW_CORES * threads:
+        lines.append(
+            f"Threads got {tables.plain(row.cores, 2)} of {threads} cores: other programs were"
+            " running."
+        )
+    if row.status != Status.OK:
+        lines.append(f"{row.environment}: {row.status}: {row.detail}")
+    return lines
+
+
+def _named(vector: VectorRow) -> str:
+    return f"{vector.form} of {vector.nenv}"
+
+
+def _interval(estimate: Estimate) -> str:
+    if estimate.low is None or estimate.high is None:
+        return "too few rounds"
+    return f"{tables.factor(estimate.low)}–{tables.factor(estimate.high)}"
+
+
+def _percent_interval(estimate: Estimate) -> str:
+    if estimate.low is None or estimate.high is None:
+        return "too few rounds"
+    return f"{100 * max(0.0, estimate.low):.1f}–{100 * max(0.0, estimate.high):.1f}"
+
+
+def _ns_interval(estimate: Estimate) -> str:
+    if estimate.low is None or estimate.high is None:
+        return "too few rounds"
+    return f"{time_text(estimate.low)}–{time_text(estimate.high)}"
+
+
+def time_text(ns: float) -> str:
+    """Return nanoseconds with the unit that people would choose."""
+    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
+        if abs(ns) >= size:
+            return f"{tables.plain(ns / size, 3)} {unit}"
+    return f"{ns:.0f} ns"

@@ -1,0 +1,80 @@
+"""`mjbench env` as a user types it."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+from commands import mjbench
+
+QUICK = ["--steps", "40", "--budget", "0", "--threads", "1", "--no-vector"]
+
+
+def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) -> None:
+    words = ["env", "example_environments:wrapped", *QUICK, "--json", "out.json"]
+    done = mjbench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "of env.step is physics" in done.stdout.splitlines()[1]
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["environment"] == "example_environments:wrapped"
+    assert row["env_steps_per_s"] > 0
+    assert row["check"]["status"] == "ok"
+    assert sum(layer["share"]["median"] for layer in row["layers"]) == pytest.approx(1, abs=0.1)
+    assert row["paths"][0]["path"] == "python_loop"
+    again = mjbench("show", "--json", "-", cwd=tmp_path)
+    assert json.loads(again.stdout)["results"] == [row]
+    assert "of env.step is physics" in again.stderr
+    report = mjbench("report", "--markdown", cwd=tmp_path)
+    assert "where a step's time goes" in report.stdout
+
+
+def test_an_environment_that_fails_costs_its_row(tmp_path: Path) -> None:
+    names = ["example_environments:Raises", "example_environments:make"]
+    done = mjbench("env", *names, *QUICK, "--json", "out.json", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Raises: its step raised KeyError" in done.stderr
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert [row["status"] for row in rows] == ["input", "ok"]
+
+
+def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(tmp_path: Path) -> None:
+    done = mjbench("env", "example_environments:StaleStart", *QUICK, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "NOT the same physics as a plain loop: qpos[7] is" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["env"], "Missing argument"),
+        (["env", "robot.xml"], "`mjbench profile` takes models"),
+        (["env", "dm_control:humanoid"], "give dm_control:DOMAIN-TASK"),
+        (["env", "no_such_module:make"], "no module no_such_module"),
+        (["env", "example_environments:mak"], "did you mean make"),
+        (["env", "example_environments:number"], "int is no environment"),
+        (["env", "a:make", "--steps", "0"], "0 is not in the range"),
+        (["env", "a:make", "--no-vector", "--num-envs", "2"], "not both"),
+    ],
+)
+def test_bad_input_ends_in_one_clear_line(tmp_path: Path, words: list[str], message: str) -> None:
+    done = mjbench(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_a_hanging_environment_is_killed(tmp_path: Path) -> None:
+    words = ["env", "example_environments:Hangs", *QUICK, "--time-limit", "4s"]
+    done = mjbench(*words, cwd=tmp_path)
+    assert done.returncode == 3
+    assert "no answer within 4 s, killed (--time-limit)" in done.stderr
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("gymnasium"), reason="needs gymnasium")
+def test_an_environment_of_gymnasium_is_measured(tmp_path: Path) -> None:
+    words = ["env", "InvertedPendulum-v5", "--steps", "50", "--budget", "0", "--json", "out.json"]
+    done = mjbench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    assert row["facts"]["wrappers"][0] == "TimeLimit"
+    assert row["check"]["status"] == "ok"
+    assert {vector["form"] for vector in row["vectors"]} == {"SyncVectorEnv", "AsyncVectorEnv"}

@@ -1,0 +1,136 @@
+"""Passes over the recorded actions."""
+
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import example_environments as examples
+import numpy as np
+import pytest
+
+from mjbench.errors import InputError
+from mjbench.program import environment_passes
+from mjbench.program.environment_adapter import adapt
+from mjbench.program.environment_layers import Layer
+from mjbench.program.environment_passes import EnvironmentPasses
+
+
+def passes(environment: Any, nstep: int = 40) -> EnvironmentPasses:
+    adapter = adapt(environment)
+    return EnvironmentPasses(adapter, adapter.draw_actions(nstep, 0), 0)
+
+
+def test_a_pass_has_the_times_of_steps_and_resets() -> None:
+    times = passes(examples.make()).plain()
+    assert times.step_ns.shape == (40,)
+    assert (times.step_ns > 0).all()
+    assert len(times.reset_ns) == 3
+    assert times.lengths == [15, 15]
+
+
+def test_passes_do_the_same_and_other_actions_something_else() -> None:
+    environment = examples.make()
+    assert passes(environment).plain().digest == passes(environment).plain().digest
+    assert passes(environment).plain().digest != passes(environment, 39).plain().digest
+    adapter = adapt(environment)
+    other = EnvironmentPasses(adapter, adapter.draw_actions(40, 1), 0)
+    assert other.plain().digest != passes(environment).plain().digest
+
+
+def test_an_environment_that_ignores_its_seed_does_not_repeat() -> None:
+    environment = examples.Unseeded()
+    assert passes(environment).plain().digest != passes(environment).plain().digest
+
+
+@pytest.mark.parametrize(
+    ("environment", "layers"),
+    [
+        (
+            examples.wrapped(),
+            {
+                (Layer.WRAPPERS, "Outer"): 1,
+                (Layer.WRAPPERS, "Wrapper"): 1,
+                (Layer.REST, "lines of Env.step, with info"): 1,
+                (Layer.STEPPING, "do_simulation"): 1,
+                (Layer.PHYSICS, "mj_step"): 1,
+                (Layer.ENGINE, "mj_forward"): 1,
+                (Layer.OBSERVATION, "_get_obs"): 1,
+                (Layer.REWARD, "score"): 1,
+                (Layer.INFO, "doubled"): 1,
+            },
+        ),
+        (
+            examples.robosuite(),
+            {
+                (Layer.REST, "lines of RobosuiteEnv.step"): 1,
+                (Layer.STEPPING, "step1"): 4,
+                (Layer.STEPPING, "step2"): 4,
+                (Layer.ACTION, "_pre_action"): 4,
+                (Layer.PHYSICS, "mj_step1"): 4,
+                (Layer.PHYSICS, "mj_step2"): 4,
+                (Layer.INFO, "_post_action"): 1,
+                (Layer.REWARD, "reward"): 1,
+            },
+        ),
+    ],
+    ids=["gymnasium", "robosuite"],
+)
+def test_layers_are_timed_beside_a_plain_pass(
+    environment: Any, layers: dict[tuple[Layer, str], int]
+) -> None:
+    both = passes(environment)
+    plain, layered = both.side_by_side(environment_passes.bindings(), random.Random(0))
+    assert layered.times.digest == plain.digest == both.plain().digest
+    called = {(t.layer, t.name): t.calls for t in layered.layers}
+    assert called == {key: 40 * count for key, count in layers.items()}
+    assert sum(t.ns for t in layered.layers) == layered.times.step_ns.sum()
+
+
+class SlowObservation(examples.Env):
+    """Planted: nearly all of its time goes to its observation, by the clock of the test."""
+
+    now_ns = 0
+
+    def _get_obs(self) -> np.ndarray:
+        SlowObservation.now_ns += 900
+        return super()._get_obs()
+
+    def do_simulation(self, action: np.ndarray) -> None:
+        SlowObservation.now_ns += 100
+        super().do_simulation(action)
+
+
+def test_a_planted_slow_observation_has_its_time() -> None:
+    environment = SlowObservation()
+    adapter = adapt(environment)
+    slow = EnvironmentPasses(
+        adapter, adapter.draw_actions(10, 0), 0, clock_ns=lambda: SlowObservation.now_ns
+    )
+    plain, layered = slow.side_by_side([], random.Random(0))
+    ns = {t.layer: t.ns for t in layered.layers if t.ns}
+    assert ns == {Layer.OBSERVATION: 9000, Layer.STEPPING: 1000}
+    assert plain.step_ns.tolist() == [1000] * 10
+    assert plain.reset_ns == [900]
+
+
+def test_what_a_step_raises_names_its_line() -> None:
+    with pytest.raises(InputError, match=r"its step raised KeyError: .*example_environments\.py:"):
+        passes(examples.Raises()).plain()
+    with pytest.raises(InputError, match="its step raised SystemExit: 4"):
+        passes(examples.Exits()).plain()
+    with pytest.raises(InputError, match="its step returned NoneType"):
+        passes(examples.ReturnsNothing()).plain()
+
+
+def test_functions_are_put_back_after_a_step_that_raises() -> None:
+    environment = examples.Raises()
+    before = set(vars(environment))
+    with pytest.raises(InputError):
+        passes(environment).side_by_side([], random.Random(0))
+    assert set(vars(environment)) == before
+
+
+def test_a_sign_of_life_follows_every_step() -> None:
+    signs: Iterator[int] = iter(range(1000))
+    passes(examples.make()).plain(lambda: next(signs) and None)
+    assert next(signs) == 40

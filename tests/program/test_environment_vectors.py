@@ -1,0 +1,185 @@
+"""Vectorised forms: those of Gymnasium, where it is installed."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import PYTHONPATH
+from example_environment_records import record
+
+from mjbench.program import environment_vectors
+from mjbench.program.environment_records import EnvironmentRecord, VectorForm
+from mjbench.program.environment_source import resolve
+from mjbench.program.environment_vectors import FormReport, NoForms, VectorPlan, VectorRound
+from mjbench.status import Status
+
+PLAN = VectorPlan(seed=0, nenv=(1, 2), budget_s=0.0, limit_s=60.0)
+needs_gymnasium = pytest.mark.skipif(
+    not importlib.util.find_spec("gymnasium"), reason="needs gymnasium"
+)
+
+# An environment of Gymnasium that needs no MuJoCo: a point that ends its episode at a border.
+POINT = """
+import multiprocessing
+import os
+import gymnasium
+import numpy as np
+
+class Point(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-9.0, 9.0, (2,), np.float32)
+    action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.place = self.np_random.uniform(-1, 1, 2)
+        return self.place.copy(), {}
+
+    def step(self, action):
+        self.place = self.place + 0.3 * action
+        over = bool(np.abs(self.place).max() > 1.5)
+        return self.place.copy(), 0.0, over, False, {}
+
+class Forgetful(Point):
+    starts = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.starts += 1
+        self.place = self.place + self.starts
+        return self.place.copy(), {}
+
+class Clumsy(Point):
+    "Observes something else where another of its kind lives in the same process."
+    alive = 0
+
+    def __init__(self):
+        Clumsy.alive += 1
+
+    def step(self, action):
+        place, *rest = super().step(action)
+        return place + 0.1 * (Clumsy.alive > 2), *rest
+
+class Fragile(Point):
+    "Ends the processes of AsyncVectorEnv."
+
+    def step(self, action):
+        if multiprocessing.parent_process() is not None:
+            os._exit(3)
+        return super().step(action)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
+
+
+def added(folder: Path, name: str, plan: VectorPlan = PLAN) -> EnvironmentRecord:
+    (folder / "point_env.py").write_text(POINT)
+    source = resolve(f"point_env:{name}", folder)
+    return environment_vectors.added(record(step_ns=[1e6] * 7, vectors=[]), source, plan)
+
+
+@needs_gymnasium
+def test_both_forms_do_what_one_environment_does_and_are_timed(tmp_path: Path) -> None:
+    vectors = added(tmp_path, "Point").vectors
+    assert [(v.form, v.nenv) for v in vectors] == [
+        (VectorForm.SYNC, 1),
+        (VectorForm.ASYNC, 1),
+        (VectorForm.SYNC, 2),
+        (VectorForm.ASYNC, 2),
+    ]
+    for vector in vectors:
+        assert (vector.status, vector.detail) == (Status.OK, "")
+        assert len(vector.ns) == len(vector.single_ns) >= 7
+
+
+@needs_gymnasium
+def test_an_environment_that_does_not_repeat_has_no_forms(tmp_path: Path) -> None:
+    measured = added(tmp_path, "Forgetful")
+    assert "observes something else" in measured.no_vectors
+    assert measured.vectors == []
+
+
+@needs_gymnasium
+def test_a_form_that_observes_something_else_gets_no_speed(tmp_path: Path) -> None:
+    by_form = {(v.form, v.nenv): v for v in added(tmp_path, "Clumsy").vectors}
+    wrong = by_form[VectorForm.SYNC, 2]
+    assert (wrong.status, wrong.ns) == (Status.DISAGREES, ())
+    assert "observes something else after step" in wrong.detail
+
+
+@needs_gymnasium
+def test_a_form_that_crashes_costs_its_own_row(tmp_path: Path) -> None:
+    by_form = {(v.form, v.nenv): v for v in added(tmp_path, "Fragile").vectors}
+    assert by_form[VectorForm.SYNC, 2].status == Status.OK
+    assert len(by_form[VectorForm.SYNC, 2].ns) >= 7
+    for nenv in (1, 2):
+        failed = by_form[VectorForm.ASYNC, nenv]
+        assert failed.status in (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
+        assert failed.detail
+        assert failed.ns == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("dm_control", "only Gymnasium has them"), ("make", "")],
+    ids=["dm_control", "like Gymnasium"],
+)
+def test_other_environments_have_none(name: str, reason: str) -> None:
+    from commands import TESTS
+
+    source = resolve(f"example_environments:{name}", TESTS)
+    measured = environment_vectors.added(record(), source, PLAN)
+    assert measured.no_vectors.startswith(reason)
+    assert measured.no_vectors
+
+
+def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    import example_environments as examples
+
+    from mjbench.program.environment_adapter import adapt
+
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    assert "not installed" in environment_vectors._no_forms(adapt(examples.make()))
+
+
+def measurement(*messages: object) -> Any:
+    received = environment_vectors._Measurement(PLAN)
+    for message in messages:
+        received.receive(message)
+    return received
+
+
+def test_a_form_that_ended_the_child_keeps_its_reason_and_the_others_their_figures() -> None:
+    fatal = FormReport(1, Status.TIMEOUT, "no answer")
+    rounds = [VectorRound({0: 1.0, 2: 2.0}, {0: 1.5, 2: 2.5})] * 7
+    received = measurement(FormReport(0, Status.OK), FormReport(2, Status.OK), fatal, *rounds)
+    first, second, third, fourth = received.samples(Status.FAILED, "it ended early")
+    assert (first.status, len(first.ns), first.single_ns[0]) == (Status.OK, 7, 1.5)
+    assert (second.status, second.detail, second.ns) == (Status.TIMEOUT, "no answer", ())
+    assert third.ns[0] == 2.0
+    assert (fourth.status, fourth.detail) == (Status.FAILED, "it ended early")
+
+
+def test_what_was_wrong_in_a_timed_block_has_no_figures() -> None:
+    wrong = FormReport(0, Status.DISAGREES, "in a timed block")
+    received = measurement(FormReport(0, Status.OK), VectorRound({0: 1.0}, {0: 1.0}), wrong)
+    assert received.samples(Status.OK, "")[0].ns == ()
+    assert measurement(NoForms("why")).no_forms == "why"
+
+
+def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None:
+    single = {"a": np.array([0.1, 0.2]), "b": (np.array(3),)}
+    batched = {
+        "a": np.array([[9.0, 9.0], [0.1, 0.2]], dtype=np.float32),
+        "b": (np.array([9, 3]),),
+    }
+    copied = environment_vectors._copied(single)
+    assert environment_vectors._equal(copied, batched, 1)
+    assert not environment_vectors._equal(copied, batched, 0)
+    batched["a"][1, 0] = np.nextafter(np.float32(0.1), np.float32(1))
+    assert not environment_vectors._equal(copied, batched, 1)

@@ -1,0 +1,90 @@
+"""The physics of an environment as a workload."""
+
+from typing import Any
+
+import example_environments as examples
+import numpy as np
+import pytest
+
+from mjbench.program import environment_comparison
+from mjbench.program.environment_adapter import adapt
+from mjbench.program.environment_passes import EnvironmentPasses
+from mjbench.program.environment_recording import EngineWatch
+from mjbench.program.environment_workload import PhysicsAlone, alone
+from mjbench.simulation import work
+
+
+def physics(environment: Any, nstep: int = 40, nthread: int = 2) -> PhysicsAlone | str:
+    adapter = adapt(environment)
+    watch = EngineWatch()
+    passes = EnvironmentPasses(adapter, adapter.draw_actions(nstep, 0), 0)
+    passes.recorded(watch, lambda: None)
+    return alone(watch.recording(), 0, nthread)
+
+
+@pytest.mark.parametrize(
+    ("environment", "hold", "ncontrol"),
+    [(examples.make(), 4, 5), (examples.dm_control(), 4, 5), (examples.robosuite(), 1, 20)],
+    ids=["gymnasium", "dm_control", "robosuite"],
+)
+def test_a_plain_loop_reaches_the_states_of_the_environment(
+    environment: Any, hold: int, ncontrol: int
+) -> None:
+    found = physics(environment)
+    assert isinstance(found, PhysicsAlone)
+    assert (found.workload.hold, found.workload.ncontrol) == (hold, ncontrol)
+    assert (found.run, found.frame_skip, found.holds) == (5, 4, hold == 4)
+    assert found.workload.nstep == found.run * found.frame_skip
+    assert found.numbers.tolist() == list(range(40))
+    reached = work.observe(found.workload).final_state
+    assert reached.tobytes() == found.final_state.tobytes()
+    assert environment_comparison.difference_from(found) == ""
+
+
+def test_what_is_written_before_a_step_begins_a_run() -> None:
+    found = physics(examples.Mocap())
+    assert isinstance(found, PhysicsAlone)
+    assert (found.run, found.workload.nbatch) == (1, 40)
+    assert environment_comparison.difference_from(found) == ""
+
+
+def test_only_steps_of_one_model_are_compared() -> None:
+    found = physics(examples.NewMass())
+    assert isinstance(found, PhysicsAlone)
+    assert found.numbers.tolist() == list(range(15))
+    assert environment_comparison.difference_from(found) == ""
+
+
+def test_threads_have_several_simulations_each() -> None:
+    found = physics(examples.make(), nthread=5)
+    assert isinstance(found, PhysicsAlone)
+    assert found.workload.nbatch >= 20
+
+
+@pytest.mark.parametrize(
+    ("environment", "reason"),
+    [
+        (examples.NewGravity(), r"changes its model \(opt.gravity\)"),
+        (examples.WritesBetween(), "writes qvel between steps of the engine"),
+        (examples.Varying(), "takes 1 to 3 steps of the engine"),
+        (examples.StaleStart(), "does not reach the same state"),
+        (examples.Threaded(), "in threads of its own"),
+        (examples.NoPhysics(), "never steps the engine"),
+    ],
+    ids=lambda value: type(value).__name__ if not isinstance(value, str) else "",
+)
+def test_what_a_plain_loop_cannot_do_is_not_compared(environment: Any, reason: str) -> None:
+    import re
+
+    found = physics(environment)
+    assert isinstance(found, str)
+    assert re.search(reason, found)
+
+
+def test_a_wrong_state_is_found_with_its_step() -> None:
+    found = physics(examples.make())
+    assert isinstance(found, PhysicsAlone)
+    found.final_state[3, 1] = np.nextafter(found.final_state[3, 1], 1.0)
+    text = environment_comparison.difference_from(found)
+    assert text.endswith("after step 20 of the environment")
+    assert text.startswith("qpos[0] is ")
