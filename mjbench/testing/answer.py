@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from statistics import NormalDist
 
 import numpy as np
 
@@ -57,6 +58,16 @@ class SpeedCheck:
             times = duration(1e9 * self.candidate_s), duration(1e9 * self.baseline_s)
             text += f", {times[0]} a call, baseline {times[1]}"
         return f"{text}; {self.detail}" if self.detail else text
+
+
+def margin(confidence: float, deviation: float) -> float:
+    """Return half the width of the interval of a normal value.
+
+    Args:
+      confidence: of the interval.
+      deviation: standard deviation of the value.
+    """
+    return NormalDist().inv_cdf((1 + confidence) / 2) * deviation
 
 
 def of_interval(low: float, high: float, max_slowdown: float) -> Answer:

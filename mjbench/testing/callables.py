@@ -4,9 +4,9 @@ Calls run in quads, ABBA or BAAB at random (A is the baseline), as in paired com
 drift and the order of turns hit both functions alike. Some quads are a round; their log ratio (see
 `stats.paired_log_ratio`) is a sample of an anytime-valid interval, which is looked at after each.
 
-Closures cannot be sent to fresh processes. So the answer holds for this process: what differs from
-process to process, such as where memory lies, is not in the interval. It moves the ratio of
-identical functions by up to some percent (docs/python.md), and LEAST_SLOWDOWN keeps away from that.
+Closures cannot be sent to fresh processes, and where memory happens to lie makes one of two
+identical functions faster for as long as a process lasts. So the interval also allows for
+PROCESS_SPREAD, which no number of rounds makes smaller.
 """
 
 import contextlib
@@ -18,13 +18,14 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mjbench.instrument import anytime, stats, timing
+from mjbench.instrument.anytime import Interval
 from mjbench.instrument.timing import Clock
-from mjbench.testing.answer import Answer, SpeedCheck, of_interval
+from mjbench.testing.answer import Answer, SpeedCheck, margin, of_interval
 
 # Seconds of a block, at least, and of a round. Where a core has other work, Linux lets a process
 # run for some milliseconds at a time: most pairs of blocks that are much shorter are undisturbed.
@@ -39,8 +40,9 @@ LEAST_ROUNDS = 8
 _TRIALS, _LONG_S = 5, 0.1
 # Calls of a block, at most: a call that takes no time must not make the calibration endless.
 MOST_CALLS = 1_000_000
-# A smaller slowdown cannot be told from what differs between processes.
-LEAST_SLOWDOWN = 0.02
+# Standard deviation, from process to process, of the log ratio of identical functions
+# (docs/python.md).
+PROCESS_SPREAD = 0.02
 
 Function = Callable[[], object]
 
@@ -79,6 +81,11 @@ class Pair:
     setup: Function = _nothing
 
 
+def least_slowdown(confidence: float) -> float:
+    """Return the smallest slowdown that one process can decide, as a share."""
+    return math.expm1(margin(confidence, PROCESS_SPREAD))
+
+
 def compare(
     pair: Pair,
     question: Question,
@@ -104,17 +111,58 @@ def _compare(pair: Pair, question: Question, clock: Clock, rng: random.Random) -
     )
     rounds: list[_Round] = []
     log_ratios: list[float] = []
-    answer = Answer.INCONCLUSIVE
-    while answer == Answer.INCONCLUSIVE:
-        spent_s = clock() - begin
-        if log_ratios and spent_s * (1 + 1 / len(log_ratios)) > question.time_limit_s:
-            break
+    while True:
         rounds.append(_time_round(pair, calls, clock, rng))
         log_ratios.append(rounds[-1].log_ratio)
-        if len(log_ratios) >= LEAST_ROUNDS:
-            interval = anytime.anytime_interval(log_ratios, question.confidence)
-            answer = of_interval(interval.low, interval.high, question.max_slowdown)
-    return _check(question, answer, log_ratios, rounds, calls)
+        here = anytime.anytime_interval(log_ratios, question.confidence)
+        judged = _judge(here, question)
+        if judged.is_final:
+            return _check(question, judged, here, rounds, calls)
+        spent_s = clock() - begin
+        if spent_s * (1 + 1 / len(log_ratios)) > question.time_limit_s:
+            detail = f"not certain within {question.time_limit_s:g} s (time_limit_s)"
+            if len(log_ratios) < LEAST_ROUNDS:
+                detail = (
+                    f"only {len(log_ratios)} of {LEAST_ROUNDS} rounds fit into"
+                    f" {question.time_limit_s:g} s (time_limit_s)"
+                )
+            return _check(question, replace(judged, detail=detail), here, rounds, calls)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What rounds show: the interval of the log ratio, and whether more rounds could change it."""
+
+    low: float
+    high: float
+    answer: Answer = Answer.INCONCLUSIVE
+    is_final: bool = False
+    detail: str = ""
+
+
+def _judge(here: Interval, question: Question) -> _Judged:
+    """Return what rounds show.
+
+    Args:
+      here: the interval of the log ratio in this process.
+      question: what is asked.
+    """
+    between = margin(question.confidence, PROCESS_SPREAD)
+    half_width = math.hypot(here.half_width, between)
+    low, high = here.mean - half_width, here.mean + half_width
+    if here.count < LEAST_ROUNDS:
+        return _Judged(low, high)
+    answer = of_interval(low, high, question.max_slowdown)
+    if answer != Answer.INCONCLUSIVE:
+        return _Judged(low, high, answer, is_final=True)
+    limit = math.log1p(question.max_slowdown)
+    if limit - between < here.low and here.high <= limit + between:
+        detail = (
+            "identical functions can differ by that much from process to process: allow more"
+            " (max_slowdown), or repeat it"
+        )
+        return _Judged(low, high, is_final=True, detail=detail)
+    return _Judged(low, high)
 
 
 @contextlib.contextmanager
@@ -196,30 +244,21 @@ def _time_round(pair: Pair, calls: int, clock: Clock, rng: random.Random) -> _Ro
 
 def _check(
     question: Question,
-    answer: Answer,
-    log_ratios: Sequence[float],
+    judged: _Judged,
+    here: Interval,
     rounds: Sequence[_Round],
     calls: int,
 ) -> SpeedCheck:
-    interval = anytime.anytime_interval(log_ratios, question.confidence)
-    has_interval = math.isfinite(interval.half_width)
-    detail = ""
-    if len(log_ratios) < LEAST_ROUNDS:
-        detail = (
-            f"only {len(log_ratios)} of {LEAST_ROUNDS} rounds fit into {question.time_limit_s:g} s"
-            " (time_limit_s)"
-        )
-    elif answer == Answer.INCONCLUSIVE:
-        detail = f"not certain within {question.time_limit_s:g} s (time_limit_s)"
+    has_interval = math.isfinite(judged.high)
     return SpeedCheck(
-        answer,
+        judged.answer,
         question.max_slowdown,
         question.confidence,
-        ratio=math.exp(interval.mean),
-        low=math.exp(interval.low) if has_interval else None,
-        high=math.exp(interval.high) if has_interval else None,
+        ratio=math.exp(here.mean),
+        low=math.exp(judged.low) if has_interval else None,
+        high=math.exp(judged.high) if has_interval else None,
         candidate_s=statistics.median(each.block_s("B") for each in rounds) / calls,
         baseline_s=statistics.median(each.block_s("A") for each in rounds) / calls,
-        rounds=len(log_ratios),
-        detail=detail,
+        rounds=len(rounds),
+        detail=judged.detail,
     )

@@ -26,7 +26,7 @@ from mjbench.instrument import anytime, machine
 from mjbench.instrument.anytime import Interval
 from mjbench.instrument.timing import Clock
 from mjbench.testing import calibrator, callables
-from mjbench.testing.answer import Answer, SpeedCheck, of_interval
+from mjbench.testing.answer import Answer, SpeedCheck, margin, of_interval
 from mjbench.testing.callables import Function, Question, calls_per_block
 
 # The key in `extra_info`.
@@ -122,7 +122,7 @@ class SavedRun:
 
 def least_slowdown(confidence: float) -> float:
     """Return the smallest slowdown that a stored time can decide, as a share."""
-    return math.expm1(_margin(confidence, 0.0))
+    return math.expm1(margin(confidence, math.sqrt(2) * OCCASION_SPREAD))
 
 
 def measure(
@@ -306,19 +306,9 @@ def _interval(before: Sequence[float], now: Sequence[float], confidence: float) 
     """Return the interval of the difference of log ratios of two occasions."""
     means, deviations = zip(*map(anytime.mean_and_deviation, (before, now)), strict=True)
     difference = means[1] - means[0]
-    margin = _margin(confidence, deviations[0] ** 2 + deviations[1] ** 2)
-    return Interval(difference, difference - margin, difference + margin, len(now))
-
-
-def _margin(confidence: float, variance: float) -> float:
-    """Return half the width of the interval of the log ratio of two occasions.
-
-    Args:
-      confidence: of the interval.
-      variance: of the difference of both means within their occasions.
-    """
-    z = statistics.NormalDist().inv_cdf((1 + confidence) / 2)
-    return z * math.sqrt(2 * OCCASION_SPREAD**2 + variance)
+    deviation = math.hypot(OCCASION_SPREAD, OCCASION_SPREAD, *deviations)
+    half_width = margin(confidence, deviation)
+    return Interval(difference, difference - half_width, difference + half_width, len(now))
 
 
 def _within(value: int, least: int, most: int) -> int:
