@@ -111,6 +111,14 @@ def test_fast_functions_are_called_many_times_in_a_block() -> None:
     assert callables.calls_per_block(slow, lambda: None, machine.clock) == 1
 
 
+def test_a_pause_is_not_taken_for_a_long_call() -> None:
+    machine = Machine()
+    pauses = iter([0.0, 0.004, 0.0])
+    function = machine.function(lambda: 1e-6 + next(pauses, 0.0))
+    calls = callables.calls_per_block(function, lambda: None, machine.clock)
+    assert 1e-6 * calls == pytest.approx(callables.BLOCK_S, rel=0.1)
+
+
 def test_a_function_that_takes_no_time_does_not_hang() -> None:
     machine = Machine()
     calls = callables.calls_per_block(lambda: None, lambda: None, machine.clock)
