@@ -1,6 +1,6 @@
 """How much does `mjbench run` slow a program, and do its samples cover the program's time?
 
-    python -m benchmarks.observing [MODEL …] [--seconds S] [--rounds N]
+    python -m benchmarks.observing [MODEL …] [--seconds S] [--rounds N] [--rate HZ]
 
 runs a loop around `mj_step`, with a small observation, alone and under `mjbench run`, in turns. The
 loop says how many steps it did in so many seconds. The table has, for each model, what observing
@@ -62,14 +62,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("models", nargs="*", default=MODELS)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--rate", help="samples per second; by default as mjbench run chooses")
     options = parser.parse_args(arguments)
+    rate = ["--rate", options.rate] if options.rate else []
     print(f"{'model':18} {'costs':>7} {'interval':>18} {'it says':>8} {'samples / time':>15}")
     for name in options.models:
-        print(_line(name, options.seconds, options.rounds), flush=True)
+        print(_line(name, options.seconds, options.rounds, rate), flush=True)
     return 0
 
 
-def _line(name: str, seconds: float, rounds: int) -> str:
+def _line(name: str, seconds: float, rounds: int, rate: Sequence[str]) -> str:
     """Return the line of a model."""
     path = models.resolve(name).path
     with tempfile.TemporaryDirectory() as folder:
@@ -78,12 +80,11 @@ def _line(name: str, seconds: float, rounds: int) -> str:
         words = [str(program), str(path), str(seconds)]
         alone, observed = [], []
         for number in range(rounds):
-            order = (_alone, _observed) if number % 2 == 0 else (_observed, _alone)
-            for run in order:
-                if run is _alone:
-                    alone.append(_alone(words, Path(folder)))
+            for is_alone in (True, False) if number % 2 == 0 else (False, True):
+                if is_alone:
+                    alone.append(_alone(words))
                 else:
-                    observed.append(_observed(words, Path(folder)))
+                    observed.append(_observed(words, Path(folder), rate))
     slowdown = stats.speedup([each.step_s for each in observed], alone)
     ends = [100 * (end - 1) for end in (slowdown.low, slowdown.high) if end is not None]
     interval = " to ".join(f"{end:+.1f}" for end in ends) or "too few rounds"
@@ -95,17 +96,17 @@ def _line(name: str, seconds: float, rounds: int) -> str:
     )
 
 
-def _alone(words: Sequence[str], folder: Path) -> float:
+def _alone(words: Sequence[str]) -> float:
     """Return the seconds of a step of the loop alone."""
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True)
     elapsed_s, nstep = map(float, done.stdout.split())
     return elapsed_s / nstep
 
 
-def _observed(words: Sequence[str], folder: Path) -> Observed:
+def _observed(words: Sequence[str], folder: Path, rate: Sequence[str]) -> Observed:
     """Run the loop under `mjbench run`."""
     document = folder / "run.json"
-    command = [sys.executable, "-m", "mjbench", "run", "--json", str(document)]
+    command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *rate]
     command += ["--results", str(folder), *words]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     elapsed_s, nstep = map(float, done.stdout.split())

@@ -65,7 +65,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
 @click.option(
     "--attach",
     "pid",
-    type=click.IntRange(1),
+    type=click.IntRange(1, 2**31 - 1),
     metavar="PID",
     help="Look at a program that runs already, for --seconds (10s by default); it runs on.",
 )

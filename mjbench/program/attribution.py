@@ -11,6 +11,8 @@ from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
+# Its `_bootstrap` begins a process, which may be a fork.
+_PROCESS_MODULE = "multiprocessing/process.py"
 _Key = TypeVar("_Key")
 # Lines with a smaller share of a loop are left out.
 LEAST_LINE_SHARE = 0.005
@@ -145,9 +147,13 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
 def _loop_frame(stack: Sequence[Frame]) -> int | None:
     """Return which frame of a stack runs its outermost loop; None where none does.
 
-    Loops of Python's standard library are not meant: they start threads and processes.
+    Loops of Python's standard library are not meant: they start threads and processes. Nor are
+    those of the process that forked this one, which stand on its stack.
     """
+    begin = _own_begin(stack)
     for i, frame in enumerate(stack):
+        if i < begin:
+            continue
         if not frame.is_python or frame.file.startswith("<") or activities.is_step_clock(frame):
             continue
         if activities.standard_name(frame.file):
@@ -155,6 +161,17 @@ def _loop_frame(stack: Sequence[Frame]) -> int | None:
         if outermost_loop(frame.file, frame.line) is not None:
             return i
     return None
+
+
+def _own_begin(stack: Sequence[Frame]) -> int:
+    """Return where the frames of a process begin, behind those of the one that forked it."""
+    begins = [
+        i + 1
+        for i, frame in enumerate(stack)
+        if activities.standard_name(frame.file) == _PROCESS_MODULE
+        and frame.function.endswith("_bootstrap")
+    ]
+    return begins[-1] if begins else 0
 
 
 def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> LoopTime:

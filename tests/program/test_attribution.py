@@ -107,6 +107,17 @@ def test_a_loop_that_waits_for_processes_that_step_comes_first(file):
     assert waiting[0].file == file
 
 
+def test_a_forked_process_has_loops_of_its_own(file):
+    import multiprocessing.process
+
+    start = Frame("main", file, 9)
+    bootstrap = Frame("BaseProcess._bootstrap", multiprocessing.process.__file__, 314)
+    forked = [start, bootstrap, *stacks(file)["step"]]
+    elsewhere = [start, bootstrap, Frame("other", file, 2), ENGINE]
+    (time,) = attribution.loop_times([samples([forked, elsewhere], 2, 2)], 1)
+    assert (time.samples, time.loop.first) == (1, 7)
+
+
 def test_samples_at_several_rates_count_for_their_time(file):
     of = stacks(file)
     dense = ThreadSamples(Thread(1, 1, "MainThread"), [of["step"]] * 6, 0.1)
