@@ -30,7 +30,7 @@ from mjbench.testing.answer import Answer
 if TYPE_CHECKING:
     from mjbench.testing.stored import Occasion
 
-PROCESSES = 40
+PROCESSES = 30
 Function = Callable[[], object]
 TIME_LIMIT_S, CONFIDENCE = 5.0, 0.99
 # Programs that keep the machine busy meanwhile, and how many of each; half of the draws are quiet.
