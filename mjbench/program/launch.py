@@ -102,6 +102,8 @@ class Profiling:
       sampler: the profiler.
       looks: how often the program was looked at.
       paused: how often the profiler had stopped it then.
+      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
+        before that.
       earlier: samples at the first rate.
     """
 
@@ -112,6 +114,7 @@ class Profiling:
     sampler: sampler.Sampler
     looks: int = 0
     paused: int = 0
+    begin_s: float | None = None
     earlier: Sequence[ThreadSamples] = ()
 
     @classmethod
@@ -121,6 +124,11 @@ class Profiling:
         return cls(pid, folder, rate, rate_hz is None, sampler.start(pid, folder, rate))
 
     def look(self) -> None:
+        """See whether the profiler has begun."""
+        if self.begin_s is None and self.sampler.has_begun:
+            self.begin_s = time.monotonic()
+
+    def look_for_pause(self) -> None:
         """See whether the profiler has stopped the program at this moment (Linux)."""
         state = process_state(self.pid)
         if state is None:
@@ -135,8 +143,10 @@ class Profiling:
         self.adapts = False
         share = self.paused / self.looks
         if share > MAX_PAUSED_SHARE and self.sampler.process.poll() is None:
+            end_s = time.monotonic()
             self.sampler.stop()
-            self.earlier = self._read()
+            self.earlier = self._read(end_s)
+            self.begin_s = None
             self.rate_hz = max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share))
             self.sampler = sampler.start(self.pid, self.folder, self.rate_hz)
             self.looks = self.paused = 0
@@ -146,19 +156,19 @@ class Profiling:
         """Share of time for which the program was stopped; None where that cannot be seen."""
         return self.paused / self.looks if self.looks else None
 
-    def samples(self) -> tuple[Sequence[ThreadSamples], str]:
-        """Return the samples; or why there are none."""
-        seen = [*self.earlier, *self._read()]
+    def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
+        """Return the samples until `end_s`; or why there are none."""
+        seen = [*self.earlier, *self._read(end_s)]
         return seen, "" if seen else self.sampler.problem()
 
-    def _read(self) -> Sequence[ThreadSamples]:
+    def _read(self, end_s: float) -> Sequence[ThreadSamples]:
         """Return the samples of the profiler that ran last; none where it wrote no file."""
         file = self.sampler.file
         if not file.is_file():
             return []
         seen = samples.read(file)
         file.unlink()
-        return seen
+        return seen if self.begin_s is None else samples.spread_over(seen, end_s - self.begin_s)
 
 
 @dataclass
@@ -221,9 +231,11 @@ def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
         with contextlib.suppress(KeyboardInterrupt):
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
                 profiling.look()
+                profiling.look_for_pause()
                 time.sleep(_LOOK_S)
+        end_s = time.monotonic()
         profiling.sampler.stop()
-        return _observation(profiling, pid, time.monotonic() - begin_s)
+        return _observation(profiling, pid, begin_s, end_s)
 
 
 def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | None) -> Observation:
@@ -235,15 +247,17 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
         profiling = _start_profiler(process, folder, rate_hz)
         while process.poll() is None:
             time.sleep(_LOOK_S)
-            if profiling is not None and (has_begun := has_begun or _has_stepped(folder, _CALM_S)):
+            if profiling is not None:
                 profiling.look()
+                if has_begun := has_begun or _has_stepped(folder, _CALM_S):
+                    profiling.look_for_pause()
             if seconds is not None and not was_ended and _has_stepped(folder, seconds):
                 was_ended = True
                 _end(process)
-        wall_s = time.monotonic() - begin_s
+        end_s = time.monotonic()
         if profiling is not None:
             profiling.sampler.wait()
-        seen = _observation(profiling, process.pid, wall_s)
+        seen = _observation(profiling, process.pid, begin_s, end_s)
         return replace(
             seen,
             exit_code=_exit_code(process.returncode),
@@ -252,13 +266,15 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
         )
 
 
-def _observation(profiling: Profiling | None, pid: int, wall_s: float) -> Observation:
+def _observation(
+    profiling: Profiling | None, pid: int, begin_s: float, end_s: float
+) -> Observation:
     """Return what the profiler saw of a process."""
-    threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples()
+    threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples(end_s)
     return Observation(
         exit_code=0,
         was_ended=False,
-        wall_s=wall_s,
+        wall_s=end_s - begin_s,
         pid=pid,
         threads=threads,
         steps=(),

@@ -42,6 +42,11 @@ class Sampler:
         """Whether the profiler has not ended."""
         return self.process.poll() is None
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether the profiler takes samples: it says so first."""
+        return self.log.stat().st_size > 0
+
     def stop(self) -> None:
         """Let the profiler write its file, and end."""
         with contextlib.suppress(ProcessLookupError):

@@ -6,7 +6,7 @@ writes the file format of speedscope (https://www.speedscope.app/file-format-sch
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -59,7 +59,7 @@ class ThreadSamples:
     Attributes:
       thread: whose stacks they are.
       stacks: the stack of each sample, outermost frame first.
-      interval_s: between samples.
+      interval_s: time that each sample stands for.
     """
 
     thread: Thread
@@ -113,6 +113,16 @@ def read(file: Path) -> list[ThreadSamples]:
         for frame in stored.shared.frames
     ]
     return [_thread_samples(profile, frames) for profile in stored.profiles]
+
+
+def spread_over(threads: Sequence[ThreadSamples], seconds: float) -> list[ThreadSamples]:
+    """Return samples whose intervals add up to the time in which they were taken.
+
+    The profiler draws its intervals at random, so their number differs from time to time. At each
+    it samples all threads; the one that has most samples was there from the begin to the end.
+    """
+    most = max((len(thread.stacks) for thread in threads), default=0)
+    return [replace(thread, interval_s=seconds / most) for thread in threads] if most else []
 
 
 def _thread_samples(profile: _Profile, frames: Sequence[Frame | None]) -> ThreadSamples:

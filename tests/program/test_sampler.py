@@ -37,10 +37,10 @@ class FakeSampler:
     def __init__(self, folder):
         self.process = SimpleNamespace(poll=lambda: None)
         self.file = folder / "samples.json"
-        self.stopped = False
+        self.has_begun = True
 
     def stop(self):
-        self.stopped = True
+        self.has_begun = False
 
 
 @pytest.mark.parametrize(("paused", "rate"), [(3, 30), (30, 6), (299, 5)])
@@ -56,7 +56,7 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
     monkeypatch.setattr(launch, "process_state", lambda pid: next(states))
     profiling = launch.Profiling.begin(1, tmp_path, None)
     for _ in range(2 * launch.LOOKS_TO_ADAPT):
-        profiling.look()
+        profiling.look_for_pause()
     assert profiling.rate_hz == rate
     assert started == ([30] if rate == 30 else [30, rate])
 
@@ -66,6 +66,6 @@ def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
     monkeypatch.setattr(launch, "process_state", lambda pid: b"t")
     profiling = launch.Profiling.begin(1, tmp_path, 50)
     for _ in range(2 * launch.LOOKS_TO_ADAPT):
-        profiling.look()
+        profiling.look_for_pause()
     assert profiling.rate_hz == 50
     assert profiling.paused_share == 1.0

@@ -42,6 +42,15 @@ def test_other_files_are_refused(tmp_path, text):
         samples.read(file)
 
 
+def test_samples_stand_for_the_time_in_which_they_were_taken():
+    stack = [Frame("main", "/x.py", 3)]
+    whole = samples.ThreadSamples(Thread(1, 1, "a"), [stack] * 4, 0.1)
+    late = samples.ThreadSamples(Thread(1, 2, "b"), [stack], 0.1)
+    spread = samples.spread_over([whole, late], 2.0)
+    assert [each.interval_s for each in spread] == [0.5, 0.5]
+    assert samples.spread_over([], 2.0) == []
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="profiler's samples"):
         samples.read(tmp_path / "missing.json")
