@@ -73,7 +73,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "--rate",
     "rate_hz",
     type=click.IntRange(1, 1000),
-    help="Samples of the program's stacks per second  [default: 30]",
+    help="Samples of the program's stacks per second  [default: 20]",
 )
 @click.option(
     "--python",

@@ -14,7 +14,7 @@ from mjbench.errors import UnavailableError, one_line
 from mjbench.instrument import extras
 
 # Samples per second. Each stops the program for about half a millisecond (docs/method/run.md).
-DEFAULT_RATE_HZ = 30
+DEFAULT_RATE_HZ = 20
 # Seconds that the profiler may take to write its file, once the program has ended.
 WRITING_S = 60.0
 # Why there are no samples of a program that is over before the profiler has read it.
