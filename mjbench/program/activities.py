@@ -90,19 +90,20 @@ _LOADS = re.compile(
 )
 _COLLECTS = re.compile(r"gc_collect|deduce_unreachable|subtract_refs|gc_freeze|visit_reachable")
 _WRITES = re.compile(r"_io_|fileio_|textiowrapper|buffered_|bufferedwriter|builtin_print|__write$")
+_LOCKS = re.compile(r"(__)?pthread_cond|take_gil|sem_(timed)?wait|sem_clockwait")
 _SLEEPS = re.compile(r"(clock_)?nanosleep|pysleep|time_sleep")
 _WAITS = re.compile(r"^(read|recv\w*|poll|ppoll|select|epoll_wait|wait4|waitpid|waitid)$")
 # Python files.
 _DRAWING_FILE = re.compile(
     r"/mujoco/(renderer|viewer)\.py$|/mujoco/rendering/|/mujoco/(egl|osmesa|cgl|glfw)/|mujoco_rendering\.py$"
-    r"|/dm_control/(_render|viewer)/|/dm_control/mujoco/render|/(OpenGL|glfw|pygame|matplotlib|cv2)/"
-    r"|/mujoco_python_viewer/|/robosuite/renderers/"
+    r"|-packages/dm_control/(_render|viewer)/|-packages/dm_control/mujoco/render"
+    r"|-packages/(OpenGL|glfw|pygame|matplotlib|cv2|mujoco_python_viewer|robosuite/renderers)/"
 )
 _POLICY_FILE = re.compile(
-    r"/site-packages/(torch|jax|jaxlib|flax|haiku|optax|tensorflow|keras|onnxruntime)/"
+    r"-packages/(torch|jax|jaxlib|flax|haiku|optax|tensorflow|keras|onnxruntime)/"
 )
 _LOGGING_FILE = re.compile(
-    r"/(tensorboard|tensorboardX|wandb|mlflow|imageio|imageio_ffmpeg|h5py|moviepy)/"
+    r"-packages/(tensorboard|tensorboardX|wandb|mlflow|imageio|imageio_ffmpeg|h5py|moviepy)/"
     r"|/numpy/lib/(_npyio_impl|npyio|format|_format_impl)\.py$"
 )
 _STANDARD_LOGGING = re.compile(r"^(logging/\w+|csv|json/\w+|pickle|shelve|gzip|zipfile\w*)\.py$")
@@ -123,8 +124,9 @@ def activity(stack: Sequence[Frame]) -> Activity | None:
     python = [frame for frame in stack if frame.is_python]
     library = _libraries_at_end(stack)
     return (
-        _by_caller(python, library)
-        or _by_library(python, library)
+        _by_engine(library)
+        or _by_caller(python, library)
+        or _by_library(library)
         or _by_python(python, library)
         or _interpreter(library)
     )
@@ -146,11 +148,30 @@ def _libraries_at_end(stack: Sequence[Frame]) -> list[Frame]:
     return frames
 
 
+def _by_engine(library: Sequence[Frame]) -> Activity | None:
+    """Return what MuJoCo does, whoever called it; None where it is not on top of the stack."""
+    if library and _LOCKS.match(library[0].function):
+        return None
+    for frame in library:
+        if _DRAWS.match(frame.function):
+            return Activity.RENDERING
+        if _ENGINE.search(frame.file):
+            return Activity.LOADING if _LOADS.match(frame.function) else Activity.PHYSICS
+        if _BINDINGS.search(frame.file):
+            return Activity.BINDINGS
+    return None
+
+
 def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
-    """Return the activity of what is one whole, whatever it calls."""
+    """Return the activity of what is one whole, whatever it calls.
+
+    Callers beyond the innermost line of the user's code do not count: that line is what they run.
+    """
     if any(_COLLECTS.match(frame.function) for frame in library):
         return Activity.COLLECTION
     for frame in reversed(python):
+        if is_own(frame):
+            return None
         file = frame.file
         if _DRAWING_FILE.search(file):
             return Activity.RENDERING
@@ -165,17 +186,15 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
     return None
 
 
-def _by_library(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
+def _by_library(library: Sequence[Frame]) -> Activity | None:
     """Return the activity by the libraries on top of the stack."""
+    if library and _LOCKS.match(library[0].function):
+        return Activity.THREADS
     for frame in library:
         if _GL_LIBRARY.search(frame.file) or _DRAWS.match(frame.function):
             return Activity.RENDERING
         if _POLICY_LIBRARY.search(frame.file):
             return Activity.POLICY
-        if _ENGINE.search(frame.file):
-            return Activity.LOADING if _LOADS.match(frame.function) else Activity.PHYSICS
-        if _BINDINGS.search(frame.file):
-            return Activity.BINDINGS
         if _NUMPY_LIBRARY.search(frame.file):
             allocates = any(_ALLOCATES.match(each.function) for each in library)
             return Activity.ALLOCATION if allocates else Activity.NUMPY

@@ -269,6 +269,40 @@ def test_tracebacks_do_not_show_the_clock(tmp_path):
     assert "step_clock" not in done.stderr
 
 
+def test_what_a_program_does_with_the_engines_functions_works_as_before(tmp_path):
+    text = (
+        STEPS
+        + """
+import importlib.util, pickle
+class Env:
+    step_function = mujoco.mj_step
+Env().step_function(model, data)
+assert pickle.loads(pickle.dumps(mujoco.mj_step)) is mujoco.mj_step
+print(mujoco.mj_step.__name__, data.time > 0)
+"""
+    )
+    done, steps = program(
+        tmp_path, "import importlib.util\nimportlib.util.find_spec('mujoco')" + text
+    )
+    assert done.stderr == ""
+    assert done.stdout == "mj_step True\n"
+    assert max(each.nstep for each in steps) == 11
+
+
+def test_an_endless_recursion_is_reported_as_without_the_clock(tmp_path):
+    done, _ = program(tmp_path, "def f():\n    f()\nf()")
+    assert "RecursionError" in done.stderr
+    assert "excepthook" not in done.stderr
+
+
+def test_what_follows_the_last_step_does_not_count(started):
+    model, data = simulation()
+    for _ in range(step_clock.BURST_CALLS + 5):
+        started.module.mj_step(model, data)
+    started.fake.spend(10**12)
+    assert read(started).steps_per_s == pytest.approx(1e9 / CALL_NS, rel=0.01)
+
+
 def test_the_users_own_sitecustomize_runs(tmp_path):
     own = tmp_path / "own"
     own.mkdir()

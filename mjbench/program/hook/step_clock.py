@@ -36,7 +36,7 @@ HEADER = struct.Struct("<13q")
 MAX_TIMERS = 32
 TIMERS = struct.Struct(f"<{MAX_TIMERS}d")
 FIRST_RECORD = HEADER.size + TIMERS.size
-CAPACITY = 1 << 19  # records of a process; 25 MB, of which a file takes what is written
+CAPACITY = 1 << 17  # records of a process: 6 MB
 
 # What `mjbench run --confirm` has the clock change, to see what it saves.
 NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
@@ -87,12 +87,21 @@ class StepFile:
         path = os.path.join(self._folder, f"{os.getpid()}.steps")
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
         try:
-            os.ftruncate(descriptor, FIRST_RECORD + CAPACITY * RECORD.size)
+            size = FIRST_RECORD + CAPACITY * RECORD.size
+            os.ftruncate(descriptor, size)
+            if hasattr(os, "posix_fallocate"):
+                # writing to a file without space would end the program
+                os.posix_fallocate(descriptor, 0, size)
             self._map = mmap.mmap(descriptor, 0)
         finally:
             os.close(descriptor)
         self._next = itertools.count().__next__
         self.timers = [0.0] * MAX_TIMERS
+
+    def close(self) -> None:
+        """Write no more records."""
+        self._map = mmap.mmap(-1, FIRST_RECORD)
+        self._next = itertools.repeat(CAPACITY).__next__
 
     def write(self, kind: int, begin_ns: int, end_ns: int, nstep: int, timestep_ns: int) -> int:
         """Write a record; return how many there are now."""
@@ -156,8 +165,14 @@ class StepClock:
         self._write_header()
 
     def begin_process(self) -> None:
-        """Begin anew in a process that was forked."""
-        self._file.open()
+        """Begin anew in a process that was forked; without a file, leave it alone."""
+        try:
+            self._file.open()
+        except OSError:
+            self._file.close()
+            self._go_away()
+            self._module = None
+            return
         self._reset_totals()
         self._come_back()
 
@@ -203,7 +218,7 @@ class StepClock:
         """
         now_ns, write, one = self._now_ns, self._file.write, int(is_step)
 
-        def call(*args: Any, **kwargs: Any) -> Any:
+        def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._to_pass:
                 self._to_pass -= 1
                 return function(*args, **kwargs)
@@ -219,7 +234,7 @@ class StepClock:
                 self._end_burst(args, end_ns, used)
             return result
 
-        return _like(call, function)
+        return _replacement(call, function)
 
     def _begin_burst(self, args: Sequence[Any]) -> None:
         """Begin a burst: read what must not be read in each call."""
@@ -272,7 +287,6 @@ class StepClock:
         """Give the program the engine's own functions, until it resets a simulation."""
         self._is_away = self._was_away = True
         self._to_pass = self._planned_to_pass = 0
-        assert self._module is not None
         for name, function in self._originals.items():
             if getattr(self._module, name) is self._timed[name]:
                 setattr(self._module, name, function)
@@ -288,14 +302,31 @@ class StepClock:
     def _returning(self, function: Any) -> Any:
         """Return what stands for a function that resets a simulation."""
 
-        def call(*args: Any, **kwargs: Any) -> Any:
+        def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._is_away:
                 elapsed_ns = self._now_ns() - self._start_ns
                 if self._cost_ns() - FREE_COST_NS < MAX_COST_SHARE * elapsed_ns:
                     self._come_back()
             return function(*args, **kwargs)
 
-        return _like(call, function)
+        return _replacement(call, function)
+
+    def install_rollout(self, module: ModuleType) -> None:
+        """Note when a program first steps by `mujoco.rollout`, whose threads are not timed."""
+
+        def noting(function: Any) -> Any:
+            def call(*args: Any, **kwargs: Any) -> Any:
+                if not self._first_ns:
+                    self._first_ns = self._now_ns()
+                    self._write_header()
+                return function(*args, **kwargs)
+
+            return _like(call, function)
+
+        if hasattr(module, "rollout"):
+            module.rollout = noting(module.rollout)  # type: ignore[attr-defined]
+        if hasattr(module, "Rollout"):
+            module.Rollout.rollout = noting(module.Rollout.rollout)
 
     def _calibrate(self) -> None:
         """Measure what a call costs that is timed, and one that is passed through."""
@@ -374,20 +405,51 @@ class StepClock:
 
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
-        if self._burst_calls or self._is_away:
+        if self._is_away:
             self._last_ns = self._now_ns()
-            self._calls_timed += self._burst_calls
-            self._burst_calls = 0
+        self._calls_timed += self._burst_calls
+        self._burst_calls = 0
         self._write_header()
 
 
-def _like(call: Any, function: Any) -> Any:
+class _Replacement:
+    """Stands for a function of the engine; as such a one, it does not become a method of a class.
+
+    It is stored by its name, so that other processes have their own. Each function has a subclass
+    with its `__call__`: to call an attribute would take longer.
+    """
+
+    __name__: str
+    __wrapped__: Any
+
+    def __reduce__(self) -> str:
+        """Return the name under which `mujoco` has it."""
+        return self.__name__
+
+    def __repr__(self) -> str:
+        return repr(self.__wrapped__)
+
+
+def _replacement(call: Any, function: Any) -> Any:
+    """Return what stands for a function of the engine; `call` has one more argument, the first."""
+    replacement = type("_Replacement", (_Replacement,), {"__call__": call})()
+    _copy_names(function, replacement)
+    replacement.__module__ = "mujoco"
+    return replacement
+
+
+def _copy_names(function: Any, replacement: Any) -> None:
     """Give a replacement the name and documentation of what it stands for."""
     for name in ("__name__", "__qualname__", "__doc__", "__module__"):
         value = getattr(function, name, None)
         if value is not None:
-            setattr(call, name, value)
-    call.__wrapped__ = function
+            setattr(replacement, name, value)
+    replacement.__wrapped__ = function
+
+
+def _like(call: Any, function: Any) -> Any:
+    """Return a method that stands for another."""
+    _copy_names(function, call)
     return call
 
 
@@ -417,21 +479,24 @@ class _AfterImport(importlib.abc.MetaPathFinder):
         self, fullname: str, path: Any, target: Any = None
     ) -> importlib.machinery.ModuleSpec | None:
         """Return another finder's module, whose loader calls the function afterwards."""
-        action = self._actions.pop(fullname, None)
-        if action is None:
+        if fullname not in self._actions:
             return None
         for finder in sys.meta_path:
             if finder is self or not hasattr(finder, "find_spec"):
                 continue
             spec = finder.find_spec(fullname, path, target)
             if spec is not None:
-                _call_after(spec, action)
+                _call_after(spec, fullname, self._actions)
                 return spec
         return None
 
 
-def _call_after(spec: importlib.machinery.ModuleSpec, action: Callable[[ModuleType], None]) -> None:
-    """Let the loader of a module call a function once the module was executed."""
+def _call_after(
+    spec: importlib.machinery.ModuleSpec,
+    name: str,
+    actions: dict[str, Callable[[ModuleType], None]],
+) -> None:
+    """Let the loader of a module call its function once the module was executed."""
     loader = spec.loader
     execute = getattr(loader, "exec_module", None)
     if execute is None:
@@ -439,8 +504,10 @@ def _call_after(spec: importlib.machinery.ModuleSpec, action: Callable[[ModuleTy
 
     def exec_module(module: ModuleType) -> None:
         execute(module)
+        action = actions.pop(name, None)  # only once: a module may be looked for without import
         try:
-            action(module)
+            if action is not None:
+                action(module)
         except Exception as error:
             print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
 
@@ -458,17 +525,32 @@ def _hide_from_tracebacks() -> None:
         earlier(kind, error, _without_own(frames))
 
     sys.excepthook = report
+    import threading
+
+    earlier_of_threads = threading.excepthook
+
+    def report_of_thread(arguments: Any) -> None:
+        error = arguments.exc_value
+        if error is not None:
+            error = error.with_traceback(_without_own(error.__traceback__))
+            arguments = threading.ExceptHookArgs(
+                (arguments.exc_type, error, error.__traceback__, arguments.thread)
+            )
+        earlier_of_threads(arguments)
+
+    threading.excepthook = report_of_thread
 
 
 def _without_own(frames: Any) -> Any:
     """Return a traceback without the frames of this file."""
-    if frames is None:
-        return None
-    rest = _without_own(frames.tb_next)
-    if frames.tb_frame.f_code.co_filename == __file__:
-        return rest
-    frames.tb_next = rest
-    return frames
+    rest = []
+    while frames is not None:
+        if frames.tb_frame.f_code.co_filename != __file__:
+            rest.append(frames)
+        frames = frames.tb_next
+    for frame, following in zip(rest, [*rest[1:], None], strict=True):
+        frame.tb_next = following
+    return rest[0] if rest else None
 
 
 def start(folder: str, change: str = "") -> StepClock:
@@ -478,7 +560,10 @@ def start(folder: str, change: str = "") -> StepClock:
     def environment(class_name: str, method: str) -> Callable[[ModuleType], None]:
         return lambda module: clock.install_environment(module, class_name, method)
 
-    actions: dict[str, Callable[[ModuleType], None]] = {"mujoco": clock.install}
+    actions: dict[str, Callable[[ModuleType], None]] = {
+        "mujoco": clock.install,
+        "mujoco.rollout": clock.install_rollout,
+    }
     for module_name, class_name, method in _ENVIRONMENTS:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, _AfterImport(actions))
