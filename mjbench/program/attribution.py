@@ -11,6 +11,8 @@ from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
+# Fewer samples tell little.
+FEW_SAMPLES = 30
 # Its `_bootstrap` begins a process, which may be a fork.
 _PROCESS_MODULE = "multiprocessing/process.py"
 _Key = TypeVar("_Key")
@@ -132,8 +134,10 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
     stepping = [time for time in times if time.steps]
     seen = {pid for time in stepping for pid in time.pids}
     for pid in sorted(set(pids) - seen):
-        of_process = [time for time in times if pid in time.pids and time not in stepping]
-        stepping += sorted(of_process, key=lambda time: -time.seconds)[:1]
+        of_process = [time for time in times if pid in time.pids]
+        longest = max(of_process, key=lambda time: time.seconds, default=None)
+        if longest is not None and longest.samples >= FEW_SAMPLES and longest not in stepping:
+            stepping.append(longest)
     elsewhere = any(not time.in_main for time in stepping)
     waiting = [
         time

@@ -37,7 +37,7 @@ LEAST_RATE_HZ = 5
 _CALM_S = 1.0
 # The state of a process that a profiler has stopped.
 _TRACED = b"t"
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 _HOOK = Path(__file__).with_name("hook")
 
 
@@ -101,10 +101,11 @@ class Profiling:
       adapts: whether the rate may be lowered.
       sampler: the profiler.
       looks: how often the program was looked at.
-      paused: how often the profiler had stopped it then.
+      paused: how often the profiler had stopped it, or one of its child processes, then.
       begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
         before that.
       earlier: samples at the first rate.
+      problem: why samples could not be read; "" where they could.
     """
 
     pid: int
@@ -116,12 +117,19 @@ class Profiling:
     paused: int = 0
     begin_s: float | None = None
     earlier: Sequence[ThreadSamples] = ()
+    problem: str = ""
 
     @classmethod
-    def begin(cls, pid: int, folder: Path, rate_hz: int | None) -> "Profiling":
-        """Start the profiler; without a rate, at the usual one, which may be lowered."""
+    def begin(
+        cls, pid: int, folder: Path, rate_hz: int | None, seconds: float | None = None
+    ) -> "Profiling":
+        """Start the profiler; without a rate, at the usual one, which may be lowered.
+
+        It ends with the program, or after so many seconds.
+        """
         rate = rate_hz or sampler.DEFAULT_RATE_HZ
-        return cls(pid, folder, rate, rate_hz is None, sampler.start(pid, folder, rate))
+        of_profiler = sampler.start(pid, folder, rate, seconds)
+        return cls(pid, folder, rate, rate_hz is None and seconds is None, of_profiler)
 
     def look(self) -> None:
         """See whether the profiler has begun."""
@@ -130,11 +138,11 @@ class Profiling:
 
     def look_for_pause(self) -> None:
         """See whether the profiler has stopped the program at this moment (Linux)."""
-        state = process_state(self.pid)
-        if state is None:
+        states = [process_state(pid) for pid in (self.pid, *_children(self.folder, self.pid))]
+        if states[0] is None:
             return
         self.looks += 1
-        self.paused += state == _TRACED
+        self.paused += states.count(_TRACED)
         if self.adapts and self.looks == LOOKS_TO_ADAPT:
             self._adapt()
 
@@ -159,14 +167,18 @@ class Profiling:
     def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
         """Return the samples until `end_s`; or why there are none."""
         seen = [*self.earlier, *self._read(end_s)]
-        return seen, "" if seen else self.sampler.problem()
+        return seen, "" if seen else self.problem or self.sampler.problem()
 
     def _read(self, end_s: float) -> Sequence[ThreadSamples]:
         """Return the samples of the profiler that ran last; none where it wrote no file."""
         file = self.sampler.file
         if not file.is_file():
             return []
-        seen = samples.read(file)
+        try:
+            seen = samples.read(file)
+        except InputError as error:  # the disk is full, or it was killed
+            self.problem = str(error)
+            return []
         file.unlink()
         return seen if self.begin_s is None else samples.spread_over(seen, end_s - self.begin_s)
 
@@ -191,8 +203,13 @@ def check(program: Program) -> None:
       UnavailableError: the profiler is not installed.
     """
     first = program.arguments[0]
-    if first != "-m" and not Path(first).exists():
+    if first == "-m":
+        if len(program.arguments) == 1:
+            raise InputError("-m needs the name of a module")
+    elif not os.path.exists(first):  # noqa: PTH110 - False for a name that no file can have
         raise InputError(f"{shown(first)}: no such file")
+    elif first.endswith(".ipynb"):
+        raise InputError(f"{shown(first)} is a notebook: save it as a Python file first")
     sampler.program()
 
 
@@ -227,7 +244,7 @@ def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
         raise InputError(f"--attach {pid}: no such process")
     with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
         begin_s = time.monotonic()
-        profiling = Profiling.begin(pid, Path(name), rate_hz)
+        profiling = Profiling.begin(pid, Path(name), rate_hz, seconds)
         with contextlib.suppress(KeyboardInterrupt):
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
                 profiling.look()
@@ -242,7 +259,7 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
     with _passing_on() as signals:
         begin_s = time.monotonic()
         process = _start(program, folder)
-        signals.forward = lambda number: _send(process, number)
+        signals.forward = process.send_signal
         was_ended = has_begun = False
         profiling = _start_profiler(process, folder, rate_hz)
         while process.poll() is None:
@@ -254,16 +271,16 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
             if seconds is not None and not was_ended and _has_stepped(folder, seconds):
                 was_ended = True
                 _end(process)
-        end_s = time.monotonic()
-        if profiling is not None:
-            profiling.sampler.wait()
-        seen = _observation(profiling, process.pid, begin_s, end_s)
-        return replace(
-            seen,
-            exit_code=_exit_code(process.returncode),
-            was_ended=was_ended,
-            steps=step_times.read_all(folder),
-        )
+    end_s = time.monotonic()
+    if profiling is not None:
+        profiling.sampler.finish()
+    seen = _observation(profiling, process.pid, begin_s, end_s)
+    return replace(
+        seen,
+        exit_code=_exit_code(process.returncode),
+        was_ended=was_ended,
+        steps=step_times.read_all(folder),
+    )
 
 
 def _observation(
@@ -411,9 +428,15 @@ def _passing_on() -> Iterator[_Signals]:
 
 def _is_foreground() -> bool:
     """Return whether a terminal sends Ctrl-C to this process and to the program alike."""
-    with contextlib.suppress(OSError):
-        return os.isatty(0) and os.tcgetpgrp(0) == os.getpgrp()
+    with contextlib.suppress(OSError), open("/dev/tty", "rb", buffering=0) as terminal:  # noqa: PTH123
+        return os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
     return False
+
+
+def _children(folder: Path, pid: int) -> list[int]:
+    """Return the processes whose step clock has begun, but the first."""
+    stems = (file.stem for file in folder.glob("*.steps"))
+    return [int(stem) for stem in stems if stem != str(pid)]
 
 
 def process_state(pid: int) -> bytes | None:

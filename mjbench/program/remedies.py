@@ -17,6 +17,8 @@ from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.attribution import LineTime, LoopTime
 from mjbench.program.step_times import StepTimes
 
+# Rules of lint about what a program computes, not about its time.
+WRONG_RESULTS = ("MJB001", "MJB004")
 # Smaller gains are not worth a line.
 LEAST_GAIN = 0.01
 
@@ -62,6 +64,13 @@ class Remedy:
     gain_error: float | None
     code: str = ""
     confirmed: "Confirmed | None" = None
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is more than chance; where it was tried, whether it helped."""
+        if self.confirmed is not None:
+            return self.confirmed.is_certain
+        return self.gain is None or self.gain > 2 * (self.gain_error or 0.0)
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -145,6 +154,11 @@ def remedies(loop: LoopTime, steps: Sequence[StepTimes], files: Sequence[str] = 
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
 
+def first(listed: Sequence[Remedy]) -> Remedy | None:
+    """Return the most important remedy that is certain: not by chance, and not refuted."""
+    return next((remedy for remedy in listed if remedy.is_certain), None)
+
+
 def _findings(files: Sequence[str]) -> Mapping[tuple[str, int], Finding]:
     """Return lint's findings by file and line."""
     findings: dict[tuple[str, int], Finding] = {}
@@ -161,7 +175,7 @@ def _findings(files: Sequence[str]) -> Mapping[tuple[str, int], Finding]:
 def _wrong(findings: Mapping[tuple[str, int], Finding]) -> Iterator[Remedy]:
     """Yield what makes a result wrong, whatever it costs."""
     for (file, line), finding in findings.items():
-        if finding.ns_per_step is None:
+        if finding.code in WRONG_RESULTS:
             place = Place(file, line, "")
             yield Remedy(RemedyKind.RESULT, None, place, finding.message, None, None, finding.code)
 
@@ -288,7 +302,8 @@ def _collections(loop: LoopTime, steps: Sequence[StepTimes]) -> Iterator[Remedy]
     The interpreters of some systems do not name their functions, so samples do not show it.
     """
     seconds = sum(step.collections_s for step in steps if step.pid in loop.pids)
-    if loop.seconds and seconds:
-        share = min(1.0, seconds / loop.seconds)
+    span_s = sum(step.span_s for step in steps if step.pid in loop.pids)
+    if span_s and seconds:
+        share = min(1.0, seconds / span_s)
         text = _ADVICE[Activity.COLLECTION]
         yield _remedy(loop, RemedyKind.COLLECTION, Activity.COLLECTION, None, text, share)

@@ -1,6 +1,7 @@
 """py-spy, the sampling profiler: a program of its own that reads the stacks of another."""
 
 import contextlib
+import math
 import os
 import shutil
 import signal
@@ -15,10 +16,12 @@ from mjbench.instrument import extras
 
 # Samples per second. Each stops the program for about half a millisecond (docs/method/run.md).
 DEFAULT_RATE_HZ = 20
+# Seconds in which the profiler notices that the program has ended.
+ENDING_S = 2.0
 # Seconds that the profiler may take to write its file, once the program has ended.
 WRITING_S = 60.0
 # Why there are no samples of a program that is over before the profiler has read it.
-TOO_SHORT = "it ended before it could be sampled"
+TOO_SHORT = "it ended before it could be sampled, or it is no program of Python"
 # Why the profiler is not allowed to read a process, and what helps.
 _REFUSED = ("permission", "operation not permitted", "access denied", "requires root")
 
@@ -53,8 +56,18 @@ class Sampler:
             self.process.send_signal(signal.SIGINT)
         self.wait()
 
+    def finish(self) -> None:
+        """Wait until the profiler has written its file; it ends with the program.
+
+        A process that outlives the program would keep it: then it is stopped.
+        """
+        try:
+            self.process.wait(ENDING_S)
+        except subprocess.TimeoutExpired:
+            self.stop()
+
     def wait(self) -> None:
-        """Wait until the profiler has written its file; it ends with the program."""
+        """Wait until the profiler has written its file."""
         try:
             self.process.wait(WRITING_S)
         except subprocess.TimeoutExpired:
@@ -93,13 +106,14 @@ def has_native() -> bool:
     return sys.platform == "linux" and os.uname().machine in ("x86_64", "armv7l")
 
 
-def start(pid: int, folder: Path, rate_hz: int) -> Sampler:
+def start(pid: int, folder: Path, rate_hz: int, seconds: float | None = None) -> Sampler:
     """Sample a process and those that it starts, until it ends or `Sampler.stop`.
 
     Args:
       pid: the process.
       folder: for the profiler's files.
       rate_hz: samples per second.
+      seconds: after which it ends by itself, at the latest; None for never.
 
     Raises:
       UnavailableError: the profiler is not installed.
@@ -109,6 +123,7 @@ def start(pid: int, folder: Path, rate_hz: int) -> Sampler:
     command += ["--format", "speedscope", "--output", str(file)]
     command += ["--threads", "--idle", "--full-filenames", "--subprocesses"]
     command += ["--native"] if has_native() else []
+    command += ["--duration", str(math.ceil(seconds) + 1)] if seconds is not None else []
     with log.open("wb") as output:
         # in a session of its own: Ctrl-C is for the program
         process = subprocess.Popen(

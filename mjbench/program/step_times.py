@@ -3,6 +3,7 @@
 `hook/step_clock.py` writes the files, and defines their format.
 """
 
+import contextlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -121,11 +122,14 @@ class StepTimes:
 def read_all(folder: Path) -> list[StepTimes]:
     """Return the steps of all processes whose files are in a folder, by process.
 
-    Raises:
-      InputError: a file is not one of the step clock.
+    A file that is cut short, since the disk was full, is left out.
     """
     timers = _timer_names(folder / "engine.json")
-    return [read(file, timers) for file in sorted(folder.glob("*.steps"))]
+    times = []
+    for file in sorted(folder.glob("*.steps")):
+        with contextlib.suppress(InputError):
+            times.append(read(file, timers))
+    return times
 
 
 def read(file: Path, timers: Mapping[str, int]) -> StepTimes:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
+from mjbench.program import remedies
 from mjbench.program.activities import Activity
-from mjbench.program.attribution import LineTime, LoopTime
+from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedies import Remedy
 from mjbench.program.step_times import Durations, StepTimes
@@ -19,15 +20,15 @@ _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
 # Observing should cost no more; beyond it, the report says how to make it cost less.
 MAX_COST = 0.03
-# Fewer samples tell little.
-FEW_SAMPLES = 100
+# With fewer samples, shares are rough.
+ROUGH_SAMPLES = 100
 
 
 def print_program(out: Console, row: ProgramRow) -> None:
     """Print where a program's time goes."""
     out.print(tables.headed(f"\n{row.program}", f": {conclusion(row)}"), soft_wrap=True)
     for report in row.loops:
-        _print_loop(out, report)
+        _print_loop(out, report, row.wall_s)
     for steps in _most_steps(row.steps):
         _print_steps(out, steps, len(row.steps))
     _print_cost(out, row)
@@ -75,19 +76,25 @@ def conclusion(row: ProgramRow) -> str:
         return f"no samples were taken: {row.detail}"
     if not row.loops:
         if row.steps:
-            return "it stepped too briefly to be sampled; run it for longer"
+            return "no loop was seen that steps MuJoCo, although it steps; run it for longer"
         return "no loop was seen that steps MuJoCo"
     loop = row.loops[0]
-    if not loop.remedies:
+    if loop.time.samples < FEW_SAMPLES:
+        return f"{loop.time.samples} samples are too few to say what comes first; run it for longer"
+    remedy = remedies.first(loop.remedies)
+    if remedy is None:
         return (
             f"physics takes {percent(loop.time.activities.get(Activity.PHYSICS, 0.0))} of the loop"
             " in " + where(loop.time) + "; nothing else is worth a change in Python"
         )
-    return "first, " + _first(loop.time, loop.remedies[0])
+    return "first, " + _first(loop.time, remedy)
 
 
 def _first(time: LoopTime, remedy: Remedy) -> str:
     place = f" at {remedy.place}" if remedy.place is not None else ""
+    if remedy.confirmed is not None:
+        saved = f"saves {percent(remedy.confirmed.gain)} of a step, as confirmed"
+        return f"{remedy.text}{place}: {saved}"
     if remedy.gain is None:
         return f"correct a wrong result{place}: {remedy.text}"
     if remedy.activity == Activity.PHYSICS:
@@ -102,17 +109,18 @@ def where(time: LoopTime) -> str:
     return f"{loop.file}:{lines}"
 
 
-def _print_loop(out: Console, report: LoopReport) -> None:
+def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
     time = report.time
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
     out.print(
         tables.headed(
             f"\nThe loop in {where(time)}",
-            f": {tables.plain(time.seconds, 3)} s{by}, {time.samples:,} samples",
+            f": {tables.plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
+            f" {tables.plain(wall_s, 3)} s",
         ),
         soft_wrap=True,
     )
-    if time.samples < FEW_SAMPLES:
+    if time.samples < ROUGH_SAMPLES:
         out.print("Few samples: shares are rough; let the program run for longer.")
     _print_remedies(out, report.remedies)
     table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
@@ -127,12 +135,12 @@ def _print_loop(out: Console, report: LoopReport) -> None:
     _print_lines(out, time)
 
 
-def _print_remedies(out: Console, remedies: Sequence[Remedy]) -> None:
-    if not remedies:
+def _print_remedies(out: Console, listed: Sequence[Remedy]) -> None:
+    if not listed:
         return
     out.print("What to do first, and what it saves of the loop at most:")
     table = tables.plain_table(["", "saves", "where", "what"], right=(0, 1))
-    for number, remedy in enumerate(remedies[:_MOST_REMEDIES], 1):
+    for number, remedy in enumerate(listed[:_MOST_REMEDIES], 1):
         code = f" ({remedy.code})" if remedy.code else ""
         place = str(remedy.place) if remedy.place is not None else "the loop"
         table.add_row(str(number), saving(remedy), place, f"{_subject(remedy)}{remedy.text}{code}")
@@ -149,7 +157,7 @@ def saving(remedy: Remedy) -> str:
         sure = remedy.confirmed
         if not sure.is_certain:
             return f"not confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
-        return f"{percent(sure.gain)}, confirmed"
+        return f"{percent(sure.gain)}, confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
     if remedy.gain is None:
         return "wrong result"
     return percent(remedy.gain)
@@ -177,10 +185,11 @@ def _most_steps(steps: Sequence[StepTimes]) -> Sequence[StepTimes]:
 
 
 def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
-    of = f" in each of {processes} processes" if processes > 1 else ""
+    of = f" in the process with most of {processes}" if processes > 1 else ""
+    while_stepping = "" if steps.nstep is not None else " while it steps without a pause"
     if steps.steps_per_s is not None and steps.real_time_factor is not None:
         out.print(
-            f"\nSteps{of}: {steps.steps_per_s:,.0f} per second,"
+            f"\nSteps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
             f" {tables.plain(steps.real_time_factor, 3)} × real time",
             soft_wrap=True,
         )
@@ -202,6 +211,9 @@ def _quantiles(durations: Durations) -> list[str]:
 
 def _print_cost(out: Console, row: ProgramRow) -> None:
     if row.status != Status.OK:
+        return
+    if row.paused_share is None:
+        out.print("\nWhat observing took of the program's time is not known.")
         return
     line = f"\nObserving took {percent(row.cost_share, 1)} of the program's time."
     if row.cost_share > MAX_COST:

@@ -93,8 +93,10 @@ def test_a_loop_without_physics_is_left_out(file):
 
 
 def test_a_process_that_is_known_to_step_has_its_longest_loop(file):
-    (time,) = attribution.loop_times([samples([stacks(file)["observe"]])], 1, {1})
+    (time,) = attribution.loop_times([samples([stacks(file)["observe"]] * 30)], 1, {1})
     assert not time.steps
+    few = [samples([stacks(file)["observe"]] * 29)]
+    assert attribution.loop_times(few, 1, {1}) == []
 
 
 def test_a_loop_that_waits_for_processes_that_step_comes_first(file):

@@ -47,7 +47,7 @@ class FakeSampler:
 def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypatch, paused, rate):
     started = []
 
-    def start(pid, folder, rate_hz):
+    def start(pid, folder, rate_hz, seconds=None):
         started.append(rate_hz)
         return FakeSampler(folder)
 
@@ -62,7 +62,7 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
 
 
 def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampler, "start", lambda pid, folder, rate_hz: FakeSampler(folder))
+    monkeypatch.setattr(sampler, "start", lambda pid, folder, rate_hz, seconds: FakeSampler(folder))
     monkeypatch.setattr(launch, "process_state", lambda pid: b"t")
     profiling = launch.Profiling.begin(1, tmp_path, 50)
     for _ in range(2 * launch.LOOKS_TO_ADAPT):
