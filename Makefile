@@ -12,7 +12,7 @@ help:
 	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (about 15 minutes)"
 	@echo "make test      run lint (see below) and the tests (about 10 minutes on two cores)"
 	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
-	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (half an hour)"
+	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (8 minutes)"

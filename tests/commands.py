@@ -41,7 +41,7 @@ def mjbench(
     if document is not None:
         written = document.read_text() if document.is_file() else ""
     if "--json" in words and written and written != earlier:
-        _check_document(words[0], written)
+        check_document(words[0], written)
     return done
 
 
@@ -51,7 +51,7 @@ def _document(words: tuple[str, ...], cwd: Path) -> Path | None:
     return None if target == "-" else cwd / target
 
 
-def _check_document(command: str, text: str) -> None:
+def check_document(command: str, text: str) -> None:
     """Hold a command's JSON document against its shipped schema; `show` has those of others."""
     schema_file = ROOT / "mjbench/schemas" / f"{command}.json"
     if schema_file.is_file():

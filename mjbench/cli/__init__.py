@@ -26,6 +26,7 @@ from mjbench.cli import (  # each adds its command to the group
     profile,
     releases,
     report,
+    run,
     selfcheck,
     show,
     site,

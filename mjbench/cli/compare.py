@@ -1,7 +1,6 @@
 """`mjbench compare`: ways of stepping, on each model."""
 
 import contextlib
-import dataclasses
 import functools
 import itertools
 from dataclasses import dataclass
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.cli.confirmation import Confirmation
 from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
@@ -37,11 +35,13 @@ from mjbench.status import FINISHED, Status
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mjbench.comparison.plan import ComparisonPlan, Variant
+    from mjbench.comparison.plan import ComparisonPlan
     from mjbench.comparison.scaling import ScalingRequest
     from mjbench.instrument.runs import Record
-    from mjbench.report.results import ModelResults
     from mjbench.simulation.models import ModelSource
+
+# Share of the bar of a model that measuring it has, where paths are compared again after that.
+_MEASURED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,7 @@ class _Options:
     seed: int
     settle_s: float | None
     states_file: Path | None
+    actions_file: Path | None
     budget: float | None
     total_steps: int | None
     confirm: bool
@@ -188,7 +189,7 @@ def _scaling_request(options: _Options) -> "ScalingRequest":
     if several:
         raise InputError(f"--option {several[0]}: give one value with --scaling")
     return ScalingRequest(
-        plan=_plan(options, (), import_from),
+        plan=_plan(options, import_from),
         path_names=[n for n in expanded if n in given or scaling.parallel_option(n)],
         options={name: value for name, (value,) in choices.items()},
         topology=topology.read(),
@@ -203,37 +204,33 @@ def _plans(options: _Options) -> list["ComparisonPlan"]:
     from mjbench.comparison import selection
 
     import_from = own_path_folder(options.path_names)
-    path_names = selection.expand(options.path_names or [])
-    choices = selection.choices(options.option_words, path_names)
-    if options.chunk:
-        choices["chunk"] = options.chunk
-    sizes: list[int | None] = [*options.nbatch] if options.nbatch else [None]
-    if path_names and len(sizes) > 1:
-        path_names = [*path_names, *selection.rivals(path_names)]
-    variants = selection.variants(path_names, options.threads, choices)
-    plan = _plan(options, variants, import_from)
-    return [dataclasses.replace(plan, nbatch=size) for size in sizes]
+    return selection.plans(
+        _plan(options, import_from),
+        options.path_names or [],
+        options.threads,
+        options.chunk,
+        options.option_words,
+        options.nbatch,
+    )
 
 
-def _plan(
-    options: _Options, variants: "tuple[Variant, ...]", import_from: str | None
-) -> "ComparisonPlan":
-    """Return the plan that the options ask for, with the size left open."""
+def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
+    """Return the plan that the options ask for, with variants and size left open."""
     from mjbench.comparison import selection
     from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
     from mjbench.simulation.workload import Product
 
     return ComparisonPlan(
-        variants=variants,
+        variants=(),
         nstep=options.nstep,
         hold=options.hold,
         seed=options.seed,
-        starts=start_plan(options.settle_s, options.states_file),
+        starts=start_plan(options.settle_s, options.states_file, options.actions_file),
         returns=Product(options.returns),
         budget_s=BUDGET_S if options.budget is None else options.budget,
         limit_s=options.time_limit,
         import_from=import_from,
-        named=tuple(n for n in options.path_names or () if n != selection.USUAL_PATHS),
+        named=selection.named(options.path_names or []),
         total_steps=options.total_steps,
     )
 
@@ -241,6 +238,7 @@ def _plan(
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
+    from mjbench.api.confirmation import Confirmation, part_of
     from mjbench.comparison import compare
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
@@ -261,15 +259,17 @@ def _compare(
     turns = list(itertools.product(sources, plans))
     files = [source.path for source in sources]
     files += user_module_files(variant.path for variant in plans[0].variants)
-    files += [plans[0].starts.file] if plans[0].starts.file else []
+    files += plans[0].starts.files
     with RunContext("compare", options.json_file, files, storage, options.wait) as run:
         with run.progress(len(turns)) as advance, contextlib.ExitStack() as closing:
-            confirmation = Confirmation(run, closing)
+            confirmation = Confirmation(run.record, closing)
             for number, (source, plan) in enumerate(turns):
                 on_progress = functools.partial(advance, number)
+                measured = _MEASURED_SHARE if options.confirm else 1.0
                 records = compare.stored(source, plan, run.resumed_records)
                 if records is None:
-                    records = compare.compare_model(source, plan, on_progress)
+                    on_measuring = part_of(on_progress, 0.0, measured)
+                    records = compare.compare_model(source, plan, on_measuring)
                     try:
                         for record in records.all:
                             run.record(record)
@@ -278,8 +278,8 @@ def _compare(
                 results = derive(records.model, records.measurements, run.resumed_records)
                 is_over = records.interrupted or failure is not None
                 if options.confirm and not is_over:
-                    on_progress(f"{source.name}: in fresh processes", 1.0)
-                    results = _confirmed(confirmation, source, plan, results)
+                    on_confirming = part_of(on_progress, measured, 1.0)
+                    results = confirmation.complete(source, plan, results, on_confirming)
                 report.print_model(run.out, results, options.code)
                 models.append(results)
                 statuses += [records.model.status, *(r.status for r in results.results)]
@@ -309,21 +309,3 @@ def _finished(records: "Sequence[Record]", nvariant: int) -> "list[Record]":
         if isinstance(record, ModelRecord):
             done += [c for c in again_of(record, records) if c.status in FINISHED]
     return done
-
-
-def _confirmed(
-    confirmation: Confirmation,
-    source: "ModelSource",
-    plan: "ComparisonPlan",
-    results: "ModelResults",
-) -> "ModelResults":
-    """Return the results of a model with the comparisons in fresh processes that advice needs."""
-    from mjbench.report.advice import clock_pairing, contest_groups
-
-    if pairing := clock_pairing(results):
-        record = confirmation.compare(source, plan, pairing, results.compared_sizes)
-        results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
-    if not confirmation.is_interrupted and (groups := contest_groups(results)):
-        contest = confirmation.contest(source, plan, groups, results.compared_sizes)
-        results = dataclasses.replace(results, contest=contest)
-    return results

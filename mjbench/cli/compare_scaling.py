@@ -5,13 +5,13 @@ import dataclasses
 import functools
 from typing import TYPE_CHECKING
 
-from mjbench.cli.confirmation import Confirmation
 from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.status import FINISHED, Status
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mjbench.api.confirmation import Confirmation
     from mjbench.comparison.compare import Progress
     from mjbench.comparison.scaling import ScalingRecord, ScalingRequest, ScalingRun
     from mjbench.instrument.runs import Record
@@ -35,6 +35,7 @@ def search_models(
       confirm: whether to compare what is advised again in fresh processes.
       code: whether to print the Python of what is advised.
     """
+    from mjbench.api.confirmation import Confirmation
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
     from mjbench.report import scaling as report
@@ -44,11 +45,11 @@ def search_models(
     storage = Storage(output.results, arguments, output.resume, _finished)
     files = [source.path for source in sources]
     files += user_module_files(request.path_names)
-    files += [request.plan.starts.file] if request.plan.starts.file else []
+    files += request.plan.starts.files
     models: list[ScalingResults] = []
     with RunContext("compare", output.json_file, files, storage, output.wait) as run:
         with run.progress(len(sources)) as advance, contextlib.ExitStack() as closing:
-            confirmation = Confirmation(run, closing)
+            confirmation = Confirmation(run.record, closing)
             for number, source in enumerate(sources):
                 on_progress = functools.partial(advance, number)
                 search = _ModelSearch(run, source, request, on_progress, confirmation)
@@ -91,7 +92,7 @@ class _ModelSearch:
         source: "ModelSource",
         request: "ScalingRequest",
         on_progress: "Progress",
-        confirmation: Confirmation,
+        confirmation: "Confirmation",
     ):
         self._run, self._source, self._request = run, source, request
         self._on_progress, self._confirmation = on_progress, confirmation
@@ -152,9 +153,14 @@ class _ModelSearch:
 
     def _confirmed(self, results: "ScalingResults") -> "ScalingResults":
         """Return the results with the comparisons in fresh processes that advice needs."""
+        from mjbench.api.confirmation import part_of
+
         plan = dataclasses.replace(self._request.plan, nbatch=self._request.first_nbatch)
         while pairing := results.next_pairing():
-            record = self._confirmation.compare(self._source, plan, pairing, results.compared_sizes)
+            on_progress = part_of(self._on_progress, 1.0, 1.0)  # the bar is full
+            record = self._confirmation.compare(
+                self._source, plan, pairing, results.compared_sizes, on_progress
+            )
             confirmations = (*results.confirmations, record)
             results = dataclasses.replace(results, confirmations=confirmations)
             if self._confirmation.is_interrupted:

@@ -81,6 +81,7 @@ class RunContext:
         inputs: Sequence[Path] = (),
         storage: Storage | None = None,
         wait: bool | None = None,
+        to_stderr: bool = False,
     ):
         """Prepare a command.
 
@@ -91,13 +92,14 @@ class RunContext:
           storage: where records are stored; None for a command without a run file.
           wait: whether to wait for another mjbench that measures on this machine, rather than to
             warn; None for a command that measures no time.
+          to_stderr: whether people read standard error, since standard output is not the command's.
 
         Raises:
           InputError: the JSON document would replace an input.
         """
         from mjbench.report import tables
 
-        self.out: Console = tables.console(stderr=json_file == "-")
+        self.out: Console = tables.console(stderr=to_stderr or json_file == "-")
         self.interrupted = False
         self.resumed_records: Sequence[Record] = ()
         self._command, self._inputs, self._storage = command, inputs, storage
@@ -157,11 +159,7 @@ class RunContext:
 
         share = machine.ProcessorTime.now().stolen_since(begin)
         if share >= machine.NOTABLE_STOLEN:
-            self.out.print(
-                f"The host took {100 * share:.0f} % of this machine's processor time for others:"
-                " timings are noisier for it, and verdicts take longer.",
-                soft_wrap=True,
-            )
+            self.out.print(machine.describe_stolen(share), soft_wrap=True)
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""

@@ -7,7 +7,7 @@ import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.paired_options import releases_and_models, states_files, verdict_plan
+from mjbench.cli.paired_options import releases_and_models, verdict_plan
 from mjbench.cli.shared import COUNT, JSON, JUDGING, SIZES, WAIT, with_options
 from mjbench.errors import InputError
 from mjbench.status import Status
@@ -67,7 +67,7 @@ def explain(
     specs = [installs.parse_release(name) for name in release_names]
     plan = verdict_plan(**options)
     files = [source.path for source in sources]
-    files += [*(wheel for spec in specs for wheel in spec.wheels), *states_files(plan)]
+    files += [*(wheel for spec in specs for wheel in spec.wheels), *plan.sizes.starts.files]
     rows: list[ExplainRow] = []
     statuses: list[Status] = []
     with (

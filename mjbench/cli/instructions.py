@@ -1,10 +1,12 @@
 """`mjbench instructions`: instructions per step, counted by Callgrind."""
 
+from pathlib import Path
+
 import click
 
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, JSON, SEED, Seconds, with_options
+from mjbench.cli.shared import COUNT, JSON, SIZES, Seconds, check_sizes, start_plan, with_options
 
 
 @cli.command()
@@ -31,13 +33,19 @@ from mjbench.cli.shared import COUNT, JSON, SEED, Seconds, with_options
     show_default=True,
     help="Kill a release's process that finishes no model for this long.",
 )
-@with_options(SEED, JSON)
+@with_options(*SIZES, JSON)
 def instructions(
     names: tuple[str, ...],
     releases: tuple[str, ...],
     top: int,
     limit_s: float,
+    nbatch: int | None,
+    nstep: int | None,
+    hold: int,
     seed: int,
+    settle_s: float | None,
+    states_file: Path | None,
+    actions_file: Path | None,
     json_file: str | None,
 ) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on any machine.
@@ -56,13 +64,16 @@ def instructions(
     from mjbench.report.documents import InstructionsDocument
     from mjbench.simulation import models
 
+    check_sizes(nstep, hold)
+    starts = start_plan(settle_s, states_file, actions_file)
     sources = [models.resolve(name) for name in names or models.shipped()]
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
     files = [source.path for source in sources] + [wheel for s in specs for wheel in s.wheels]
+    files += starts.files
     model_counts: list[ModelCount] = []
     with (
         RunContext("instructions", json_file, files) as run,
-        InstructionCounter(Sizes(seed=seed)) as counter,
+        InstructionCounter(Sizes(nbatch, nstep, hold, seed, starts)) as counter,
     ):
         with run.progress(len(specs)) as advance:
             for number, spec in enumerate(specs):

@@ -9,6 +9,7 @@ from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
 from mjbench.cli.shared import (
     COUNT,
+    HOLD,
     JSON,
     LIMIT,
     RESULTS,
@@ -41,15 +42,17 @@ from mjbench.errors import Failure
 @click.option(
     "--nstep", type=COUNT, help="Steps at each pace  [default: 10,000, or what 10s allow]"
 )
-@with_options(SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
+@with_options(HOLD, SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
 def latency(
     names: tuple[str, ...],
     deadline_s: float | None,
     rate_hz: float | None,
     nstep: int | None,
+    hold: int,
     seed: int,
     settle_s: float | None,
     states_file: Path | None,
+    actions_file: Path | None,
     time_limit: float,
     results: Path,
     wait: bool,
@@ -71,14 +74,15 @@ def latency(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
-    plan = start_plan(settle_s, states_file)
-    files = [*(source.path for source in sources), *([states_file] if states_file else [])]
+    plan = start_plan(settle_s, states_file, actions_file)
+    files = [*(source.path for source in sources), *plan.files]
     rows: list[LatencyRow] = []
     arguments = {
         "models": [source.name for source in sources],
         "nstep": nstep,
         "rate_hz": rate_hz,
         "deadline_s": deadline_s,
+        "hold": hold,
         "seed": seed,
         "starts": plan,
     }
@@ -87,7 +91,7 @@ def latency(
         for source in sources:
             samples = measure_or_report(
                 source,
-                lambda s: measure(LatencyRequest(s, nstep, rate_hz, seed, plan), time_limit),
+                lambda s: measure(LatencyRequest(s, nstep, rate_hz, hold, seed, plan), time_limit),
             )
             if isinstance(samples, Failure):
                 measured = [LatencyRow.failed(source.name, samples)]

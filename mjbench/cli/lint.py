@@ -1,6 +1,5 @@
 """`mjbench lint`: what makes a stepping loop slow or its log wrong."""
 
-import contextlib
 import sys
 from typing import TYPE_CHECKING
 
@@ -9,12 +8,14 @@ import click
 from mjbench.cli.context import RunContext
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON
-from mjbench.errors import InputError
+from mjbench.errors import InputError, MachineError, printable
 from mjbench.status import ExitCode, Status, exit_code
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from mjbench.loop.lint import Finding
+    from mjbench.loop.lint_fixes import FixedFile
     from mjbench.loop.script_files import UncheckedFile
 
 
@@ -38,11 +39,18 @@ if TYPE_CHECKING:
 @click.option(
     "--fix",
     is_flag=True,
-    help="Change files: add .copy() to a view that is stored. Notebooks are left alone.",
+    help="Change files: add .copy() to a view that is stored, and take named access out of a loop.",
 )
+@click.option("--diff", is_flag=True, help="Print what --fix would change, and change nothing.")
 @JSON
 def lint(
-    names: tuple[str, ...], select: str, ignore: str, form: str, fix: bool, json_file: str | None
+    names: tuple[str, ...],
+    select: str,
+    ignore: str,
+    form: str,
+    fix: bool,
+    diff: bool,
+    json_file: str | None,
 ) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
@@ -50,30 +58,38 @@ def lint(
     Python file, a Jupyter notebook, or a folder, which stands for all of them below it. `# noqa:
     MJB001` at the end of a line suppresses its finding.
 
+    --fix changes a file where this is certainly safe, and says on standard error why it leaves
+    the others of these findings.
+
     The exit code is 1 if there are findings; without any, 2 if a file could not be checked. With
-    --fix, findings that were changed do not count.
+    --fix, findings that were changed do not count, and it is 3 if a file could not be written. With
+    --diff, it is 1 if --fix would change a file.
 
     \b
     Examples:
       mjbench lint train.py
       mjbench lint notebooks src --ignore MJB006
+      mjbench lint src --diff
       mjbench lint src --fix
       mjbench lint src --output-format sarif
     """
-    from mjbench.loop.lint import Finding, check_all, codes
+    from mjbench.loop.lint import check_all, codes
     from mjbench.loop.script_files import UncheckedFile, regular_files, script_files
     from mjbench.report.lint import FORMATS, LintDocument, finding_line
 
     if form != "text" and json_file == "-":
         raise InputError(f"--json - and --output-format {form} cannot share standard output")
+    if diff and (form != "text" or json_file is not None):
+        raise InputError("--diff prints a diff alone: use it without --json and --output-format")
     chosen = codes(_words(select), _words(ignore))
+    files = script_files(names)
+    if diff:
+        _print_diff(files, chosen)
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
-    files = script_files(names)
+    fixes = _Fixes()
     with RunContext("lint", json_file, inputs=regular_files(files)) as run:
-        if fix:
-            _fix(files, chosen)
-        for result in check_all(files, chosen):
+        for result in fixes.apply(files, chosen) if fix else check_all(files, chosen):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
                 report_line(f"{result.file}: {result.detail}")
@@ -85,6 +101,10 @@ def lint(
         if form != "text":
             click.echo(FORMATS[form](document), nl=False)
         run.write(document)
+    if fix:
+        report_line(f"fixed {fixes.count} finding{'' if fixes.count == 1 else 's'}")
+    if fixes.unwritten:
+        sys.exit(ExitCode.ENVIRONMENT)
     if findings:
         sys.exit(ExitCode.FINDING)
     sys.exit(exit_code(Status.INPUT for _ in unchecked))
@@ -94,13 +114,71 @@ def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _fix(files: "Sequence[str | UncheckedFile]", codes: "Sequence[str]") -> None:
-    """Change the files, and say how many findings they have no more."""
+class _Fixes:
+    """Changes of files, as they are made.
+
+    Attributes:
+      count: number of findings that files have no more.
+      unwritten: whether a file could not be written.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.unwritten = False
+
+    def apply(
+        self, files: "Sequence[str | UncheckedFile]", codes: "Sequence[str]"
+    ) -> "Iterator[Finding | UncheckedFile]":
+        """Change files, and yield what is left to find in each, as `check_all` does."""
+        from mjbench.loop import lint, lint_fixes
+
+        for result in lint_fixes.fix_all(files, codes):
+            if not isinstance(result, lint_fixes.FixedFile):
+                yield result
+                continue
+            try:
+                result.write()
+            except MachineError as error:
+                report_line(str(error))
+                self.unwritten = True
+                yield from lint.findings_of(result.file, result.before, codes)
+                continue
+            self.count += result.fixed
+            yield from result.findings
+            _report_unfixed(result)
+
+
+def _report_unfixed(file: "FixedFile") -> None:
+    """Say why findings of a file that have a remedy are left as they are."""
+    from mjbench.report.lint import finding_place
+
+    for each in file.unfixed:
+        place = finding_place(each.finding)
+        report_line(f"{place}: {each.finding.code} is not fixed: {each.reason}")
+
+
+def _shown(diff: str) -> str:
+    """Return a diff as it is, but for a terminal, which control characters in it would change."""
+    if not sys.stdout.isatty():
+        return diff
+    lines = ("\t".join(map(printable, line.split("\t"))) for line in diff.split("\n"))
+    return "\n".join(lines)
+
+
+def _print_diff(files: "Sequence[str | UncheckedFile]", codes: "Sequence[str]") -> None:
+    """Print what would change in files, and end with the exit code."""
     from mjbench.loop import lint_fixes
 
-    fixed = 0
-    for file in files:
-        if isinstance(file, str):
-            with contextlib.suppress(InputError, RecursionError, MemoryError):  # the check says why
-                fixed += lint_fixes.fix(file, codes)
-    report_line(f"fixed {fixed} finding{'' if fixed == 1 else 's'}")
+    would_fix, unchecked = 0, []
+    for result in lint_fixes.fix_all(files, codes):
+        if not isinstance(result, lint_fixes.FixedFile):
+            unchecked.append(result)
+            report_line(f"{result.file}: {result.detail}")
+            continue
+        would_fix += result.fixed
+        click.echo(_shown(result.diff()), nl=False)
+        _report_unfixed(result)
+    report_line(f"would fix {would_fix} finding{'' if would_fix == 1 else 's'}")
+    if would_fix:
+        sys.exit(ExitCode.FINDING)
+    sys.exit(exit_code(Status.INPUT for _ in unchecked))

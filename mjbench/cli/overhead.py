@@ -7,17 +7,18 @@ import click
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, RESULTS, WAIT, with_options
+from mjbench.cli.shared import JSON, LIMIT, RESULTS, STATES, WAIT, start_plan, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@with_options(LIMIT, RESULTS, WAIT, JSON)
+@with_options(STATES, LIMIT, RESULTS, WAIT, JSON)
 def overhead(
     names: tuple[str, ...],
     code: bool,
+    states_file: Path | None,
     time_limit: float,
     results: Path,
     wait: bool,
@@ -26,11 +27,13 @@ def overhead(
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
+    Loops start at keyframe 0; with --states, at many states of the file, and hold their controls.
     Without a MODEL: cartpole.
 
     \b
-    Example:
+    Examples:
       mjbench overhead cartpole
+      mjbench overhead robot.mjb --states states.npz
     """
     from mjbench.loop.overhead import OverheadRow, measure
     from mjbench.report.documents import OverheadDocument
@@ -38,12 +41,16 @@ def overhead(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
-    files = [source.path for source in sources]
+    starts = start_plan(None, states_file)
+    files = [*(source.path for source in sources), *starts.files]
     rows: list[OverheadRow] = []
-    storage = Storage(results, {"models": [source.name for source in sources]})
+    arguments = {"models": [source.name for source in sources], "starts": starts}
+    storage = Storage(results, arguments)
     with RunContext("overhead", json_file, files, storage, wait) as run:
         for source in sources:
-            table = measure_or_report(source, lambda source: measure(source, time_limit))
+            table = measure_or_report(
+                source, lambda source: measure(source, time_limit, states_file=starts.file)
+            )
             if isinstance(table, Failure):
                 rows.append(OverheadRow.failed(source.name, table))
             else:

@@ -86,6 +86,7 @@ def verdict_plan(
     as_shipped: bool,
     settle_s: float | None,
     states_file: Path | None,
+    actions_file: Path | None,
     metric: Metric = Metric.TIME,
 ) -> "VerdictPlan":
     """Return the plan that the options JUDGING and SIZES ask for, to compare a metric.
@@ -97,7 +98,8 @@ def verdict_plan(
     from mjbench.paired.verdict import VerdictPlan
 
     check_sizes(nstep, hold)
-    sizes = Sizes(nbatch, nstep, hold, seed, start_plan(settle_s, states_file), metric=metric)
+    starts = start_plan(settle_s, states_file, actions_file)
+    sizes = Sizes(nbatch, nstep, hold, seed, starts, metric=metric)
     return VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
 
 
@@ -125,7 +127,7 @@ def compare_targets(
     targets = [target for pair in pairs for target in pair]
     arguments = {**asdict(plan), "targets": [target.row() for target in targets]}
     storage = Storage(output.results, arguments, output.resume, records.finished)
-    files = [*input_files(targets), *states_files(plan)]
+    files = [*input_files(targets), *plan.sizes.starts.files]
     with RunContext(command, output.json_file, files, storage, output.wait) as run:
         earlier = records.by_sides(records.finished(run.resumed_records))
         with run.progress(len(pairs)) as advance, WorkerPool() as pool:
@@ -148,12 +150,6 @@ def compare_targets(
 def input_files(targets: Iterable["Target"]) -> list[Path]:
     """Return the files that targets are made of: models, and wheels of releases."""
     return [path for t in targets for path in (t.model.path, *t.release.wheels)]
-
-
-def states_files(plan: "VerdictPlan") -> list[Path]:
-    """Return the file of start states that a plan names, if it names one."""
-    file = plan.sizes.starts.file
-    return [file] if file else []
 
 
 def report(run: RunContext, rows: Sequence["VerdictRow"], confidence: float) -> None:

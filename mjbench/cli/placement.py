@@ -10,7 +10,7 @@ import click
 from mjbench.cli import paired_options
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, STORING, Seconds, with_options
+from mjbench.cli.shared import COUNT, STARTS, STORING, Seconds, start_plan, with_options
 from mjbench.status import Status
 
 if TYPE_CHECKING:
@@ -42,12 +42,15 @@ if TYPE_CHECKING:
     show_default=True,
     help="Time for each model, once it is loaded; after it, no launch begins.",
 )
-@with_options(*STORING)
+@with_options(*STARTS, *STORING)
 def placement(
     names: tuple[str, ...],
     release_name: str,
     launches: int,
     time_limit: float,
+    settle_s: float | None,
+    states_file: Path | None,
+    actions_file: Path | None,
     results: Path,
     resume: Path | None,
     wait: bool,
@@ -65,6 +68,7 @@ def placement(
       mjbench placement cloth pile --release 3.3.1
     """
     from mjbench.paired import placement_spread
+    from mjbench.paired.block_sizes import Sizes
     from mjbench.paired.placement_spread import SpreadPlan
     from mjbench.paired.targets import Target
     from mjbench.releases.installs import parse_release
@@ -75,11 +79,12 @@ def placement(
     release = parse_release(release_name)
     sources = [models.resolve(name) for name in names or ("cartpole", "humanoid")]
     targets = [Target(release, source) for source in sources]
-    plan = SpreadPlan(launches, time_limit)
+    starts = start_plan(settle_s, states_file, actions_file)
+    plan = SpreadPlan(launches, time_limit, Sizes(starts=starts))
     paired_options.warn_if_unpinned()
     arguments = {**asdict(plan), "targets": [target.row() for target in targets]}
     storage = Storage(results, arguments, resume, placement_spread.finished)
-    files = paired_options.input_files(targets)
+    files = [*paired_options.input_files(targets), *starts.files]
     with RunContext("placement", json_file, files, storage, wait) as run:
         rows = _measure(run, targets, plan)
         if any(row.status == Status.INTERRUPTED for row in rows):

@@ -16,11 +16,13 @@ from mjbench.cli.shared import (
     LIMIT,
     RESULTS,
     SEED,
+    STATES,
     WAIT,
     Names,
     Numbers,
     Seconds,
     own_path_folder,
+    start_plan,
     with_options,
 )
 from mjbench.errors import Failure
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
     from mjbench.comparison.planning_run import PlanningRequest, PlanningRow
     from mjbench.simulation.models import ModelSource
+    from mjbench.simulation.starts import StartPlan
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ class _Options:
     path_names: list[str] | None
     threads: list[int] | None
     seed: int
+    states_file: Path | None
     time_limit: float
     results: Path
     wait: bool
@@ -94,19 +98,21 @@ class _Options:
     "  [default: all C paths]",
 )
 @click.option("--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: usable cores]")
-@with_options(SEED, LIMIT, RESULTS, WAIT, JSON)
+@with_options(SEED, STATES, LIMIT, RESULTS, WAIT, JSON)
 def plan(names: tuple[str, ...], **options: Any) -> None:
     """How many plans per second does a sampling planner make, by the path that rolls them out?
 
     The planner runs in a closed loop on MODEL (default: cartpole, which must swing up its pole; any
     other model must hold its pose). At each control all paths roll out the same candidates in
-    turns; their states must be bit-identical, so that all give the same plan.
+    turns; their states must be bit-identical, so that all give the same plan. With --states, each
+    plan starts from another state of the file.
 
     \b
     Examples:
       mjbench plan
       mjbench plan humanoid --algorithm cem --samples 128
       mjbench plan --samples 16,64,256 --knots 10,25 --threads 1,2
+      mjbench plan robot.mjb --states states.npz
     """
     from mjbench.comparison.planning_run import PlanningRow
     from mjbench.report.documents import PlanDocument
@@ -115,8 +121,9 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
 
     parsed = _Options(**options)
     sources = [models.resolve(name) for name in names or ("cartpole",)]
+    starts = start_plan(None, parsed.states_file)
     import_from = own_path_folder(parsed.path_names)
-    requests = [request for source in sources for request in _requests(source, parsed)]
+    requests = [request for source in sources for request in _requests(source, parsed, starts)]
     rows: list[PlanningRow] = []
     statuses: list[Status] = []
     arguments = {
@@ -125,9 +132,10 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
         "settings": list(dict.fromkeys(request.settings for request in requests)),
         "hold": parsed.hold,
         "duration_s": parsed.duration_s,
+        "starts": starts,
     }
     storage = Storage(parsed.results, arguments)
-    files = [source.path for source in sources]
+    files = [*(source.path for source in sources), *starts.files]
     with RunContext("plan", parsed.json_file, files, storage, parsed.wait) as run:
         for request in requests:
             planned = _plan(request, import_from, parsed.time_limit)
@@ -144,7 +152,9 @@ def plan(names: tuple[str, ...], **options: Any) -> None:
     run.exit(statuses)
 
 
-def _requests(source: "ModelSource", options: _Options) -> "Iterator[PlanningRequest]":
+def _requests(
+    source: "ModelSource", options: _Options, starts: "StartPlan"
+) -> "Iterator[PlanningRequest]":
     """Yield a request for each size of plans."""
     from mjbench.comparison import selection
     from mjbench.comparison.planner import Algorithm, PlannerSettings
@@ -155,7 +165,9 @@ def _requests(source: "ModelSource", options: _Options) -> "Iterator[PlanningReq
     variants = selection.variants(options.path_names or [], threads)
     for samples, knots in itertools.product(options.samples, options.knots):
         settings = PlannerSettings(Algorithm(options.algorithm), samples, knots, seed=options.seed)
-        yield PlanningRequest(source, variants, settings, options.hold, options.duration_s)
+        yield PlanningRequest(
+            source, variants, settings, options.hold, options.duration_s, starts.file
+        )
 
 
 def _plan(

@@ -7,24 +7,31 @@ import click
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, RESULTS, WAIT, with_options
+from mjbench.cli.shared import JSON, LIMIT, RESULTS, STATES, WAIT, start_plan, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, required=True, metavar="MODEL…")
-@with_options(LIMIT, RESULTS, WAIT, JSON)
+@with_options(STATES, LIMIT, RESULTS, WAIT, JSON)
 def profile(
-    names: tuple[str, ...], time_limit: float, results: Path, wait: bool, json_file: str | None
+    names: tuple[str, ...],
+    states_file: Path | None,
+    time_limit: float,
+    results: Path,
+    wait: bool,
+    json_file: str | None,
 ) -> None:
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa, or on macOS
-    with CGL.
+    with CGL. Steps are those of keyframe 0; with --states, short runs from many states of the file,
+    each with its controls held.
 
     \b
-    Example:
+    Examples:
       mjbench profile humanoid
+      mjbench profile robot.mjb --states states.npz
     """
     from mjbench.loop.profile import ProfileRow, measure
     from mjbench.report.documents import ProfileDocument
@@ -32,12 +39,16 @@ def profile(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
-    files = [source.path for source in sources]
+    starts = start_plan(None, states_file)
+    files = [*(source.path for source in sources), *starts.files]
     rows: list[ProfileRow] = []
-    storage = Storage(results, {"models": [source.name for source in sources]})
+    arguments = {"models": [source.name for source in sources], "starts": starts}
+    storage = Storage(results, arguments)
     with RunContext("profile", json_file, files, storage, wait) as run:
         for source in sources:
-            step_profile = measure_or_report(source, lambda source: measure(source, time_limit))
+            step_profile = measure_or_report(
+                source, lambda source: measure(source, time_limit, starts.file)
+            )
             if isinstance(step_profile, Failure):
                 rows.append(ProfileRow.failed(source.name, step_profile))
             else:

@@ -11,7 +11,7 @@ import click
 from mjbench.cli import paired_options
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli, report_line
-from mjbench.cli.shared import COUNT, JUDGING, STORING, Shares, with_options
+from mjbench.cli.shared import COUNT, JUDGING, STARTS, STORING, Shares, start_plan, with_options
 from mjbench.errors import MjbenchError
 from mjbench.simulation import engine_callback
 from mjbench.status import Status
@@ -56,7 +56,7 @@ _SLOWDOWNS = (0.0, 0.005, 0.01, 0.02, 0.05)
     help="Compare releases whose steps execute equally many instructions, which should be `same`.",
 )
 @click.option("--busy", is_flag=True, help="Keep the last core busy during the trials.")
-@with_options(*JUDGING, *STORING)
+@with_options(*JUDGING, *STARTS, *STORING)
 def selfcheck(
     names: tuple[str, ...],
     trials: int,
@@ -69,6 +69,9 @@ def selfcheck(
     precision: float,
     time_limit: float,
     as_shipped: bool,
+    settle_s: float | None,
+    states_file: Path | None,
+    actions_file: Path | None,
     results: Path,
     resume: Path | None,
     wait: bool,
@@ -90,6 +93,7 @@ def selfcheck(
     """
     from mjbench.paired import selfcheck as checks
     from mjbench.paired import selfcheck_cases
+    from mjbench.paired.block_sizes import Sizes
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.report import selfcheck as report
@@ -100,13 +104,15 @@ def selfcheck(
     functions = tuple(dict.fromkeys(functions))
     cases = _cases(names, slowdowns, functions, between_builds)
     sources = list(dict.fromkeys(case.candidate.model for case in cases))
-    plan = VerdictPlan(min_effect, confidence, precision, time_limit, as_shipped=as_shipped)
+    starts = start_plan(settle_s, states_file, actions_file)
+    sizes = Sizes(starts=starts)
+    plan = VerdictPlan(min_effect, confidence, precision, time_limit, sizes, as_shipped)
     paired_options.warn_if_unpinned()
     arguments = {**asdict(plan), "trials": trials, "busy": busy}
     arguments |= {"slowdowns": slowdowns, "models": [source.name for source in sources]}
     arguments |= {"inside_step": list(functions), "between_builds": between_builds}
     storage = Storage(results, arguments, resume, trial_records)
-    files = [source.path for source in sources]
+    files = [*(source.path for source in sources), *starts.files]
     with RunContext("selfcheck", json_file, files, storage, wait) as run:
         records = trial_records(run.resumed_records)
         remaining = selfcheck_cases.remaining(cases, trials, records)

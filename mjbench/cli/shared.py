@@ -8,23 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mjbench.errors import InputError, one_line, shown
-from mjbench.instrument.limits import MAX_COUNT
+from mjbench.errors import InputError, one_line
+from mjbench.instrument.limits import (
+    MAX_COUNT,
+    MAX_HERTZ,
+    MAX_LARGE_COUNT,
+    MAX_SECONDS,
+    MAX_SEED,
+    TIME_LIMIT_S,
+)
+from mjbench.paired import outcomes
 
 if TYPE_CHECKING:
     from mjbench.simulation.starts import StartPlan
 
 # Where run files are stored unless --results says otherwise.
 RESULTS_FOLDER = Path("results/runs")
-# JSON documents hold integers of 64 bits.
-MAX_SEED = 2**63 - 1
-# The highest rate of paced steps.
-MAX_HERTZ = 1e6
-# Steps that somebody may take in all.
-MAX_LARGE_COUNT = 10**15
-# The longest time that can be given: what waits for a process counts milliseconds in 32 bits, and a
-# compiler may take several times its limit.
-MAX_SECONDS = 86_400.0
 # The largest slowdown to inject, as a share of the time of a block.
 MAX_SLOWDOWN = 10.0
 
@@ -254,27 +253,17 @@ def check_sizes(nstep: int | None, hold: int) -> None:
         raise InputError(f"--nstep {nstep} is not a multiple of --hold {hold}")
 
 
-def start_plan(settle_s: float | None, states_file: Path | None) -> "StartPlan":
+def start_plan(
+    settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
+) -> "StartPlan":
     """Return the plan that the options STARTS ask for.
 
     Raises:
-      InputError: both are given, or there is no such file of arrays.
+      InputError: both --settle and --states are given, or there is no such file of arrays.
     """
-    import zipfile
+    from mjbench.simulation import starts
 
-    from mjbench.simulation.starts import StartPlan
-
-    if states_file is None:
-        return StartPlan(settle_s)
-    if settle_s is not None:
-        raise InputError("give --settle or --states, not both")
-    if not states_file.is_file():
-        raise InputError(f"--states {shown(str(states_file))}: no such file")
-    if not zipfile.is_zipfile(states_file):
-        raise InputError(
-            f"--states {shown(str(states_file))}: not an .npz file, as numpy.savez writes it"
-        )
-    return StartPlan(file=states_file.absolute())
+    return starts.start_plan(settle_s, states_file, actions_file)
 
 
 COUNT = click.IntRange(1, MAX_COUNT)
@@ -292,7 +281,7 @@ PAGE = click.option(
 LIMIT = click.option(
     "--time-limit",
     type=Seconds(),
-    default="60s",
+    default=f"{TIME_LIMIT_S:g}s",
     show_default=True,
     help="Kill a model's process that reports nothing for this long.",
 )
@@ -335,14 +324,14 @@ JUDGING = (
     click.option(
         "--min-effect",
         type=Share(),
-        default="1%",
+        default=f"{100 * outcomes.MIN_EFFECT:g}%",
         show_default=True,
         help="Smallest change that matters; a change that is certainly smaller is `same`.",
     ),
     click.option(
         "--confidence",
         type=Share(),
-        default="99%",
+        default=f"{100 * outcomes.CONFIDENCE:g}%",
         show_default=True,
         help="Confidence of the interval: at 99%, at most 1 in 100 comparisons of identical targets"
         " is called different.",
@@ -350,14 +339,14 @@ JUDGING = (
     click.option(
         "--precision",
         type=Share(),
-        default="0.5%",
+        default=f"{100 * outcomes.PRECISION:g}%",
         show_default=True,
         help="Stop when half the interval's width is below this.",
     ),
     click.option(
         "--time-limit",
         type=Seconds(),
-        default="60s",
+        default=f"{outcomes.TIME_LIMIT_S:g}s",
         show_default=True,
         help="Time for each verdict, once the models are loaded; after it, an uncertain one is"
         " `inconclusive`.",
@@ -370,6 +359,23 @@ JUDGING = (
     ),
 )
 STORING = (RESULTS, RESUME, WAIT, JSON)
+STATES = click.option(
+    "--states",
+    "states_file",
+    metavar="FILE.npz",
+    type=click.Path(path_type=Path),
+    help="Draw start states, and their controls if there are any, from this file, which"
+    " `mjbench.capture` wrote in your program, or of arrays by MjData field, as `mjbench.record`"
+    " returns them.",
+)
+ACTIONS = click.option(
+    "--actions",
+    "actions_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
+    " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
+)
 STARTS = (
     click.option(
         "--settle",
@@ -378,14 +384,8 @@ STARTS = (
         help="Simulated time for which the model moves before the first start state; 0 starts at"
         " keyframe 0  [default: 0.1s with a keyframe, 1s without]",
     ),
-    click.option(
-        "--states",
-        "states_file",
-        metavar="FILE.npz",
-        type=click.Path(path_type=Path),
-        help="Draw start states, and their controls if there are any, from this file of arrays by"
-        " MjData field, as `mjbench.record` returns them.",
-    ),
+    STATES,
+    ACTIONS,
 )
 SIZES = (
     click.option("--nbatch", type=COUNT, help="Simulations of a block."),

@@ -114,12 +114,13 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
 
 
 def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
-    """Print what `overhead`, `profile`, `latency`, `plan` or `env` measured; return if one did."""
+    """Print what a command around one loop measured; return whether one did."""
     from mjbench.comparison.planning_run import PlanningRow
     from mjbench.loop.latency import LatencyRow
     from mjbench.loop.overhead import OverheadRow
     from mjbench.loop.profile import ProfileRow
     from mjbench.program.environment_records import EnvironmentRecord
+    from mjbench.program.records import ProgramRow
     from mjbench.report import (
         documents,
         environment,
@@ -129,6 +130,7 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         planning,
     )
     from mjbench.report.profile import print_profile
+    from mjbench.report.program import print_program
 
     machine = stored.header.machine
     if costs := stored.of_type(OverheadRow):
@@ -149,6 +151,10 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
             planning.print_rows(run.out, list(of_size))
         planning.print_sizes(run.out, plans)
         run.write(documents.PlanDocument(machine=machine, results=plans))
+    elif programs := stored.of_type(ProgramRow):
+        for program in programs:
+            print_program(run.out, program)
+        run.write(documents.ProgramDocument(machine=machine, results=programs))
     elif environments := stored.of_type(EnvironmentRecord):
         rows = [environment_results.derive(record) for record in environments]
         for row in rows:
@@ -161,19 +167,13 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
 
 def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:
     from mjbench.report import comparison as report
-    from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
     from mjbench.report.results import derive_all
 
     models = derive_all(stored.records)
     if not models:
         report_line("the run ended before anything was measured")
-    for model_results in models:
-        report.print_model(run.out, model_results, code)
-    results = [result for model_results in models for result in model_results.results]
-    report.print_crossovers(run.out, crossovers(results))
-    if len(models) > 1:
-        report.print_summary(run.out, models)
+    report.print_models(run.out, models, code)
     if not code:
         report.print_code_hint(run.out, models)
     run.write(CompareDocument.of(stored.header.machine, models))

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +18,11 @@ from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
-    from mjbench.counts.instructions import InstructionCounter, ModelCount
+    from mjbench.counts.instructions import InstructionCounter
+    from mjbench.counts.release_comparison import InstructionComparison
     from mjbench.paired.records import VerdictRow
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.releases.installs import ReleaseSpec
-    from mjbench.simulation.models import ModelSource
 
 
 @cli.command()
@@ -85,7 +85,6 @@ def versions(
     contacts, the verdict says so.
     """
     from mjbench.paired import targets
-    from mjbench.paired.targets import Target
     from mjbench.paths import BASE
 
     release_names, sources = paired_options.releases_and_models(names)
@@ -94,23 +93,13 @@ def versions(
     plan = paired_options.verdict_plan(**chosen, metric=Metric(metric))
     fail_on = FailOn(findings, allow_inconclusive)
     output = OutputOptions(results, resume, wait, json_file)
+    targets.check_metric(Metric(metric), path_names)
     if metric == Metric.INSTRUCTIONS:
-        if path_names != [BASE]:
-            raise InputError(f"--metric instructions counts {BASE} only: leave out --paths")
-        comparison = _InstructionComparison(baseline, candidates, sources, plan)
-        sys.exit(_compare_instructions(comparison, fail_on, output))
-    if metric == Metric.P99 and path_names != [BASE]:
-        raise InputError(f"--metric p99 times single steps of {BASE} only: leave out --paths")
-    options = {name: targets.complete_options(targets.find_path(name), {}) for name in path_names}
-    pairs = [
-        (
-            Target(baseline, source, name, options[name]),
-            Target(release, source, name, options[name]),
-        )
-        for release in candidates
-        for source in sources
-        for name in path_names
-    ]
+        from mjbench.counts.release_comparison import InstructionComparison
+
+        comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
+        sys.exit(_compare_instructions(comparison, plan, fail_on, output))
+    pairs = targets.of_releases(baseline, candidates, sources, path_names)
     plan = replace(plan, family=len(pairs))
     sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, output))
 
@@ -131,18 +120,11 @@ def _releases(
     return [parse_release(name) for name in (names[0], *news, *names[1:])]
 
 
-@dataclass(frozen=True)
-class _InstructionComparison:
-    """What is counted: models in an old release, and in new ones."""
-
-    baseline: "ReleaseSpec"
-    candidates: Sequence["ReleaseSpec"]
-    sources: Sequence["ModelSource"]
-    plan: "VerdictPlan"
-
-
 def _compare_instructions(
-    comparison: _InstructionComparison, fail_on: FailOn, output: OutputOptions
+    comparison: "InstructionComparison",
+    plan: "VerdictPlan",
+    fail_on: FailOn,
+    output: OutputOptions,
 ) -> ExitCode:
     """Compare instruction counts, print and store the verdicts; return the exit code."""
     from mjbench.counts.instructions import InstructionCounter
@@ -150,7 +132,7 @@ def _compare_instructions(
 
     builds = [comparison.baseline, *comparison.candidates]
     arguments = {
-        **asdict(comparison.plan),
+        **asdict(plan),
         "metric": Metric.INSTRUCTIONS,
         "releases": [release.key for release in builds],
         "models": [source.name for source in comparison.sources],
@@ -158,39 +140,34 @@ def _compare_instructions(
     storage = Storage(output.results, arguments, output.resume, records.finished)
     files = [source.path for source in comparison.sources]
     files += [wheel for release in builds for wheel in release.wheels]
-    files += paired_options.states_files(comparison.plan)
+    files += plan.sizes.starts.files
     rows: list[VerdictRow] = []
     with RunContext("versions", output.json_file, files, storage, output.wait) as run:
         try:
-            with InstructionCounter(comparison.plan.sizes) as counter:
+            with InstructionCounter(plan.sizes) as counter:
                 rows.extend(_verdict_rows(comparison, run, counter))
         except KeyboardInterrupt:
             run.interrupt()
-        paired_options.report(run, rows, comparison.plan.confidence)
+        paired_options.report(run, rows, plan.confidence)
     if run.interrupted:
         return ExitCode.INTERRUPTED
-    return fail_on.exit_code(rows, comparison.plan.confidence)
+    return fail_on.exit_code(rows, plan.confidence)
 
 
 def _verdict_rows(
-    comparison: _InstructionComparison, run: RunContext, counter: "InstructionCounter"
+    comparison: "InstructionComparison", run: RunContext, counter: "InstructionCounter"
 ) -> Iterator["VerdictRow"]:
     """Yield the verdict on each model in each new release; store it, unless it was stored."""
-    from mjbench.counts import explain
-    from mjbench.paired import records, verdict
+    from mjbench.counts import release_comparison
+    from mjbench.paired import records
 
-    baselines: dict[str, ModelCount] = {}
     with run.progress(len(comparison.candidates)) as advance:
-        for number, candidate in enumerate(comparison.candidates):
-            advance(number, f"MuJoCo {candidate.version}", 0.0)
-            finished = records.finished(run.resumed_records)
-            stored = {r.model: r for r in finished if r.sides[1].build == candidate.key}
-            yield from (record.row() for record in stored.values())
-            missing = [source for source in comparison.sources if source.name not in stored]
-            new = [source for source in missing if source.name not in baselines]
-            for count in counter.count(comparison.baseline, new) if new else ():
-                baselines[count.model] = count
-            for count in counter.count(candidate, missing) if missing else ():
-                row = explain.verdict_row(baselines[count.model], count, comparison.plan.min_effect)
-                run.record(verdict.record_of(row))
-                yield row
+
+        def on_candidate(number: int) -> None:
+            advance(number, f"MuJoCo {comparison.candidates[number].version}", 0.0)
+
+        stored = records.finished(run.resumed_records)
+        for record in release_comparison.verdicts(
+            comparison, counter, stored, on_candidate, run.record
+        ):
+            yield record.row()

@@ -70,7 +70,13 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     patience_s = patience_per_step_s * sizes.nbatch * sizes.nstep
     channel.allow_silence(patience_s + patience_per_step_s * settling_nstep)
     sample_request = SampleRequest(
-        sizes.nbatch, sizes.nstep, plan.hold, plan.seed, plan.starts, max_nstep
+        sizes.nbatch,
+        sizes.nstep,
+        plan.hold,
+        plan.seed,
+        plan.starts,
+        max_nstep,
+        may_shorten=plan.nstep is None,
     )
     sample = sampling.draw(model, sample_request)
     workload, observation = sample.workload.returning(plan.returns), sample.observation

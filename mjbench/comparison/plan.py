@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mjbench.comparison.sizes import SizeRequest
+from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.paths.parallelism import nthread
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product
@@ -15,7 +16,7 @@ BUDGET_S = 8.0
 # fresh processes, ratios of paths differ from those in one (docs/method/timing.md).
 MAY_BE_FASTEST = 0.85
 # A child process that is silent for longer, in seconds, is killed.
-LIMIT_S = 60.0
+LIMIT_S = TIME_LIMIT_S
 
 
 @dataclass(frozen=True)

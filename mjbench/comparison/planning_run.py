@@ -11,6 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import mujoco
@@ -23,9 +24,11 @@ from mjbench.comparison.planning_tasks import PlanningTask, States, task_of
 from mjbench.errors import InputError, MachineError, describe, one_line
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
+from mjbench.loop.loop_starts import LoopStarts
 from mjbench.simulation import agreement, compat, models
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product, Workload
 from mjbench.status import Status
 
@@ -40,6 +43,7 @@ class PlanningRequest:
       settings: of the planner.
       hold: steps for which each control is held, in the plan and in the loop.
       duration_s: simulated seconds of the loop.
+      states_file: with the states to plan from, one a plan; None to plan from where the loop is.
     """
 
     source: ModelSource
@@ -47,6 +51,7 @@ class PlanningRequest:
     settings: PlannerSettings
     hold: int
     duration_s: float
+    states_file: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -72,17 +77,20 @@ class LoopOutcome:
 
     Attributes:
       task: its name.
-      is_achieved: whether the last quarter of it was as it should be.
+      is_achieved: whether the last quarter of it was as it should be; None where each plan starts
+        from another state.
       nplan: plans.
       control_s: simulated seconds between two controls.
       state_digest: names all states of the loop, bit by bit.
+      starts: where the states to plan from came from; None for the loop itself.
     """
 
     task: str
-    is_achieved: bool
+    is_achieved: bool | None
     nplan: int
     control_s: float
     state_digest: str
+    starts: Starts | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +112,10 @@ class PlanningRow:
       plans_per_s: its inverse.
       speedup: over the plain loop, plan by plan: the median.
       control_hz: controls per simulated second, which plans in real time must keep up with.
-      achieved: whether the loop achieved the task.
+      achieved: whether the loop achieved the task; None also where each plan starts from another
+        state.
       state_digest: names all states of the loop, bit by bit.
+      starts: where the states to plan from came from; None for the loop itself.
     """
 
     record_type: ClassVar[str] = "plan"
@@ -125,6 +135,7 @@ class PlanningRow:
     control_hz: float | None = None
     achieved: bool | None = None
     state_digest: str | None = None
+    starts: Starts | None = None
 
 
 def run(
@@ -178,6 +189,7 @@ def _row(
         control_hz=1 / outcome.control_s,
         achieved=outcome.is_achieved,
         state_digest=outcome.state_digest,
+        starts=outcome.starts,
     )
     if plans.status != Status.OK:
         return row
@@ -314,11 +326,15 @@ class _Loop:
         control_s = request.hold * float(model.opt.timestep)
         nplan = max(4, round(request.duration_s / control_s))
         full, physics = compat.state_spec("INTEGRATION"), compat.state_spec("FULLPHYSICS")
+        given = self._given_starts()
+        in_turn = None if given is None else given.in_turn()
         start = np.empty(compat.state_size(model, full))
         states = np.empty((nplan, compat.state_size(model, physics)))
         shuffle = random.Random(request.settings.seed).shuffle
         for k in range(nplan):
             channel.allow_silence(0.0)  # a sign of life: no plan may take longer than the limit
+            if in_turn is not None:
+                in_turn(model, data)
             compat.get_state(model, data, start, full)
             candidates = planner.candidates()
             planner.improve(candidates, self._costs(start, candidates, shuffle))
@@ -327,8 +343,20 @@ class _Loop:
             compat.get_state(model, data, states[k], physics)
         last = States.of(self._columns, states[-(nplan // 4) :])
         return LoopOutcome(
-            task.name, task.is_achieved(last), nplan, control_s, agreement.digest(states)
+            task.name,
+            task.is_achieved(last) if given is None else None,
+            nplan,
+            control_s,
+            agreement.digest(states),
+            None if given is None else given.starts,
         )
+
+    def _given_starts(self) -> LoopStarts | None:
+        """Return the user's own states to plan from; None where there are none."""
+        request = self._request
+        if request.states_file is None:
+            return None
+        return LoopStarts(self._model, request.states_file, request.hold, request.settings.seed)
 
     def _costs(
         self, start: np.ndarray, candidates: np.ndarray, shuffle: Callable[[list[int]], None]

@@ -1,10 +1,11 @@
-"""Which paths, with which options, a command line names."""
+"""Which paths, with which options and sizes, a command line names."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mjbench import paths
-from mjbench.comparison.plan import Variant
+from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError, describe
 from mjbench.instrument import machine
 
@@ -47,6 +48,43 @@ def variants(
         except Exception as error:  # a path of the user's own may raise anything
             raise InputError(f"path {name}: {describe(error)}") from error
     return tuple(selected)
+
+
+def plans(
+    plan: ComparisonPlan,
+    path_names: Sequence[str],
+    threads: Sequence[int] | None = None,
+    chunk_sizes: Sequence[int] | None = None,
+    option_words: Sequence[str] = (),
+    nbatches: Sequence[int] | None = None,
+) -> list[ComparisonPlan]:
+    """Return one plan for each size of a sweep.
+
+    Args:
+      plan: with all but variants and size.
+      path_names: as the user gave them; none for the C paths.
+      threads: see `variants`.
+      chunk_sizes: simulations that a thread takes at a time; None for the default.
+      option_words: see `choices`.
+      nbatches: simulations; None for one size that is chosen later.
+
+    Raises:
+      InputError: an unknown path or option, or a value that an option cannot have.
+    """
+    names = expand(path_names)
+    values_by_name = choices(option_words, names)
+    if chunk_sizes:
+        values_by_name["chunk"] = list(chunk_sizes)
+    sizes: list[int | None] = [*nbatches] if nbatches else [None]
+    if names and len(sizes) > 1:
+        names = [*names, *rivals(names)]
+    plan = dataclasses.replace(plan, variants=variants(names, threads, values_by_name))
+    return [dataclasses.replace(plan, nbatch=size) for size in sizes]
+
+
+def named(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names that a user gave without the one that asks for no path in particular."""
+    return tuple(name for name in names if name != USUAL_PATHS)
 
 
 def expand(names: Sequence[str]) -> list[str]:

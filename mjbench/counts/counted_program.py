@@ -19,6 +19,7 @@ from mjbench.counts.messages import CountedWork, ModelAnswer, ModelRequest
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.releases import install_check
 from mjbench.simulation import models, sampling, work, work_check, workload
+from mjbench.simulation.starts import Starts
 
 # A function of the engine that nothing else calls, and how often it is called for each model.
 MARKER = "mj_version"
@@ -51,7 +52,7 @@ def _outcome(request: ModelRequest) -> CountedWork | Failure:
 
 def _step_between_markers(request: ModelRequest) -> CountedWork:
     model = models.load(request.source)
-    shared, probe = _workload(model, request)
+    shared, probe, came_from = _workload(model, request)
     observation = work.observe(shared)
     run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
     run()
@@ -66,20 +67,25 @@ def _step_between_markers(request: ModelRequest) -> CountedWork:
         warnings=observation.other_warnings(),
         healthy=observation.healthy,
         followed=None if probe is None else work_check.follow(shared, probe),
+        starts=came_from,
     )
 
 
 def _workload(
     model: mujoco.MjModel, request: ModelRequest
-) -> tuple[workload.Workload, Mapping[str, np.ndarray] | None]:
-    """Return the workload of a request, and its probe if it has one; create a missing file."""
-    file = request.workload_file
+) -> tuple[workload.Workload, Mapping[str, np.ndarray] | None, Starts | None]:
+    """Return the workload of a request, its probe if it has one, and where its starts came from.
+
+    A missing file is created; of any other it is not known where its starts came from.
+    """
+    file, came_from = request.workload_file, None
     if not file.is_file():
         check_memory(model, request.sample.nbatch, request.sample.nstep)
-        created = work_check.portable(sampling.draw(model, request.sample).workload)
+        sample = sampling.draw(model, request.sample)
+        created, came_from = work_check.portable(sample.workload), sample.starts
         partial = file.with_suffix(".part")  # a killed program must leave no half of a file
         partial.write_bytes(pickle.dumps(created))
         partial.rename(file)
     # read back even if it was just created: every release restores the same numbers
     portable: workload.PortableWorkload = pickle.loads(file.read_bytes())
-    return workload.restore(model, portable), portable.probe
+    return workload.restore(model, portable), portable.probe, came_from

@@ -39,6 +39,8 @@ from mjbench.status import Status
 # Simulations and steps of each, unless the sizes say otherwise. Callgrind runs about fifty times
 # slower than the processor.
 NBATCH, NSTEP = 2, 50
+# The same number of steps from a file of states: what it holds is seen at more places.
+NBATCH_OF_FILE, NSTEP_OF_FILE = 10, 10
 # Steps of the run along which starts are sampled, at most: they are counted as slowly.
 MAX_SETTLING_NSTEP = 2000
 # A random hash seed changes how Python's dictionaries collide, and with that the counts.
@@ -151,16 +153,19 @@ class InstructionCounter:
     def _request(self, source: ModelSource) -> ModelRequest:
         unused = self._folder / f"{len(self._workload_files)}.pickle"
         sizes = self._sizes
+        of_file = NBATCH_OF_FILE, NSTEP_OF_FILE
+        nbatch, nstep = (NBATCH, NSTEP) if sizes.starts.file is None else of_file
         return ModelRequest(
             source,
             workload_file=self._workload_files.setdefault(source, unused),
             sample=SampleRequest(
-                sizes.nbatch or NBATCH,
-                sizes.nstep or whole_holds(NSTEP, sizes.hold),
+                sizes.nbatch or nbatch,
+                sizes.nstep or whole_holds(nstep, sizes.hold),
                 sizes.hold,
                 sizes.seed,
                 sizes.starts,
                 MAX_SETTLING_NSTEP,
+                may_shorten=sizes.nstep is None,
             ),
         )
 
@@ -300,6 +305,7 @@ def _model_count(
         repeats=abs(repeated.inclusive(ENGINE) / engine - 1),
         diverged=counted.diverged,
         warnings=counted.warnings,
+        starts=counted.starts,
         places={name: profile.places[name] for name in executed},
         calls={arc for arc in profile.arcs if executed.issuperset(arc)},
         healthy=counted.healthy,

@@ -15,6 +15,7 @@ import numpy as np
 from mjbench.errors import Failure
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import Followed
 
@@ -58,6 +59,7 @@ class CountedWork:
       warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
       followed: what the release did from the states of the workload's probe; None without one.
+      starts: where start states came from; None where another process drew them.
     """
 
     steps: int
@@ -66,6 +68,7 @@ class CountedWork:
     warnings: Mapping[str, int]
     healthy: np.ndarray
     followed: Followed | None
+    starts: Starts | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import ClassVar
 
 from mjbench.paired.records import VerdictRow
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import FINISHED, Status
 
@@ -49,6 +50,7 @@ class InstructionsRow:
       warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
       seconds: time of counting, divided equally among the models counted together.
       build: tells builds of one version apart; empty where it is unknown.
+      starts: where start states came from; None where another release drew them.
     """
 
     model: str
@@ -66,6 +68,7 @@ class InstructionsRow:
     warnings: Mapping[str, int] | None = None
     seconds: float = 0.0
     build: str = ""
+    starts: Starts | None = None
 
 
 @dataclass(frozen=True)

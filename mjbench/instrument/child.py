@@ -13,11 +13,13 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from mjbench.errors import MachineError, one_line
@@ -26,7 +28,7 @@ from mjbench.instrument import platforms
 if TYPE_CHECKING:
     import psutil
 
-_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 1, 36, 37
 # The environment variable that marks a child and what it starts. Each child has its own value,
 # which begins with that of this process.
 MARK = "MJBENCH_CHILD"
@@ -110,15 +112,21 @@ class Child(ChildProcess):
         super().__init__(new_mark())
         environment = os.environ if env is None else env
         try:
-            self.process: subprocess.Popen[bytes] = subprocess.Popen(
-                command,
-                env={**environment, MARK: self._mark},
-                start_new_session=True,
-                preexec_fn=preexec_fn,
-                **arguments,
-            )
+            with _undisturbed():
+                self.process: subprocess.Popen[bytes] = subprocess.Popen(
+                    command,
+                    env={**environment, MARK: self._mark},
+                    start_new_session=True,
+                    preexec_fn=preexec_fn,
+                    **arguments,
+                )
         except OSError as error:
             raise MachineError(f"cannot start a process: {one_line(error)}") from error
+        except KeyboardInterrupt:
+            if hasattr(self, "process"):
+                with self.process:  # closes its pipes, and waits
+                    self.process.kill()
+            raise
         self.pid = self.process.pid
 
     def wait(self, timeout_s: float | None = None) -> int | None:
@@ -162,6 +170,23 @@ class AdoptedChild(ChildProcess):
                 os.close(descriptor)
             self._exit_code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
         return self._exit_code
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let Ctrl-C wait until the block has ended: what is half started could not be ended."""
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[tuple[int, FrameType | None]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: waiting.append((number, frame)))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if waiting:
+            handler(*waiting[0])
 
 
 def new_mark() -> str:
@@ -253,6 +278,26 @@ def _adopt_orphans() -> None:
         import ctypes
 
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+@contextlib.contextmanager
+def adoption() -> Iterator[None]:
+    """Have this process adopt orphans no longer than the block lasts, unless it did before.
+
+    A program that goes on would not wait for orphans of its own, and they would stay as zombies.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    import ctypes
+
+    library, before = ctypes.CDLL(None), ctypes.c_int()
+    is_known = library.prctl(_PR_GET_CHILD_SUBREAPER, ctypes.byref(before)) == 0
+    try:
+        yield
+    finally:
+        if is_known:
+            library.prctl(_PR_SET_CHILD_SUBREAPER, before.value)
 
 
 def die_with_parent(parent: int | None = None) -> None:

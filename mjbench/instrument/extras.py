@@ -1,15 +1,48 @@
-"""Which command installs what an extra of mjbench adds.
+"""Which packages an extra of mjbench adds, and which command installs them.
 
 The command names the packages themselves. It works wherever mjbench came from: a clone, or an
 address of a version-control system.
 """
 
+import importlib.util
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+
+from mjbench.errors import MachineError
+
+# Packages of the extra `cli` that every command needs.
+OF_EVERY_COMMAND = ("click", "msgspec", "packaging", "platformdirs", "psutil", "rich")
 
 # `name>=1 ; extra == 'mjx'`, as the metadata of a package has it.
 _OF_EXTRA = re.compile(r"^(?P<package>[^;]*?)\s*;.*\bextra\s*==\s*['\"](?P<extra>[\w-]+)['\"]")
 _OWN = re.compile(r"^mjbench\[(?P<extras>[\w,-]+)\]$")
+
+
+def missing(packages: Iterable[str]) -> list[str]:
+    """Return which of some packages cannot be imported, without importing them."""
+    return [name for name in packages if not _is_installed(name)]
+
+
+def require(what: str, extra: str, packages: Iterable[str]) -> None:
+    """Refuse to go on without packages.
+
+    Args:
+      what: needs them, such as `a site`.
+      extra: that adds them.
+      packages: by the names by which they are imported.
+
+    Raises:
+      MachineError: one is missing; the message has the command that installs it.
+    """
+    if absent := missing(packages):
+        raise MachineError(f"{what} needs {', '.join(absent)}: {install_command(extra)}")
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ValueError:  # `sys.modules[name]` is None: blocked on purpose
+        return False
 
 
 def install_command(names: str) -> str:

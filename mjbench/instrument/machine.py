@@ -192,6 +192,14 @@ class ProcessorTime:
         return stolen_s / asked_s if asked_s > 0 else 0.0
 
 
+def describe_stolen(share: float) -> str:
+    """Return what it means that the host took a share of the processor time, as a sentence."""
+    return (
+        f"The host took {100 * share:.0f} % of this machine's processor time for others:"
+        " timings are noisier for it, and verdicts take longer."
+    )
+
+
 @dataclass(frozen=True)
 class Machine:
     """The machine and its software, as stored with every result.
@@ -232,7 +240,7 @@ def describe() -> Machine:
     import psutil
 
     return Machine(
-        cpu=_cpu_name(),
+        cpu=cpu_name(),
         architecture=platform.machine(),
         system=platform.platform(terse=True),
         cores=os.cpu_count(),
@@ -284,7 +292,8 @@ class Calibration:
         self._mj_step(self._model, data, _CALIBRATION_STEPS)
 
 
-def _cpu_name() -> str:
+def cpu_name() -> str:
+    """Return the name of the processor."""
     name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
     return name or platform.processor() or platform.machine()
 

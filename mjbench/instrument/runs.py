@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
@@ -111,9 +111,14 @@ def reason(error: OSError | ValueError) -> str:
 def to_json(value: Any) -> Any:
     """Return a dataclass, or a container of them, as JSON-ready values.
 
-    Paths become strings; a number that is not finite, which JSON cannot hold, becomes None.
+    Paths become the names of their files, as folders are only of this machine; a number that is not
+    finite, which JSON cannot hold, becomes None.
     """
-    return _finite(msgspec.to_builtins(value, enc_hook=printable))
+    return _finite(msgspec.to_builtins(value, enc_hook=_text))
+
+
+def _text(value: object) -> str:
+    return printable(value.name if isinstance(value, PurePath) else value)
 
 
 def _finite(value: Any) -> Any:

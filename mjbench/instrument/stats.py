@@ -68,6 +68,37 @@ def _log_ratios(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> np
     return np.asarray(np.log(np.asarray(baseline_s)) - np.log(np.asarray(candidate_s)))
 
 
+def pair_log_ratios(orders: Sequence[str], times: np.ndarray) -> np.ndarray:
+    """Return (quads, 2) natural logarithms of candidate over baseline time.
+
+    The first column holds the pairs that the baseline began, the second those that the candidate
+    began.
+
+    Args:
+      orders: of each quad, `ABBA` or `BAAB`; A is the baseline.
+      times: (quads, 4) of each block, in the order they ran.
+    """
+    logs = np.log(times)
+    sign = np.array([[1 if letter == "B" else -1 for letter in order] for order in orders])
+    pairs = (logs * sign).reshape(-1, 2, 2).sum(axis=2)
+    candidate_first = np.array([order[0] == "B" for order in orders])
+    pairs[candidate_first] = pairs[candidate_first, ::-1]
+    return np.asarray(pairs)
+
+
+def paired_log_ratio(orders: Sequence[str], times: np.ndarray) -> float:
+    """Return the log ratio of quads: the median of the pairs of each order, and their mean.
+
+    The block that comes second is slower, so both orders must weigh the same. A disturbed block
+    spoils its pair; a quad has twice as many blocks, and would be spoilt twice as often.
+
+    Args:
+      orders: see `pair_log_ratios`.
+      times: likewise.
+    """
+    return float(np.median(pair_log_ratios(orders, times), axis=0).mean())
+
+
 def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
     """Return the speed-up in the rounds that both have, which are the first of each."""
     count = min(len(baseline_s), len(candidate_s))

@@ -28,7 +28,7 @@ class Contender:
     """
 
     run: Callable[[], None]
-    before: Callable[[], None] = _nothing
+    before: Callable[[], object] = _nothing
     after: Callable[[], None] = _nothing
 
 
@@ -97,6 +97,26 @@ def draw_orders(count: int, rng: random.Random = _RANDOM) -> list[str]:
     return [rng.choice(("ABBA", "BAAB")) for _ in range(count)]
 
 
+def block_times(
+    baseline: Callable[[], None],
+    candidate: Callable[[], None],
+    orders: Sequence[str],
+    clock: Clock = time.perf_counter,
+    before: Callable[[], object] = _nothing,
+) -> list[list[float]]:
+    """Time two blocks against each other in this process; return the seconds of each, in order.
+
+    Args:
+      baseline: block A.
+      candidate: block B.
+      orders: of quads, such as `ABBA`; a list of seconds for each.
+      clock: returns seconds.
+      before: called before each block; not timed.
+    """
+    contenders = {"A": Contender(baseline, before), "B": Contender(candidate, before)}
+    return [[block_s(contenders[letter], clock) for letter in order] for order in orders]
+
+
 def quads(
     baseline: Callable[[], None],
     candidate: Callable[[], None],
@@ -113,14 +133,11 @@ def quads(
       rng: draws the order of each quad.
       clock: returns seconds.
     """
-    blocks = {"A": baseline, "B": candidate}
+    orders = draw_orders(count, rng)
     timed = []
-    for order in draw_orders(count, rng):
-        seconds = dict.fromkeys(blocks, 0.0)
-        for letter in order:
-            block = blocks[letter]
-            start = clock()
-            block()
-            seconds[letter] += clock() - start
+    for order, times in zip(orders, block_times(baseline, candidate, orders, clock), strict=True):
+        seconds = dict.fromkeys("AB", 0.0)
+        for letter, block in zip(order, times, strict=True):
+            seconds[letter] += block
         timed.append(Quad(seconds["A"] / 2, seconds["B"] / 2))
     return timed

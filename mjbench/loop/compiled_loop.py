@@ -24,7 +24,7 @@ class LoopNames:
       mujoco: the module.
       np: NumPy.
       mj_step: `mujoco.mj_step`.
-      start: resets `data` to the start state, as `start(model, data)`.
+      start: brings `data` to a start state, as `start(model, data)`.
       model: that is stepped.
       data: its MjData; a snippet may assign another one.
       nstep: steps of a run of the loop.
@@ -47,8 +47,14 @@ class LoopNames:
     file: str
 
     @classmethod
-    def of(cls, model: MjModel, nstep: int, file: str) -> "LoopNames":
-        """Return the names for a model, with a new MjData at the start state."""
+    def of(
+        cls,
+        model: MjModel,
+        nstep: int,
+        file: str,
+        start: Callable[[MjModel, MjData], None] = reset_to_start,
+    ) -> "LoopNames":
+        """Return the names for a model, with a new MjData."""
         data = start_data(model)
         joints = [model.joint(i).name for i in range(model.njnt)]
         joint_id = next((i for i, name in enumerate(joints) if name), 0)
@@ -56,7 +62,7 @@ class LoopNames:
             mujoco=mujoco,
             np=np,
             mj_step=mujoco.mj_step,
-            start=reset_to_start,
+            start=start,
             model=model,
             data=data,
             nstep=nstep,
@@ -99,7 +105,13 @@ def make({names}):
 """
 
 
-def compile_loop(habit: Habit, model: MjModel, nstep: int, file: str = "") -> CompiledLoop:
+def compile_loop(
+    habit: Habit,
+    model: MjModel,
+    nstep: int,
+    file: str = "",
+    start: Callable[[MjModel, MjData], None] = reset_to_start,
+) -> CompiledLoop:
     """Return the loop with a habit in it.
 
     Args:
@@ -107,6 +119,7 @@ def compile_loop(habit: Habit, model: MjModel, nstep: int, file: str = "") -> Co
       model: that is stepped.
       nstep: steps of a run.
       file: path of the model's file; habits that need the model's spec cannot do without.
+      start: brings model and data to where a run starts.
     """
     text = _PROGRAM.format(
         names=", ".join(field.name for field in dataclasses.fields(LoopNames)),
@@ -118,7 +131,7 @@ def compile_loop(habit: Habit, model: MjModel, nstep: int, file: str = "") -> Co
     )
     namespace: dict[str, Any] = {}
     exec(compile(text, f"<{habit.name}>", "exec"), namespace)
-    run, value, loop_locals = namespace["make"](**vars(LoopNames.of(model, nstep, file)))
+    run, value, loop_locals = namespace["make"](**vars(LoopNames.of(model, nstep, file, start)))
     # A view such as `robot.joints` does not keep its spec alive; in a script, the script's own
     # names do. Here the function does.
     run.keeps_alive = loop_locals

@@ -19,12 +19,13 @@ import numpy as np
 from mjbench.errors import Failure, InputError, one_line
 from mjbench.instrument import isolate, stats
 from mjbench.instrument.isolate import Channel
+from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.simulation import compat, models, sampling, starts, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
-from mjbench.simulation.workload import Workload
+from mjbench.simulation.workload import Workload, whole_holds
 from mjbench.status import Status
 
 # Steps to measure unless the user says, and about how long they may take, in seconds; no fewer than
@@ -61,6 +62,7 @@ class LatencyRequest:
       source: the model.
       nstep: steps; None chooses them.
       rate_hz: of paced steps; None for real time.
+      hold: steps for which each control is held.
       seed: of start states and controls.
       starts: where start states are to come from.
     """
@@ -68,6 +70,7 @@ class LatencyRequest:
     source: ModelSource
     nstep: int | None = None
     rate_hz: float | None = None
+    hold: int = 1
     seed: int = 0
     starts: StartPlan = DEFAULT_STARTS
 
@@ -84,6 +87,7 @@ class StepSamples:
       latency_ns: of each step.
       features: what happened in each step, by name: contacts, solver iterations, garbage
         collections, page faults, preemptions, and by how much it began late.
+      starts: where start states came from.
     """
 
     pace: Pace
@@ -92,6 +96,7 @@ class StepSamples:
     work: Work
     latency_ns: np.ndarray
     features: Mapping[str, np.ndarray]
+    starts: Starts | None = None
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,7 @@ class LatencyRow:
       slow: what the steps above the 99 % quantile have in common.
       work: of a step, on average.
       histogram: all latencies in nanoseconds, as an HdrHistogram (V2, compressed, base64).
+      starts: where start states came from; None in older files.
     """
 
     record_type: ClassVar[str] = "latency"
@@ -153,6 +159,7 @@ class LatencyRow:
     slow: Sequence[SlowFeature] = field(default=())
     work: Work | None = None
     histogram: str = ""
+    starts: Starts | None = None
 
     @classmethod
     def failed(cls, model: str, failure: Failure) -> "LatencyRow":
@@ -163,7 +170,7 @@ class LatencyRow:
 QUANTILES = (0.5, 0.99, 0.999)
 
 
-def measure(request: LatencyRequest, limit_s: float = 60.0) -> list[StepSamples]:
+def measure(request: LatencyRequest, limit_s: float = TIME_LIMIT_S) -> list[StepSamples]:
     """Return the steps of a model at each pace, measured in a child process.
 
     Args:
@@ -207,6 +214,7 @@ def row(model: str, samples: StepSamples, deadline_s: float | None) -> LatencyRo
         ],
         work=samples.work,
         histogram=_histogram(latency_ns),
+        starts=samples.starts,
     )
 
 
@@ -253,7 +261,16 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
     channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
     max_nstep = starts.max_settling_nstep(step_s)
     sample = sampling.draw(
-        model, SampleRequest(nrun, RUN_NSTEP, 1, request.seed, request.starts, max_nstep)
+        model,
+        SampleRequest(
+            nrun,
+            whole_holds(RUN_NSTEP, request.hold),
+            request.hold,
+            request.seed,
+            request.starts,
+            max_nstep,
+            may_shorten=True,
+        ),
     )
     timestep_s = float(model.opt.timestep)
     rate_hz = request.rate_hz or 1 / timestep_s
@@ -274,6 +291,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
                 sample.observation.work,
                 latency_ns,
                 features,
+                sample.starts,
             )
         )
 
@@ -308,7 +326,7 @@ class _Recorder:
                 mujoco.mj_resetData(model, data)
                 compat.set_state(model, data, workload.initial_state[run], spec)
                 due = self._clock() + self._period_ns
-                for ctrl in workload.control[run][: total - k]:
+                for ctrl in workload.step_control[run][: total - k]:
                     data.ctrl[:] = ctrl
                     collected, usage = collections.count, usage_now()
                     if self._period_ns:

@@ -3,6 +3,7 @@
 The rules are in lint_rules.py; stepping_script.py knows the script that they look at.
 """
 
+import contextlib
 import json
 import re
 from collections.abc import Collection, Iterable, Iterator
@@ -77,8 +78,15 @@ def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
     Raises:
       InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
+    with refusing_deep_nesting(file):
+        return findings_of(file, read_program(file), codes)
+
+
+@contextlib.contextmanager
+def refusing_deep_nesting(file: str) -> Iterator[None]:
+    """Turn what a parser or a rule raises for a file that is too deep or large into InputError."""
     try:
-        return _findings(file, read_program(file), codes)
+        yield
     except (RecursionError, MemoryError) as error:
         raise InputError(
             f"{file}: nested too deeply, or too large, for Python's parser or for lint"
@@ -118,7 +126,9 @@ def costs_ns() -> dict[str, float]:
     return {cost["source"]: cost["ns"] for cost in row["costs"]}
 
 
-def _findings(file: str, program: Program, codes: Collection[str]) -> list[Finding]:
+def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Finding]:
+    """Return the findings of a program, in the order of its lines, under the name of its file."""
+    script = SteppingScript(program.tree)
     return [
         Finding(
             file=file,
@@ -129,14 +139,21 @@ def _findings(file: str, program: Program, codes: Collection[str]) -> list[Findi
             ns_per_step=costs_ns().get(match.habit),
             cell=line.cell,
         )
-        for rule, match in matches(program, codes)
+        for rule, match in matches(program, script, codes)
         for line in [program.line_of(match.node)]
     ]
 
 
-def matches(program: Program, codes: Collection[str] = ALL_CODES) -> list[tuple[Rule, Match]]:
-    """Return what breaks rules in a program and is not suppressed, in the order of its lines."""
-    script = SteppingScript(program.tree)
+def matches(
+    program: Program, script: SteppingScript, codes: Collection[str] = ALL_CODES
+) -> list[tuple[Rule, Match]]:
+    """Return what breaks rules in a program and is not suppressed, in the order of its lines.
+
+    Args:
+      program: its source.
+      script: what follows from its syntax.
+      codes: of the rules to check.
+    """
     by_place = {}  # and rule: nested loops match the same node twice
     for rule in RULES:
         for match in rule.matches(script) if rule.code in codes else ():

@@ -1,71 +1,174 @@
 """Change a script where `mjbench lint` finds what has one safe remedy.
 
-A view that is stored gets `.copy()`. Nothing else in the file changes. Notebooks are left alone.
+A view that is stored gets `.copy()`. A named access is bound to a name before its loop. Nothing
+else in the file changes: the changed file is parsed again, and its syntax must be that of the old
+one with just these changes.
 """
 
 import ast
+import difflib
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.errors import InputError, writing
-from mjbench.instrument import files
+from mjbench.errors import InputError, one_line, printable, writing
+from mjbench.instrument import files as stored_files
 from mjbench.loop import lint
-from mjbench.loop.lint_rules import STORED_VIEW
-from mjbench.loop.python_source import NOTEBOOK_SUFFIX, read_program
+from mjbench.loop.hoisting import Hoisting, Refusal
+from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
+from mjbench.loop.python_source import Program, read_program
+from mjbench.loop.script_changes import Changes, changed
+from mjbench.loop.script_files import UncheckedFile
+from mjbench.loop.stepping_script import SteppingScript
 
-# The codes of the rules whose findings can be changed.
-FIXABLE = (STORED_VIEW,)
-_COPY = ".copy()"
-_LINES = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
+_LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
 
 
-def fix(file: str, codes: Collection[str] = lint.ALL_CODES) -> int:
-    """Change a Python file; return how many findings it has no more.
+@dataclass(frozen=True)
+class Unfixed:
+    """A finding that has a remedy, which is not certain to be safe there.
+
+    Attributes:
+      finding: the finding; its line is one of the changed file.
+      reason: why it is left as it is, in one sentence without its full stop.
+    """
+
+    finding: lint.Finding
+    reason: str
+
+
+@dataclass(frozen=True)
+class FixedFile:
+    """A file, and what can be changed in it.
+
+    Attributes:
+      file: its name.
+      before: as it is stored.
+      after: as it is with all changes; `before` itself where there are none.
+      fixed: number of findings that it has no more.
+      findings: that it still has, in the order of its lines.
+      unfixed: those of them that have a remedy.
+    """
+
+    file: str
+    before: Program
+    after: Program
+    fixed: int
+    findings: Sequence[lint.Finding]
+    unfixed: Sequence[Unfixed]
+
+    def write(self) -> None:
+        """Store the changed file in place of the old one.
+
+        Raises:
+          MachineError: it cannot be written.
+        """
+        if self.after is not self.before:
+            path = Path(self.file).resolve()  # a link stays a link
+            with writing(path), stored_files.replacing(path) as partial:
+                partial.write_bytes(self.after.data)
+
+    def diff(self) -> str:
+        """Return the changes as a unified diff; those of a notebook, cell by cell."""
+        lines: list[str] = []
+        for old, new in zip(self.before.parts, self.after.parts, strict=True):
+            name = printable(f"{self.file}:cell {old.cell}" if old.cell else self.file)
+            lines += difflib.unified_diff(_lines(old.text), _lines(new.text), name, name)
+        return "".join(
+            line if line.endswith(("\n", "\r")) else f"{line}\n\\ No newline at end of file\n"
+            for line in lines
+        )
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The changes of a program that are safe, and the findings whose remedy may not be."""
+
+    changes: Changes
+    refusals: Sequence[Refusal]
+
+
+def fix_all(
+    files: Iterable[str | UncheckedFile], codes: Collection[str] = lint.ALL_CODES
+) -> Iterator[FixedFile | UncheckedFile]:
+    """Yield what can be changed in each file; in place of one that cannot be checked, why.
 
     Args:
-      file: its name; a notebook is left alone.
+      files: their names, and those that cannot be checked.
+      codes: of the rules to check.
+    """
+    for file in files:
+        if isinstance(file, UncheckedFile):
+            yield file
+            continue
+        try:
+            yield fix(file, codes)
+        except InputError as error:
+            yield UncheckedFile.of(file, error)
+
+
+def fix(file: str, codes: Collection[str] = lint.ALL_CODES) -> FixedFile:
+    """Return what can be changed in a Python file or a notebook; nothing is written.
+
+    Args:
+      file: its name.
       codes: of the rules to check.
 
     Raises:
-      InputError: it cannot be read, or is no Python file.
-      MachineError: it cannot be written.
+      InputError: it cannot be read, is neither, or is too large or too deeply nested.
     """
-    if file.endswith(NOTEBOOK_SUFFIX):
-        return 0
-    program = read_program(file)
-    nodes = [
-        match.node
-        for rule, match in lint.matches(program, codes)
-        if rule.code in FIXABLE and _ends(match.node) is not None
-    ]
-    if not nodes:
-        return 0
-    path = Path(file).resolve()  # a link stays a link
-    with path.open(encoding=program.encoding, newline="") as stored:
-        text = stored.read()
-    changed = _with_copies(text, nodes)
-    try:
-        ast.parse(changed)
-    except (SyntaxError, ValueError) as error:
-        raise InputError(f"{file}: cannot be changed safely: {error}") from error
-    with writing(path), files.replacing(path) as partial:
-        partial.write_bytes(changed.encode(program.encoding))
-    return len(nodes)
+    with lint.refusing_deep_nesting(file):
+        before = read_program(file)
+        plan = _plan(before, codes)
+        if not plan.changes.count:
+            return _result(file, before, before, codes, plan)
+        try:
+            after = changed(before, plan.changes)
+        except (SyntaxError, ValueError, LookupError) as error:
+            return _result(file, before, before, codes, _none_of(plan, one_line(error)))
+        rest = _plan(after, codes)
+        return _result(file, before, after, codes, _Plan(plan.changes, rest.refusals))
 
 
-def _ends(node: ast.expr | ast.stmt) -> tuple[int, int] | None:
-    """Return where a node ends, as line and offset in bytes; None where that is not known."""
-    if node.end_lineno is None or node.end_col_offset is None:
-        return None
-    return node.end_lineno, node.end_col_offset
+def _none_of(plan: _Plan, reason: str) -> _Plan:
+    """Return a plan that refuses all changes, for one reason."""
+    calls = (call for hoist in plan.changes.hoists for call in hoist.calls)
+    refusals = [Refusal(STORED_VIEW, view, reason) for view in plan.changes.copied]
+    refusals += [Refusal(NAMED_ACCESS, call, reason) for call in calls]
+    return _Plan(Changes((), ()), [*plan.refusals, *refusals])
 
 
-def _with_copies(text: str, nodes: Collection[ast.expr | ast.stmt]) -> str:
-    """Return a text with a call of `copy` behind each node."""
-    lines = [line.encode() for line in _LINES.findall(text)]
-    places = {place for node in nodes if (place := _ends(node)) is not None}
-    for number, offset in sorted(places, reverse=True):  # from the end: places before stay
-        line = lines[number - 1]
-        lines[number - 1] = line[:offset] + _COPY.encode() + line[offset:]
-    return b"".join(lines).decode()
+def _result(
+    file: str, before: Program, after: Program, codes: Collection[str], plan: _Plan
+) -> FixedFile:
+    """Return what is left to say of a file, given the changes and the refusals of a plan."""
+    findings = lint.findings_of(file, after, codes)
+    reasons = {}
+    for refusal in plan.refusals:
+        line = after.line_of(refusal.node)
+        column = line.column(refusal.node.col_offset)
+        reasons[refusal.code, line.cell, line.number, column] = refusal.reason
+    places = [(f, (f.code, f.cell, f.line, f.col)) for f in findings]
+    unfixed = [Unfixed(f, reasons[place]) for f, place in places if place in reasons]
+    return FixedFile(file, before, after, plan.changes.count, findings, unfixed)
+
+
+def _plan(program: Program, codes: Collection[str]) -> _Plan:
+    script = SteppingScript(program.tree)
+    copied: list[ast.expr] = []
+    calls: list[ast.Call] = []
+    for rule, match in lint.matches(program, script, codes):
+        if rule.code == STORED_VIEW:
+            assert isinstance(match.node, ast.expr)
+            copied.append(match.node)
+        elif rule.code == NAMED_ACCESS:
+            assert isinstance(match.node, ast.Call)
+            calls.append(match.node)
+    hoisting = Hoisting(program, script).plan(calls)
+    return _Plan(Changes(copied, hoisting.hoists), hoisting.refusals)
+
+
+def _lines(text: str) -> list[str]:
+    """Return the lines of a text, each with its end."""
+    return [line for line in _LINE.findall(text) if line]

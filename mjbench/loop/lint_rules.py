@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from mjbench.loop.stepping_script import SteppingScript, last_name
 
-# The code of the rule on views that outlive their step.
-STORED_VIEW = "MJB001"
+# The codes of the rules on views that outlive their step, and on names looked up in every step.
+STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"
 # Habits of the overhead table (mjbench/loop/habits.py) by which rules say what a match costs.
 NAMED_ACCESS_HABIT = "named access by name"
 # Functions of NumPy that allocate an array, with the habit that costs about as much.
@@ -132,7 +132,7 @@ RULES = (
         _stored_views,
     ),
     Rule(
-        "MJB002",
+        NAMED_ACCESS,
         "named access inside a stepping loop; hoist it: x = data.joint('x').qpos before the loop",
         _named_access,
     ),

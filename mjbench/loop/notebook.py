@@ -1,4 +1,4 @@
-"""The Python of a Jupyter notebook: its code cells, without the commands of IPython.
+"""The Python of a Jupyter notebook: its code cells, without the commands of IPython; new texts.
 
 Cells that begin with a magic such as `%%bash` hold no Python. In the others, `pass` replaces lines
 such as `%env` or `!pip`, so that every other line keeps its number and its column.
@@ -6,8 +6,9 @@ such as `%env` or `!pip`, so that every other line keeps its number and its colu
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
@@ -96,6 +97,67 @@ def code_cells(data: bytes) -> list[CodeCell]:
             text = _NEWLINE.sub("\n", source if isinstance(source, str) else "".join(source))
             cells.append(CodeCell(number, text, _python(text)))
     return cells
+
+
+def with_texts(data: bytes, texts: Mapping[int, str]) -> bytes:
+    """Return a notebook file with other texts in some cells; every other byte stays.
+
+    Args:
+      data: the file.
+      texts: the new text of a cell, by its number.
+
+    Raises:
+      ValueError: its JSON is not laid out as Jupyter does it, so that it would change elsewhere.
+    """
+    try:
+        document = json.loads(data)
+        if _encoded(document, data) == data:
+            for number, text in texts.items():
+                _set_text(_stored_cell(document, number), text)
+            return _encoded(document, data)
+    except UnicodeEncodeError:  # a lone surrogate
+        pass
+    raise ValueError("the JSON of the notebook is not laid out as Jupyter writes it")
+
+
+def _encoded(document: Any, like: bytes) -> bytes:
+    """Return a document as JSON, laid out like another one: indentation, escapes, line ends."""
+    indent = re.match(rb"\{(?P<end>\r?\n)(?P<indent>[ \t]+)", like)
+    text = json.dumps(
+        document,
+        ensure_ascii=like.isascii(),
+        indent=indent["indent"].decode() if indent else None,
+    )
+    content = text.replace("\n", indent["end"].decode() if indent else "\n").encode()
+    return content + like[len(like.rstrip(b"\r\n")) :]
+
+
+def _stored_cell(document: Any, number: int) -> dict[str, Any]:
+    worksheets = document["worksheets"] if document.get("cells") is None else [document]
+    cells = [cell for worksheet in worksheets for cell in worksheet["cells"]]
+    cell: dict[str, Any] = cells[number - 1]
+    return cell
+
+
+def _set_text(cell: dict[str, Any], text: str) -> None:
+    """Replace the text of a cell, which is stored as one string or as a list of its lines.
+
+    Raises:
+      ValueError: it is stored otherwise.
+    """
+    key = "source" if cell.get("source") else "input"
+    stored = cell[key]
+    if isinstance(stored, str) and "\r" not in stored:
+        cell[key] = text
+    elif stored == _lines("".join(stored)):
+        cell[key] = _lines(text)
+    else:
+        raise ValueError("the lines of a cell are not stored as Jupyter does it")
+
+
+def _lines(text: str) -> list[str]:
+    """Return the lines of a text, each with its end."""
+    return re.findall(r".*\n|.+", text)
 
 
 def _notebook(data: bytes) -> _Notebook:

@@ -11,6 +11,7 @@ import random
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import ClassVar
 
 from mjbench.errors import Failure
@@ -19,14 +20,18 @@ from mjbench.instrument.isolate import Channel
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import compile_loop, script
 from mjbench.loop.habits import BARE, CLOCK_OFF, ONE_CALL, ZERO_STEPS, Habit
+from mjbench.loop.loop_starts import LoopRequest, LoopStarts
 from mjbench.simulation import compat, models, work
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import Starts
+from mjbench.simulation.workload import reset_to_start
 from mjbench.status import Status
 
 # A block of the bare loop, in seconds; quads of each habit in a launch; launches.
 BLOCK_S, QUADS, LAUNCHES = 0.001, 12, 6
 LEAST_NSTEP = 10
 CONFIDENCE = 0.95
+_BLOCKS_PER_QUAD = 4
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,7 @@ class OverheadTable:
       binding_ns: a call that steps nothing, made after a step.
       nstep: steps of a run of the loop, which is an episode; median over launches.
       costs: of the habits, the most expensive first.
+      starts: where start states came from; None for keyframe 0.
     """
 
     model: str
@@ -73,6 +79,7 @@ class OverheadTable:
     binding_ns: float
     nstep: int
     costs: Sequence[HabitCost]
+    starts: Starts | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +103,7 @@ class OverheadRow:
     binding_ns: float | None = None
     nstep: int | None = None
     costs: Sequence[HabitCost] | None = None
+    starts: Starts | None = None
 
     @classmethod
     def measured(cls, table: OverheadTable) -> "OverheadRow":
@@ -125,10 +133,17 @@ class HabitTime:
 
 @dataclass(frozen=True)
 class BareTime:
-    """From a launch, last: steps of a run, and a step of the bare loop; the median over quads."""
+    """From a launch, last: what the bare loop did.
+
+    Attributes:
+      nstep: steps of a run.
+      step_ns: of a step; the median over quads.
+      starts: where start states came from; None for keyframe 0.
+    """
 
     nstep: int
     step_ns: float
+    starts: Starts | None = None
 
 
 @dataclass(frozen=True)
@@ -144,19 +159,26 @@ class _Launch:
     added_ns: Mapping[str, float]
 
 
-def measure(source: ModelSource, limit_s: float = 60.0, launches: int = LAUNCHES) -> OverheadTable:
+def measure(
+    source: ModelSource,
+    limit_s: float = 60.0,
+    launches: int = LAUNCHES,
+    states_file: Path | None = None,
+) -> OverheadTable:
     """Return what every habit costs on a model.
 
     Args:
       source: of the model.
       limit_s: a launch is killed after this long without a message.
       launches: processes that measure, one after the other.
+      states_file: with start states of the user's own (see `state_file`); None for keyframe 0.
 
     Raises:
-      InputError: the model cannot be loaded.
+      InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    measured = [_launch_in_child(source, limit_s) for _ in range(launches)]
+    requests = [LoopRequest(source, states_file, seed) for seed in range(launches)]
+    measured = [_launch_in_child(request, limit_s) for request in requests]
     bare_ns = statistics.median(launch.bare.step_ns for launch in measured)
     added_ns = {
         name: [launch.added_ns[name] for launch in measured] for name in measured[0].added_ns
@@ -174,24 +196,30 @@ def measure(source: ModelSource, limit_s: float = 60.0, launches: int = LAUNCHES
         binding_ns=mean_ns[ZERO_STEPS.name],
         nstep=int(statistics.median(launch.bare.nstep for launch in measured)),
         costs=sorted(costs, key=lambda cost: -cost.ns),
+        starts=measured[0].bare.starts,
     )
 
 
-def _launch_in_child(source: ModelSource, limit_s: float) -> _Launch:
+def _launch_in_child(request: LoopRequest, limit_s: float) -> _Launch:
     messages: list[HabitTime | BareTime] = []
-    isolate.run("mjbench.loop.overhead:launch", source, messages.append, limit_s).check()
+    isolate.run("mjbench.loop.overhead:launch", request, messages.append, limit_s).check()
     (bare,) = (message for message in messages if isinstance(message, BareTime))
     times = (message for message in messages if isinstance(message, HabitTime))
     return _Launch(bare, {time.name: time.added_ns for time in times})
 
 
-def launch(source: ModelSource, channel: Channel) -> None:
+def launch(request: LoopRequest, channel: Channel) -> None:
     """Time every habit against the bare loop; runs in the child."""
-    model, file = models.load(source), str(source.path)
+    model, file = models.load(request.source), str(request.source.path)
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
-    run_bare = compile_loop(BARE, model, nstep).run
+    came_from, in_turn, start = None, None, reset_to_start
+    if request.states_file is not None:
+        starts = LoopStarts(model, request.states_file, nstep, request.seed)
+        came_from = starts.starts
+        start = in_turn = starts.in_turn(repeats=_BLOCKS_PER_QUAD)
+    run_bare = compile_loop(BARE, model, nstep, start=start).run
     runs = {
-        habit.name: compile_loop(habit, model, nstep, file).run
+        habit.name: compile_loop(habit, model, nstep, file, start).run
         for habit in habits.HABITS
         if habit is not BARE and habit.requires(model, file)
     }
@@ -204,6 +232,8 @@ def launch(source: ModelSource, channel: Channel) -> None:
         channel.doing(f"timing {name}")
         for warm_up in (run_bare, runs[name]):
             warm_up()
+        if in_turn is not None:  # all blocks of a quad start from one state
+            in_turn.count = len(bare_ns) * _BLOCKS_PER_QUAD
         quads = timing.quads(run_bare, runs[name], QUADS)
         own_bare_ns = [1e9 * quad.baseline_s / nstep for quad in quads]
         added_ns = statistics.median(
@@ -216,7 +246,7 @@ def launch(source: ModelSource, channel: Channel) -> None:
         else:
             bare_ns += own_bare_ns
         channel.send(HabitTime(name, added_ns))
-    channel.send(BareTime(nstep, statistics.median(bare_ns)))
+    channel.send(BareTime(nstep, statistics.median(bare_ns), came_from))
 
 
 def _cost(

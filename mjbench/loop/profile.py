@@ -8,8 +8,9 @@ measures: so only shares of a step come from the timers, and times come from run
 
 import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import ClassVar
 
 import mujoco
@@ -18,11 +19,15 @@ import numpy as np
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.loop import habits, rendering
+from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.loop import engine_stages, habits, rendering
 from mjbench.loop.compiled_loop import compile_loop
+from mjbench.loop.habits import Habit
+from mjbench.loop.loop_starts import LoopRequest, LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation import compat, models, work, workload
 from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -30,20 +35,6 @@ from mjbench.status import Status
 BLOCK_S, LEAST_ROUNDS, MOST_ROUNDS, BUDGET_S = 0.004, 15, 200, 2.0
 # Frames for each second of simulated time, where physics, Python and rendering are compared.
 FRAMES_PER_S = 60
-# Stages by MuJoCo's timers (mjtTimer); what they leave of a step is `other`.
-STAGES: Mapping[str, str] = {
-    "kinematics": "POS_KINEMATICS",
-    "inertia": "POS_INERTIA",
-    "broad-phase collision": "COL_BROAD",
-    "narrow-phase collision": "COL_NARROW",
-    "collision": "POS_COLLISION",
-    "constraint making": "POS_MAKE",
-    "constraint projection": "POS_PROJECT",
-    "velocity": "VELOCITY",
-    "actuation": "ACTUATION",
-    "constraint solver": "CONSTRAINT",
-    "integration": "ADVANCE",
-}
 
 
 @dataclass(frozen=True)
@@ -59,6 +50,8 @@ class StepTimes:
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
+      starts: where start states came from; None for keyframe 0.
+      run_nstep: steps from each start, which hold its controls; None for all steps of a block.
     """
 
     timestep: float
@@ -68,6 +61,8 @@ class StepTimes:
     work: Work
     stages: Mapping[str, float]
     warnings: Mapping[str, int]
+    starts: Starts | None = None
+    run_nstep: int | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +122,8 @@ class ProfileRow:
     work: Work | None = None
     stages: Mapping[str, float] | None = None
     warnings: Mapping[str, int] | None = None
+    starts: Starts | None = None
+    run_nstep: int | None = None
     frames: Sequence[FrameTime] | None = None
     simulated_second: Mapping[str, float] | None = None
 
@@ -154,35 +151,77 @@ class ProfileRow:
         return cls(model, failure.status, failure.detail)
 
 
-def measure(source: ModelSource, limit_s: float = 60.0) -> StepProfile:
+def measure(
+    source: ModelSource, limit_s: float = TIME_LIMIT_S, states_file: Path | None = None
+) -> StepProfile:
     """Return the profile of a model.
 
+    Args:
+      source: of the model.
+      limit_s: seconds of silence after which a child is killed.
+      states_file: with start states of the user's own (see `state_file`); None for keyframe 0.
+
     Raises:
-      InputError: it cannot be loaded, or diverges.
+      InputError: it cannot be loaded, diverges, or the file does not fit it.
       MachineError: the process that steps it crashed or hung.
     """
     messages: list[StepTimes] = []
-    isolate.run("mjbench.loop.profile:step", source, messages.append, limit_s).check()
+    request = LoopRequest(source, states_file)
+    isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
     frames = [rendering.measure(source, backend, limit_s) for backend in rendering.BACKENDS]
     return StepProfile(source.name, messages[0], frames)
 
 
-def step(source: ModelSource, channel: Channel) -> None:
+@dataclass(frozen=True)
+class _Block:
+    """The runs of a block.
+
+    Attributes:
+      nrun: runs, each from a start of its own.
+      nstep: steps of each, which hold the controls of its start.
+      new_start: returns what restores the starts, from the first on.
+    """
+
+    nrun: int
+    nstep: int
+    new_start: Callable[[], Callable[[mujoco.MjModel, mujoco.MjData], None]]
+
+    def of_loop(self, habit: Habit, model: mujoco.MjModel) -> Callable[[], None]:
+        """Return a block of the loop of a habit."""
+        run, nrun = compile_loop(habit, model, self.nstep, start=self.new_start()).run, self.nrun
+        if nrun == 1:
+            return run
+
+        def runs() -> None:
+            for _ in range(nrun):
+                run()
+
+        return runs
+
+
+def step(request: LoopRequest, channel: Channel) -> None:
     """Time steps with and without the engine's clock, and the loop; runs in a child."""
     channel.doing("loading the model")
-    model = models.load(source)
+    model = models.load(request.source)
     channel.doing("stepping the model")
     nstep = max(2, int(BLOCK_S / work.step_s(model)))
-    # the steps that are timed: from the start state, with its controls
-    observation = work.observe(workload.make(model, 1, nstep, spread=0.0))
-    if not observation.healthy.all():
-        raise InputError(f"the model diverges ({observation.diagnosis()})")
-    stages = _stages(model, nstep)
-    loop_ns, engine_ns = _step_ns(model, nstep, habits.BARE.name, habits.ONE_CALL.name)
+    came_from = None
+    if request.states_file is None:
+        # the steps that are timed: from the start state, with its controls
+        observation = work.observe(workload.make(model, 1, nstep, spread=0.0))
+        if not observation.healthy.all():
+            raise InputError(f"the model diverges ({observation.diagnosis()})")
+        block = _Block(1, nstep, lambda: workload.reset_to_start)
+    else:
+        starts = LoopStarts(model, request.states_file, seed=request.seed)
+        came_from, observation = starts.starts, starts.observation
+        block = _Block(max(1, nstep // starts.nstep), starts.nstep, starts.in_turn)
+    stages = _stages(model, block)
+    loop_ns, engine_ns = _step_ns(model, block, habits.BARE, habits.ONE_CALL)
     clock_ns = None
     if compat.has_clock(model):
         # last: some releases do not get their clock back
-        (clockless_ns,) = _step_ns(model, nstep, habits.CLOCK_OFF.name)
+        (clockless_ns,) = _step_ns(model, block, habits.CLOCK_OFF)
         clock_ns = loop_ns - clockless_ns
     channel.send(
         StepTimes(
@@ -193,50 +232,49 @@ def step(source: ModelSource, channel: Channel) -> None:
             work=observation.work,
             stages=stages,
             warnings=observation.other_warnings(),
+            starts=came_from,
+            run_nstep=None if came_from is None else block.nstep,
         )
     )
 
 
-def _step_ns(model: mujoco.MjModel, nstep: int, *habit_names: str) -> list[float]:
+def _step_ns(model: mujoco.MjModel, block: _Block, *of_habits: Habit) -> list[float]:
     """Return the ns of a step in the loop of each habit, timed in turns: medians over rounds."""
     contenders = []
-    for name in habit_names:
-        run = compile_loop(habits.find(name), model, nstep).run
+    for habit in of_habits:
+        run = block.of_loop(habit, model)
         run()  # touches all memory
         contenders.append(timing.Contender(run))
     rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
+    nstep = block.nrun * block.nstep
     return [1e9 * statistics.median(seconds) / nstep for seconds in zip(*rounds, strict=True)]
 
 
-def _stages(model: mujoco.MjModel, nstep: int) -> dict[str, float]:
+def _stages(model: mujoco.MjModel, block: _Block) -> dict[str, float]:
     """Return the share of a step by stage, from the engine's timers: medians over blocks."""
-    timer_s = _timer_s(model, nstep)
-    timers = {name: compat.timer(name) for name in (*STAGES.values(), "STEP")}
-    seconds = {
-        name: 0.0 if timer is None else float(timer_s[timer]) for name, timer in timers.items()
-    }
-    stages = {stage: seconds[name] for stage, name in STAGES.items()}
-    # The timer of collision includes its two phases: leave what they do not explain.
-    phases = stages["broad-phase collision"] + stages["narrow-phase collision"]
-    stages["collision"] = max(0.0, stages["collision"] - phases)
-    total = max(seconds["STEP"], sum(stages.values()), 1e-30)  # never 0, as it divides
-    stages["other"] = total - sum(stages.values())
-    return {stage: value / total for stage, value in stages.items()}
+    timer_s = _timer_s(model, block)
+    timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
+    return engine_stages.shares(
+        {name: float(timer_s[timer]) for name, timer in timers.items() if timer is not None}
+    )
 
 
-def _timer_s(model: mujoco.MjModel, nstep: int) -> np.ndarray:
-    """Return (ntimer,) seconds by mjtTimer that nstep steps take: the median over blocks."""
-    data = workload.start_data(model)
+def _timer_s(model: mujoco.MjModel, block: _Block) -> np.ndarray:
+    """Return (ntimer,) seconds by mjtTimer that a block takes: the median over blocks."""
+    data, start = workload.start_data(model), block.new_start()
     needs_clock = not compat.has_clock(model)
     if needs_clock:
         mujoco.set_mjcb_time(time.perf_counter)
     try:
         blocks = []
         for _ in range(1 + LEAST_ROUNDS):
-            workload.reset_to_start(model, data)
-            before = np.array(data.timer.duration)
-            mujoco.mj_step(model, data, nstep)
-            blocks.append(np.array(data.timer.duration) - before)
+            seconds = 0.0 * np.array(data.timer.duration)
+            for _ in range(block.nrun):
+                start(model, data)
+                before = np.array(data.timer.duration)
+                mujoco.mj_step(model, data, block.nstep)
+                seconds += np.array(data.timer.duration) - before
+            blocks.append(seconds)
     finally:
         if needs_clock:
             mujoco.set_mjcb_time(None)

@@ -1,4 +1,4 @@
-"""The syntax of a Python file or a notebook, and the place of each of its lines.
+"""The syntax of a Python file or a notebook, the place of each of its lines, and changes to it.
 
 A file is decoded as Python decodes it: by its byte order mark, or by the encoding that it declares,
 else as UTF-8.
@@ -29,11 +29,13 @@ class SourceLine:
 
     Attributes:
       text: without its end.
+      python: what is parsed; other than `text` in a line with a command of IPython.
       number: from 1; of the file, or of the cell.
       cell: of a notebook, from 1; None in a Python file.
     """
 
     text: str
+    python: str
     number: int
     cell: int | None
 
@@ -43,37 +45,64 @@ class SourceLine:
 
 
 @dataclass(frozen=True)
+class Part:
+    """A cell of a notebook, or a whole Python file.
+
+    Attributes:
+      text: as stored.
+      python: what is parsed; its lines have the numbers of those of `text`.
+      cell: number of the cell; None for a Python file.
+      lines_before: how many lines of the program are in parts before it.
+    """
+
+    text: str
+    python: str
+    cell: int | None = None
+    lines_before: int = 0
+
+
+@dataclass(frozen=True)
 class Program:
     """A Python file, or all code cells of a notebook as one.
 
     Attributes:
       tree: its syntax.
       lines: the lines that the line numbers of `tree` count, from 1.
-      encoding: of a Python file; that of notebooks is UTF-8.
+      parts: the cells of a notebook, or the one part of a Python file.
+      data: the bytes of the file.
+      encoding: of a Python file; None for a notebook.
     """
 
     tree: ast.Module
     lines: Sequence[SourceLine]
-    encoding: str = "utf-8"
+    parts: Sequence[Part]
+    data: bytes
+    encoding: str | None
 
     def line_of(self, node: ast.expr | ast.stmt) -> SourceLine:
         """Return the line at which a node begins."""
         return self.lines[min(node.lineno, len(self.lines)) - 1]
 
+    def with_texts(self, texts: Sequence[str]) -> "Program":
+        """Return the program with other texts in its parts, encoded as before.
 
-@dataclass(frozen=True)
-class _Part:
-    """A cell of a notebook, or a whole Python file.
-
-    Attributes:
-      text: as stored.
-      python: what is parsed; its lines have the numbers of those of `text`.
-      cell: number of the cell.
-    """
-
-    text: str
-    python: str
-    cell: int | None = None
+        Raises:
+          ValueError: they are not Python, or cannot be encoded so; or all else in the notebook
+            cannot be kept as it is.
+          RecursionError, MemoryError: they are nested too deeply, or too large, for the parser.
+        """
+        if self.encoding is None:
+            changed = {
+                part.cell: text
+                for part, text in zip(self.parts, texts, strict=True)
+                if part.cell is not None and text != part.text
+            }
+            return parse_notebook(notebook.with_texts(self.data, changed))
+        (text,) = texts
+        program = parse_python(text.encode(self.encoding))
+        if program.encoding != self.encoding:
+            raise ValueError("the declaration of the encoding moves")
+        return program
 
 
 def read_program(file: str) -> Program:
@@ -85,17 +114,36 @@ def read_program(file: str) -> Program:
     """
     try:
         data = _read(Path(file))
-        if file.endswith(NOTEBOOK_SUFFIX):
-            return _parse(_notebook_parts(data))
-        encoding = _encoding(data)
-        text = data.decode(encoding)
-        return replace(_parse([_Part(text, text)]), encoding=encoding)
+        return parse_notebook(data) if file.endswith(NOTEBOOK_SUFFIX) else parse_python(data)
     except FileNotFoundError as error:
         raise InputError(f"{file}: no such file") from error
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
     except (SyntaxError, ValueError, LookupError) as error:  # LookupError: of an encoding
         raise InputError(f"{file}: {one_line(error)}") from error
+
+
+def parse_python(data: bytes) -> Program:
+    """Return the program in the bytes of a Python file.
+
+    Raises:
+      SyntaxError, ValueError, LookupError: they are not Python, or not in their encoding.
+      RecursionError, MemoryError: as of `read_program`.
+    """
+    encoding = _encoding(data)
+    text = data.decode(encoding)
+    return _parse([Part(text, text)], data, encoding)
+
+
+def parse_notebook(data: bytes) -> Program:
+    """Return the program in the bytes of a notebook.
+
+    Raises:
+      ValueError: it is no notebook of Python.
+      RecursionError, MemoryError: as of `read_program`.
+    """
+    cells = notebook.code_cells(data)
+    return _parse([Part(cell.text, cell.python, cell.number) for cell in cells], data, None)
 
 
 def _read(path: Path) -> bytes:
@@ -109,33 +157,40 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _notebook_parts(data: bytes) -> list[_Part]:
-    return [_Part(cell.text, cell.python, cell.number) for cell in notebook.code_cells(data)]
-
-
 def _encoding(data: bytes) -> str:
     first_lines = _NEWLINE_BYTES.split(data, maxsplit=2)[:2]
     encoding, _ = tokenize.detect_encoding(iter([line + b"\n" for line in first_lines]).__next__)
     return encoding
 
 
-def _parse(parts: Sequence[_Part]) -> Program:
+def _parse(parts: Sequence[Part], data: bytes, encoding: str | None) -> Program:
     """Return the parts as one program; each is parsed by itself, as IPython executes cells."""
     if sum(len(part.python) for part in parts) > MAX_PYTHON_BYTES:
         raise ValueError(f"more than {MAX_PYTHON_BYTES // 10**6} MB of Python")
     tree = ast.Module(body=[], type_ignores=[])
     lines: list[SourceLine] = []
+    placed = []
     for part in parts:
         body = _parse_part(part)
         if lines:
             ast.increment_lineno(body, len(lines))
         tree.body += body.body
-        texts = _NEWLINE.split(part.text)
-        lines += [SourceLine(text, number, part.cell) for number, text in enumerate(texts, 1)]
-    return Program(tree, lines)
+        placed.append(replace(part, lines_before=len(lines)))
+        lines += _source_lines(part)
+    return Program(tree, lines, placed, data, encoding)
 
 
-def _parse_part(part: _Part) -> ast.Module:
+def _source_lines(part: Part) -> list[SourceLine]:
+    texts = _NEWLINE.split(part.text)
+    pythons = _NEWLINE.split(part.python) if part.python is not part.text else texts
+    pythons += [""] * (len(texts) - len(pythons))  # a cell that is not Python has none
+    return [
+        SourceLine(text, python, number, part.cell)
+        for number, (text, python) in enumerate(zip(texts, pythons, strict=True), 1)
+    ]
+
+
+def _parse_part(part: Part) -> ast.Module:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of escapes such as "\d": they are not ours to report

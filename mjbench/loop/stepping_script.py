@@ -3,13 +3,14 @@
 A loop steps when it calls `mj_step`, or a function of the same file that does. Others step an
 environment: by its `step`, that of dm_control's physics, or Gymnasium's `do_simulation`. What an
 MjData is follows from how it is used and named: the second argument of `mj_step`, what `MjData(…)`
-was assigned to, and what is called `data` or `mjdata`, such as `self.data`. An environment is what
+was assigned to, and what is called `data` or `mjdata`, such as `self.data`. An MjModel is the first
+argument of `mj_step`, and what `MjModel.from_xml_path(…)` was assigned to. An environment is what
 `make(…)`, `load(…)` or a class whose name ends in `Env` was assigned to, and what is called `env`.
 """
 
 import ast
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 _STEPS = {"mj_step", "mj_step1", "mj_step2"}
@@ -19,7 +20,18 @@ _ENVIRONMENT_STEPS, _SIMULATION_STEPS = {"step", "step_wait"}, {"do_simulation"}
 _ENVIRONMENTS = {"env", "envs", "environment", "physics", "venv", "vec_env"}
 _CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorEnv|Environment))$")
 _ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
-_ACCESSORS = {"actuator", "body", "camera", "geom", "joint", "light", "sensor", "site", "tendon"}
+# Methods that return the part of an MjData or an MjModel that belongs to a named element.
+_DATA_ACCESSORS = {
+    *("actuator", "body", "cam", "camera", "geom", "jnt", "joint", "light", "sensor", "site"),
+    *("ten", "tendon"),
+}
+_MODEL_ACCESSORS = _DATA_ACCESSORS | {
+    *("eq", "equality", "exclude", "hfield", "key", "keyframe", "mat", "material", "mesh"),
+    *("numeric", "pair", "skin", "tex", "text", "texture", "tuple"),
+}
+# What such a part has that is not an array.
+_NUMBERS_AND_NAMES = {"id", "name"}
+_LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
 # Methods of an array that return a view of it, and methods of a container that store an argument.
 _VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
 _STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
@@ -75,10 +87,11 @@ class SteppingScript:
       methods: that step, the engine or an environment.
       episode_loops: those of them, all `for`, that have another one inside.
       comprehensions: list comprehensions and generators that step.
+      parents: the node above each node.
     """
 
     def __init__(self, tree: ast.Module):
-        self._parents = {
+        self.parents: Mapping[ast.AST, ast.AST] = {
             child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
         }
         self._stepping_functions = {
@@ -93,30 +106,32 @@ class SteppingScript:
             if isinstance(node, _FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
         }
         self._data_names = _data_names(tree)
+        self._model_names = _model_names(tree)
+        self._accessor_names = self._names_of_accessors(tree)
         self._container_names = {
-            _dotted(target) for target, value in _assignments(tree) if _creates_container(value)
+            dotted_name(target) for target, value in _assignments(tree) if _creates_container(value)
         } - {""}
         steps = (n for n in ast.walk(tree) if _is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self._loops_around(node), None) for node in steps}
         self.loops = [
-            SteppingLoop(node, _nodes_inside(node))
+            SteppingLoop(node, nodes_inside(node))
             for node in ast.walk(tree)
             if isinstance(node, ast.For | ast.While) and self._steps_inside(node)
         ]
         stepping = {loop.node for loop in self.loops}
         self.environment_loops = [
-            SteppingLoop(node, _nodes_inside(node))
+            SteppingLoop(node, nodes_inside(node))
             for node in ast.walk(tree)
             if isinstance(node, ast.For | ast.While)
             and node not in stepping
             and self._steps_environment_inside(node)
         ]
         self.methods = [
-            SteppingMethod(node, _nodes_inside(node))
+            SteppingMethod(node, nodes_inside(node))
             for node in ast.walk(tree)
             if isinstance(node, _FUNCTIONS)
-            and isinstance(self._parents.get(node), ast.ClassDef)
+            and isinstance(self.parents.get(node), ast.ClassDef)
             and (self._steps_inside(node) or self._steps_environment_inside(node))
         ]
         self.episode_loops = [
@@ -136,13 +151,11 @@ class SteppingScript:
         if isinstance(node, ast.Attribute):
             if node.attr in ("T", "flat"):
                 return self.is_view(node.value)
-            if self.is_named_access(node.value):
-                return True
+            if self._is_named_part(node.value):
+                return node.attr not in _NUMBERS_AND_NAMES
             return self._is_data(node.value) and bool(_FIELDS.match(node.attr))
         if isinstance(node, ast.Subscript):
-            is_row = isinstance(node.value, ast.Attribute) and self.is_named_access(
-                node.value.value
-            )
+            is_row = isinstance(node.value, ast.Attribute) and self._is_named_part(node.value.value)
             return self.is_view(node.value) and _index_gives_view(node, is_row)
         if isinstance(node, ast.Call):
             if isinstance(node.func, ast.Attribute) and node.func.attr in _VIEW_METHODS:
@@ -169,33 +182,36 @@ class SteppingScript:
     def attribute_of_self(self, node: ast.AST) -> bool:
         """Return whether a statement or a call stores something in an attribute of `self`."""
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            return _dotted(node.func.value).startswith("self.")
+            return dotted_name(node.func.value).startswith("self.")
         targets = node.targets if isinstance(node, ast.Assign) else []
         stored_in = (t.value if isinstance(t, ast.Subscript) else t for t in targets)
-        return any(_dotted(target).startswith("self.") for target in stored_in)
+        return any(dotted_name(target).startswith("self.") for target in stored_in)
 
     def is_named_access(self, node: ast.AST) -> bool:
-        """Return whether a node is `data.joint(…)` or the like."""
-        return (
+        """Return whether a node is `data.joint(…)`, `model.body(…)` or the like."""
+        return self._is_access_to_data(node) or (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
-            and node.func.attr in _ACCESSORS
-            and self._is_data(node.func.value)
+            and node.func.attr in _MODEL_ACCESSORS
+            and dotted_name(node.func.value) in self._model_names
         )
+
+    def step_loop_around(self, node: ast.AST) -> ast.For | ast.While | None:
+        """Return the innermost loop around a node that calls `mj_step` itself; None without one."""
+        return next((n for n in self._loops_around(node) if n in self._step_loops), None)
 
     def is_numpy_call(self, node: ast.Call) -> bool:
         """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
-        return isinstance(node.func, ast.Attribute) and _dotted(node.func.value) in _NUMPY
+        return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
 
     def runs_each_step(self, node: ast.AST, loop: SteppingLoop) -> bool:
         """Return whether `loop` is the innermost around a node that calls `mj_step` itself."""
-        around = (n for n in self._loops_around(node) if n in self._step_loops)
-        return next(around, None) is loop.node
+        return self.step_loop_around(node) is loop.node
 
     def is_conditional(self, node: ast.AST, loop: SteppingLoop) -> bool:
         """Return whether a node of a loop is under an `if`: it runs in some iterations only."""
         while node is not loop.node:
-            node = self._parents[node]
+            node = self.parents[node]
             if isinstance(node, ast.If):
                 return True
         return False
@@ -210,28 +226,27 @@ class SteppingScript:
             isinstance(node, ast.Attribute)
             and self._is_contact(node.value)
             and isinstance(node.ctx, ast.Load)
-            and not isinstance(self._parents.get(node), ast.Subscript)
+            and not isinstance(self.parents.get(node), ast.Subscript)
         )
 
     def is_new_data(self, node: ast.AST, loop: SteppingLoop) -> bool:
         """Return whether a node creates an MjData of a model that `loop` does not assign."""
         if not (isinstance(node, ast.Call) and last_name(node.func) == "MjData" and node.args):
             return False
-        assigned = {
-            _dotted(target) for n in loop.inner if isinstance(n, ast.Assign) for target in n.targets
-        }
-        return _dotted(node.args[0]) not in assigned
+        assignments = (n for n in loop.inner if isinstance(n, ast.Assign))
+        assigned = {dotted_name(target) for n in assignments for target in n.targets}
+        return dotted_name(node.args[0]) not in assigned
 
     def is_for_over_steps(self, node: ast.AST) -> bool:
         """Return whether a node is a `for` loop that calls `mj_step` itself."""
-        return isinstance(node, ast.For) and any(_is_step(n) for n in _nodes_inside(node))
+        return isinstance(node, ast.For) and any(_is_step(n) for n in nodes_inside(node))
 
     def _steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
         return any(
             _is_step(n)
             or (isinstance(n, ast.Call) and last_name(n.func) in self._stepping_functions)
-            for n in _nodes_inside(node)
+            for n in nodes_inside(node)
         )
 
     def _steps_environment_inside(self, node: ast.AST) -> bool:
@@ -239,7 +254,7 @@ class SteppingScript:
         return any(
             self._steps_environment(n)
             or (isinstance(n, ast.Call) and last_name(n.func) in self._environment_functions)
-            for n in _nodes_inside(node)
+            for n in nodes_inside(node)
         )
 
     def _steps_environment(self, node: ast.AST) -> bool:
@@ -248,7 +263,7 @@ class SteppingScript:
             return False
         if last_name(node.func) in _SIMULATION_STEPS:
             return True
-        owner, _, method = _dotted(node.func).rpartition(".")
+        owner, _, method = dotted_name(node.func).rpartition(".")
         if method not in _ENVIRONMENT_STEPS:
             return False
         parts = owner.split(".")
@@ -256,8 +271,32 @@ class SteppingScript:
 
     def _is_data(self, node: ast.AST) -> bool:
         """Return whether an expression is an MjData."""
-        name = _dotted(node)
+        name = dotted_name(node)
         return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
+
+    def _is_access_to_data(self, node: ast.AST) -> bool:
+        """Return whether a node is `data.joint(…)` or the like."""
+        return (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in _DATA_ACCESSORS
+            and self._is_data(node.func.value)
+        )
+
+    def _is_named_part(self, node: ast.AST) -> bool:
+        """Return whether a node is the part of an MjData that belongs to a named element."""
+        return self._is_access_to_data(node) or dotted_name(node) in self._accessor_names
+
+    def _names_of_accessors(self, tree: ast.Module) -> set[str]:
+        """Return the dotted names that nothing but parts of an MjData were assigned to."""
+        values: dict[str, list[ast.AST]] = {}
+        for target, value in _assignments(tree):
+            values.setdefault(dotted_name(target), []).append(value)
+        return {
+            name
+            for name, assigned in values.items()
+            if name and all(map(self._is_access_to_data, assigned))
+        }
 
     def _is_contact(self, node: ast.AST) -> bool:
         return (
@@ -280,24 +319,25 @@ class SteppingScript:
 
     def _is_container_name(self, node: ast.AST) -> bool:
         """Return whether a name was assigned a list or a dict; an array copies what is put in."""
-        return _dotted(node) in self._container_names
+        return dotted_name(node) in self._container_names
 
-    def _loops_around(self, node: ast.AST) -> Iterator[ast.AST]:
+    def _loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
-        child, parent = node, self._parents.get(node)
+        child, parent = node, self.parents.get(node)
         while parent is not None:
-            is_iterable = isinstance(parent, ast.For) and child is parent.iter  # evaluated once
-            if isinstance(parent, ast.For | ast.While) and not is_iterable:
-                yield parent
-            child, parent = parent, self._parents.get(parent)
+            if isinstance(parent, ast.For | ast.While):
+                is_iterable = isinstance(parent, ast.For) and child is parent.iter
+                if not (is_iterable or child in parent.orelse):  # these are evaluated once
+                    yield parent
+            child, parent = parent, self.parents.get(parent)
 
 
 def last_name(function: ast.AST) -> str:
     """Return the last part of a dotted name: `zeros` of `np.zeros`; empty for anything else."""
-    return _dotted(function).rpartition(".")[2]
+    return dotted_name(function).rpartition(".")[2]
 
 
-def _dotted(node: ast.AST) -> str:
+def dotted_name(node: ast.AST) -> str:
     """Return a dotted name, such as `self.env.data`; empty for any other expression."""
     attributes: list[str] = []
     while isinstance(node, ast.Attribute):
@@ -316,9 +356,21 @@ def _data_names(tree: ast.Module) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
             if last_name(node.value.func) == "MjData":
-                names |= {_dotted(target) for target in node.targets}
+                names |= {dotted_name(target) for target in node.targets}
         elif isinstance(node, ast.Call) and _is_step(node) and len(node.args) > 1:
-            names.add(_dotted(node.args[1]))
+            names.add(dotted_name(node.args[1]))
+    return names - {""}
+
+
+def _model_names(tree: ast.Module) -> set[str]:
+    """Return the dotted names that are an MjModel, by assignment or as argument of `mj_step`."""
+    names = {
+        dotted_name(target)
+        for target, value in _assignments(tree)
+        if isinstance(value, ast.Call) and _LOADS_MODEL.match(last_name(value.func))
+    }
+    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and _is_step(node))
+    names |= {dotted_name(call.args[0]) for call in calls if call.args}
     return names - {""}
 
 
@@ -328,11 +380,11 @@ def _environment_names(tree: ast.Module) -> set[str]:
     for target, value in _assignments(tree):
         if not isinstance(value, ast.Call):
             continue
-        package, _, function = _dotted(value.func).rpartition(".")
+        package, _, function = dotted_name(value.func).rpartition(".")
         is_of_package = bool(_ENVIRONMENT_PACKAGES.intersection(package.split(".")))
         is_class = function[:1].isupper()
         if _CREATES_ENVIRONMENT.match(function) and (is_class or is_of_package):
-            names.add(_dotted(target))
+            names.add(dotted_name(target))
     return names - {""}
 
 
@@ -349,7 +401,7 @@ def _assignments(tree: ast.Module) -> Iterator[tuple[ast.AST, ast.AST]]:
                     yield target, node.value
 
 
-def _nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
+def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     """Return the expressions and statements below a node, without those of functions in it."""
     inside: list[ast.expr | ast.stmt] = []
     waiting = list(ast.iter_child_nodes(node))

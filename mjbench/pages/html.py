@@ -7,7 +7,7 @@ from mjbench.pages.content import Figure, Report, Tone
 from mjbench.report import vega
 
 # What stands before a conclusion, beside its colour.
-_MARKS = {Tone.GOOD: "✓", Tone.BAD: "✗", Tone.UNSURE: "?", Tone.NEUTRAL: "•"}
+MARKS = {Tone.GOOD: "✓", Tone.BAD: "✗", Tone.UNSURE: "?", Tone.NEUTRAL: "•"}
 
 
 def render(report: Report) -> str:
@@ -36,4 +36,4 @@ def render(report: Report) -> str:
     )
     environment.filters["svg"] = svg
     template = environment.get_template("report.html.j2")
-    return template.render(report=report, marks=_MARKS, version=mjbench.__version__)
+    return template.render(report=report, marks=MARKS, version=mjbench.__version__)

@@ -14,7 +14,15 @@ from mjbench.instrument.runs import Run
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.profile import ProfileRow
-from mjbench.pages import comparisons, environments, histories, loops, scaling, verdicts
+from mjbench.pages import (
+    comparisons,
+    environments,
+    histories,
+    loops,
+    programs,
+    scaling,
+    verdicts,
+)
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.paired import selfcheck
 from mjbench.paired.confirmation import ConfirmationRecord
@@ -23,6 +31,7 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paired.verdict import CONFIDENCE
 from mjbench.program.environment_records import EnvironmentRecord
+from mjbench.program.records import ProgramRow
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import history_files
@@ -121,6 +130,7 @@ def _sections(named: NamedRun) -> Iterator[Section]:
     yield from loops.profile_sections(run.of_type(ProfileRow), command)
     yield from loops.latency_sections(run.of_type(LatencyRow), command)
     yield from loops.planning_sections(run.of_type(PlanningRow), command)
+    yield from programs.sections(run.of_type(ProgramRow), command)
     yield from environments.sections(run.of_type(EnvironmentRecord), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
     if trials := run.of_type(TrialRecord):

@@ -4,6 +4,7 @@ The pages keep the places that they have in the project, so that links between d
 link to a file that is not on the site becomes plain text.
 """
 
+import contextlib
 import importlib.util
 import re
 import shutil
@@ -86,9 +87,7 @@ def build(project: Project, scratch: Path, output: Path) -> list[str]:
         install = extras.install_command("site")
         raise MachineError(f"a site needs Sphinx, MyST and Furo: {install}")
     source, rendered = scratch / "source", scratch / "site"
-    with writing(scratch):
-        source.mkdir()
-        write_source(project, source)
+    write_source(project, source)
     warnings = _render(source, rendered)
     with writing(output):
         (rendered / MARKER).touch()
@@ -124,23 +123,41 @@ def write_source(project: Project, source: Path) -> None:
 
     Args:
       project: what the site is of.
-      source: an empty folder.
+      source: a folder, empty or to be created.
+
+    Raises:
+      MachineError: a page cannot be written, or a document cannot be copied.
     """
     copied = source / _COPIED
-    (copied / "reports").mkdir(parents=True)
-    (source / "conf.py").write_text(_CONF.format(copied=_COPIED))
-    _copy_documents(project.folder, source)
+    _write_page(source / "conf.py", [_CONF.format(copied=_COPIED)])
+    with writing(copied):
+        copied.mkdir()
+    with _copying(project.folder):
+        _copy_documents(project.folder, source)
     if project.history is not None:
         _write_history(project.history, source)
     for named in project.runs:
         page = html.render(reports.build([named]))
-        (copied / "reports" / f"{named.file.stem}.html").write_text(page, encoding="utf-8")
+        _write_page(copied / "reports" / f"{named.file.stem}.html", [page])
     if project.asv_pages is not None:
-        shutil.copytree(project.asv_pages, copied / "asv")
+        with _copying(project.asv_pages):
+            shutil.copytree(project.asv_pages, copied / "asv")
     if project.runs:
         _write_page(source / "reports.md", _reports_page(project.runs))
     _drop_dead_links(source)
     _write_page(source / "index.md", _index(project, source))
+
+
+@contextlib.contextmanager
+def _copying(folder: Path) -> Iterator[None]:
+    """Turn the refusal to copy a folder's files into a MachineError."""
+    try:
+        yield
+    except shutil.Error as error:  # of several files; each has its name, that of its copy, and why
+        _, _, reason = error.args[0][0]
+        raise MachineError(f"cannot copy {folder}: {one_line(reason)}") from error
+    except OSError as error:
+        raise MachineError(f"cannot copy {folder}: {one_line(error)}") from error
 
 
 def _copy_documents(folder: Path, source: Path) -> None:
@@ -164,11 +181,11 @@ def _write_history(history: SpeedHistory, source: Path) -> None:
     history_plots.draw(history, plots)
     page = [speed_page.TITLE, "", *speed_page.lines(history, "history")]
     _write_page(docs / "history.md", page)
-    (source / "releases").mkdir()
     releases = history.releases()[1:]
     for release in releases:
         _write_page(source / "releases" / f"{release}.md", release_page.lines(history, release))
-    _write_page(source / "releases.md", _releases_page(history, releases))
+    if releases:
+        _write_page(source / "releases.md", _releases_page(history, releases))
 
 
 def _releases_page(history: SpeedHistory, releases: Sequence[str]) -> Iterator[str]:
@@ -211,9 +228,13 @@ def _index(project: Project, source: Path) -> Iterator[str]:
     if project.history is not None:
         yield "## From release to release\n"
         yield from speed_page.conclusion(project.history)
-        newest = project.history.releases()[-1]
-        yield f"\nThe newest release, {newest}: {release_page.conclusion(project.history, newest)}"
-        yield "\n[All changes](docs/history.md) · [release by release](releases.md)\n"
+        *earlier, newest = project.history.releases()
+        links = ["[All changes](docs/history.md)"]
+        if earlier:
+            change = release_page.conclusion(project.history, newest)
+            yield f"\nThe newest release, {newest}: {change}"
+            links.append("[release by release](releases.md)")
+        yield f"\n{' · '.join(links)}\n"
     newest_runs = {named.run.header.command: named for named in project.runs}
     for title, command in (
         ("The newest comparison of paths", "compare"),
@@ -284,8 +305,15 @@ def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
 
 
 def _write_page(file: Path, lines: Iterator[str] | Sequence[str]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    """Write the lines of a page.
+
+    Raises:
+      MachineError: it cannot be written.
+    """
+    text = "\n".join(lines) + "\n"
+    with writing(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
 
 
 def _drop_dead_links(source: Path) -> None:
@@ -299,4 +327,5 @@ def _drop_dead_links(source: Path) -> None:
             is_elsewhere = re.match(r"[a-z]+:", target) is not None
             return match[0] if is_elsewhere or (folder / target).is_file() else match[1]
 
-        page.write_text(_LINK.sub(live, page.read_text(encoding="utf-8")), encoding="utf-8")
+        with writing(page):
+            page.write_text(_LINK.sub(live, page.read_text(encoding="utf-8")), encoding="utf-8")

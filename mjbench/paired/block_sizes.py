@@ -1,6 +1,6 @@
 """How much work a block is: what the user asked for, or what takes about a millisecond."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from mjbench.errors import InputError
@@ -68,20 +68,29 @@ class BlockSize(NamedTuple):
     nstep: int
 
 
-def block_size(sizes: Sizes, nthread: int, step_s: float) -> BlockSize:
+def block_size(
+    sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None = None
+) -> BlockSize:
     """Return a size such that a block takes about BLOCK_S where the user leaves it open.
 
     Args:
       sizes: as the user asked.
       nthread: threads of the target that has more.
       step_s: seconds of a step of the target that is slower, as tables have it.
+      most_nstep: steps of a simulation at most, unless the user asked for more; None for no bound.
+
+    Raises:
+      InputError: the slowest steps are to be compared, and there are too few.
     """
     block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
     steps, hold = max(1, int(block_s / step_s)), sizes.hold
     if sizes.metric == Metric.P99:
         steps = max(steps, MIN_P99_STEPS)
+    longest = steps if most_nstep is None else most_nstep
     if sizes.nbatch:
-        nstep = sizes.nstep or whole_holds(steps // sizes.nbatch, hold)
+        nstep = sizes.nstep or whole_holds(min(steps // sizes.nbatch, longest), hold)
+        if most_nstep is not None:
+            replace(sizes, nstep=nstep)  # refuses too few steps
         return BlockSize(sizes.nbatch, nstep)
-    nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP), hold)
+    nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP, longest), hold)
     return BlockSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)

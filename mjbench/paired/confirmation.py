@@ -4,7 +4,7 @@ Within one process, where its memory happens to lie moves a ratio by a percent o
 launch has processes of its own, so the interval includes what differs from process to process.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,6 +12,7 @@ from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
 from mjbench.paired import verdict
 from mjbench.paired.block_sizes import THREADED_BLOCK_S, Sizes
+from mjbench.paired.judgement import Judgement
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -126,6 +127,7 @@ def compare_again(
     variants: tuple[Variant, Variant],
     compared: ComparedSizes,
     min_effect: float = MIN_EFFECT,
+    on_launch: Callable[[Judgement], None] = lambda judgement: None,
 ) -> ConfirmationRecord:
     """Return how much faster one path is than another, in fresh processes.
 
@@ -136,6 +138,7 @@ def compare_again(
       variants: baseline and candidate; C paths.
       compared: sizes of that comparison.
       min_effect: smallest difference that matters.
+      on_launch: called after each launch, with what all launches say so far.
     """
     sizes = compared.of_blocks(plan, variants)
     baseline, candidate = (target(source, plan, variant) for variant in variants)
@@ -143,7 +146,7 @@ def compare_again(
     verdict_plan = VerdictPlan(
         min_effect, CONFIDENCE, min_effect / 2, TIME_LIMIT_S, sizes, as_shipped=True
     )
-    result = verdict.decide(pool, baseline, candidate, verdict_plan)
+    result = verdict.decide(pool, baseline, candidate, verdict_plan, on_launch)
     row = result.row()
     return ConfirmationRecord(
         model=source.name,

@@ -77,6 +77,19 @@ class ContestLaunch:
         return means
 
 
+@dataclass(frozen=True)
+class UnableVariant:
+    """A variant that left a contest, because it cannot run beside the others.
+
+    Attributes:
+      variant: which of the contest's, by its position.
+      detail: why, in one line.
+    """
+
+    variant: NonNegativeInt
+    detail: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class ContestRecord:
     """The variants on one model that may be the fastest, compared in fresh processes.
@@ -85,6 +98,7 @@ class ContestRecord:
       model: its name.
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       variants: what was compared.
+      unable: those that left, in this order.
       status: how the contest ended.
       detail: one line; empty when ok, unless time ran out before there were enough launches.
       launches: raw times of every launch.
@@ -94,6 +108,7 @@ class ContestRecord:
     model: str
     nbatch_asked: PositiveInt | None = None
     variants: Sequence[Variant]
+    unable: Sequence[UnableVariant] = ()
     status: Status
     detail: str = ""
     launches: Sequence[ContestLaunch] = ()
@@ -113,8 +128,13 @@ class ContestRecord:
         estimate, low, high = np.exp([interval.mean, interval.low, interval.high])
         return Ratio(float(estimate), float(low), float(high))
 
+    def why_unable(self, variant: Variant) -> str:
+        """Return why a variant left the contest; empty where it did not."""
+        position = self.variants.index(variant)
+        return next((each.detail for each in self.unable if each.variant == position), "")
+
     def fastest(self, variants: Sequence[Variant]) -> Variant:
-        """Return the one of some variants that is the fastest by estimate."""
+        """Return the one of some variants, none of which left, that is the fastest by estimate."""
         positions = [self.variants.index(variant) for variant in variants]
         return self.variants[_fastest(self._interval, positions)]
 
@@ -125,7 +145,7 @@ class ContestRecord:
         chosen the more often, the noisier the machine is.
 
         Args:
-          variants: from the simplest on.
+          variants: from the simplest on; none of them left.
         """
         fastest = self.fastest(variants)
         first = self.variants.index(fastest)
@@ -159,12 +179,14 @@ def run(
     groups: Sequence[Sequence[Variant]],
     compared: ComparedSizes,
     time_limit_s: float = TIME_LIMIT_S,
+    on_launch: Callable[[int, float], None] = lambda launches, share: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> ContestRecord:
     """Find the fastest variant of each group, in fresh processes.
 
-    Where a process crashes, hangs or fails, or Ctrl-C is pressed, the record says so, and holds
-    what was measured until then.
+    A variant that cannot run beside the others leaves; the others go on while there are two. Where
+    a process crashes, hangs or fails, or Ctrl-C is pressed, the record says so, and holds what was
+    measured until then.
 
     Args:
       pool: starts the processes.
@@ -173,11 +195,14 @@ def run(
       groups: of C paths that compete with each other, each from the simplest on.
       compared: sizes of that comparison.
       time_limit_s: seconds from when the model is loaded, after which no launch begins.
+      on_launch: called after each launch, with the number of launches and the share of the limit
+        that is spent.
       clock: returns seconds.
     """
     variants = _merged(groups)
     positions = [[variants.index(variant) for variant in group] for group in groups]
     launches: list[ContestLaunch] = []
+    unable: list[UnableVariant] = []
     status, detail = Status.OK, ""
     limit = TimeLimit(time_limit_s, MIN_LAUNCHES, clock, "advice")
     try:
@@ -188,10 +213,12 @@ def run(
                 try:
                     launches.append(processes.launch(going_on))
                 except _UnableError as error:  # such as for want of memory, beside the others
+                    unable.append(UnableVariant(error.variant, str(error)))
                     going_on = [i for i in going_on if i != error.variant]
-                    if len(going_on) < 2 or any(g[0] == error.variant for g in positions):
+                    if len(going_on) < 2:
                         raise
                     continue
+                on_launch(len(launches), min(limit.spent_s() / time_limit_s, 1.0))
                 if not limit.allows_another(len(launches), before_s, can_judge=True):
                     break
                 going_on = remaining(launches, positions)
@@ -206,17 +233,14 @@ def run(
         model=source.name,
         nbatch_asked=plan.nbatch,
         variants=variants,
+        unable=unable,
         status=status,
         detail=detail,
         launches=launches,
     )
 
 
-def remaining(
-    launches: Sequence[ContestLaunch],
-    groups: Sequence[Sequence[int]],
-    min_launches: int = MIN_LAUNCHES,
-) -> list[int]:
+def remaining(launches: Sequence[ContestLaunch], groups: Sequence[Sequence[int]]) -> list[int]:
     """Return the variants that need further launches; none where every group is decided.
 
     A variant is out of its group once it is certainly slower than the fastest by MIN_EFFECT. A
@@ -225,11 +249,11 @@ def remaining(
 
     Args:
       launches: so far.
-      groups: of variants that compete with each other, by their positions; the first one stays.
-      min_launches: before which nothing is decided.
+      groups: of variants that compete with each other, by their positions; the first one stays
+        while it can run.
     """
     last = launches[-1].variants
-    if len(launches) < min_launches:
+    if len(launches) < MIN_LAUNCHES:
         return list(last)
     needed: set[int] = set()
     for group in groups:
@@ -244,7 +268,7 @@ def remaining(
             base is not None and base.half_width > _BASE_PRECISION
         ):
             needed |= {group[0], best, *near}
-    return sorted(needed)
+    return sorted(needed.intersection(last))
 
 
 def _interval(
@@ -325,7 +349,7 @@ class _Processes:
           OutOfTimeError: the limit does not allow a launch.
         """
         # the two stand for all: what is drawn depends on the model and on the most threads
-        pair = (self._targets[0], max(self._targets, key=lambda target: target.nthread))
+        pair = (self._targets[0], max(self._targets, key=lambda run: run.nthread))
         self._prepared = preparation.prepare(self._pool, pair, self._sizes, self._limit)
         return self
 
@@ -347,9 +371,9 @@ class _Processes:
             for i in random.sample(positions, len(positions)):
                 name = f"{self._variants[i]} in a fresh process"
                 processes[i] = self._pool.start(self._release, name, side=i % 2, seeds=seeds)
-                target = self._targets[i]
+                run = self._targets[i]
                 model, workload = self._prepared.models[0], self._prepared.workloads[0]
-                processes[i].ask(requests.Equip(model, workload, target.path, target.import_from))
+                processes[i].ask(requests.Equip(model, workload, run.path, run.import_from))
             for process in processes.values():
                 self._pool.wait_for(process, self._release)
             calibrated = self._calibrator.count() if self._nthread > 1 else None
@@ -369,10 +393,10 @@ class _Processes:
         nbatch = self._prepared.work_check.nbatch
         rows = random.sample(range(self._prepared.nsim), nbatch)
         for k in random.sample(range(len(processes)), len(processes)):
-            target = self._targets[positions[k]]
+            run = self._targets[positions[k]]
             request = requests.Prepare(
-                path=target.path,
-                options=dict(target.options),
+                path=run.path,
+                options=dict(run.options),
                 cores=sorted(cores.USABLE),
                 simulations=rows,
                 returns=self._plan.returns,

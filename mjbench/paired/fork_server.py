@@ -14,7 +14,10 @@ import os
 import signal
 import socket
 import struct
+import sys
 import time
+import traceback
+from collections.abc import Iterator
 
 from mjbench.instrument import child
 
@@ -61,24 +64,44 @@ def _fork(mark: str, descriptors: list[int], requests: socket.socket, parent: in
     reader, writer = os.pipe()
     middle = os.fork()
     if middle == 0:
-        middle = os.getpid()
-        pid = os.fork()
-        if pid != 0:
-            os.write(writer, PID.pack(pid))
-            os._exit(0)  # its child is an orphan now, which `parent` adopts
-        while os.getppid() == middle:
-            time.sleep(0)
-        requests.close()
-        os.close(reader)
-        os.close(writer)
-        connection, output = descriptors
-        _work(mark, connection, output, parent)
-        os._exit(0)
+        with _exiting():
+            _orphan(writer)
+            requests.close()
+            os.close(reader)
+            os.close(writer)
+            connection, output = descriptors
+            _work(mark, connection, output, parent)
     os.close(writer)
     (pid,) = PID.unpack(os.read(reader, PID.size))
     os.close(reader)
     os.waitpid(middle, 0)
     return int(pid)
+
+
+@contextlib.contextmanager
+def _exiting() -> Iterator[None]:
+    """End this process after the block, whatever it raises: it must not go on as its parent."""
+    status = 1
+    try:
+        yield
+        status = 0
+    except BaseException:
+        traceback.print_exc()
+        with contextlib.suppress(Exception):
+            sys.stdout.flush()
+    finally:
+        os._exit(status)
+
+
+def _orphan(writer: int) -> None:
+    """Go on in a child of this process, which ends; write the child's process id to a pipe."""
+    middle = os.getpid()
+    pid = os.fork()
+    if pid != 0:
+        os.write(writer, PID.pack(pid))
+        os._exit(0)  # its child is an orphan now, which is adopted
+    while os.getppid() == middle:
+        time.sleep(0)
 
 
 def _work(mark: str, connection: int, output: int, parent: int) -> None:

@@ -5,6 +5,10 @@ It imports nothing heavy, because `mjbench --help` imports it.
 
 from enum import StrEnum
 
+# What a verdict is asked for unless the user says otherwise: the smallest change that matters, the
+# confidence of its interval, the half-width at which to stop, and the seconds that it may take.
+MIN_EFFECT, CONFIDENCE, PRECISION, TIME_LIMIT_S = 0.01, 0.99, 0.005, 60.0
+
 
 class Verdict(StrEnum):
     """The outcome of a paired comparison."""

@@ -25,6 +25,9 @@ from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import StateDrift
 
+# Simulations that start from a file of states, so that they are wherever it was; fewer where a run
+# of all would take more seconds than this.
+NSTART, DRAWING_S = 64, 0.5
 # What error messages call two targets.
 ROLES = "baseline", "candidate"
 
@@ -160,16 +163,20 @@ def _choose_sizes(
     nthread = max(target.nthread for target in targets)
     step_s, cost_s, settling_nstep = 0.0, 0.0, 0
     for process in processes:
-        now = process.call(requests.MeasureStepCost(sizes.starts))
+        request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NSTART, sizes.hold)
+        now = process.call(request)
         settled = functools.partial(process.call, requests.MeasureSettledCost())
         step_s = max(step_s, now.step_s)
         cost_s = max(cost_s, step_costs.step_cost_s(now.digest, settled))
         max_nstep = starts.max_settling_nstep(cost_s)
         settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
-        block = block_size(sizes, nthread, cost_s)
+        block = block_size(sizes, nthread, cost_s, now.most_nstep)
         drawn = block.nbatch
         if not sizes.nbatch and nthread == 1:
             drawn *= DRAWN_PER_BLOCK
+            if sizes.starts.file is not None:
+                affordable = int(DRAWING_S / (block.nstep * cost_s))
+                drawn = max(drawn, min(NSTART, affordable))
         time_limit.check_first_launch(
             launch_s(2 * block.nbatch * block.nstep * step_s / nthread),
             preparation_s=(settling_nstep + _drawing_nstep(drawn, block.nstep)) * step_s,

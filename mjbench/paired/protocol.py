@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mjbench.instrument import timing
+from mjbench.instrument import stats, timing
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.calibrator import Calibrator
@@ -49,26 +49,13 @@ class Launch:
     layouts: Sequence[int] = ()
 
     def pair_log_ratios(self) -> np.ndarray:
-        """Return (quads, 2) natural logarithms of candidate over baseline time.
-
-        The first column holds the pairs that the baseline began, the second those that the
-        candidate began.
-        """
-        logs = np.log(self.ns)
-        sign = np.array([[1 if letter == "B" else -1 for letter in order] for order in self.orders])
-        pairs = (logs * sign).reshape(-1, 2, 2).sum(axis=2)
-        candidate_first = np.array([order[0] == "B" for order in self.orders])
-        pairs[candidate_first] = pairs[candidate_first, ::-1]
-        return np.asarray(pairs)
+        """Return (quads, 2) log ratios of pairs (see `stats.pair_log_ratios`)."""
+        return stats.pair_log_ratios(self.orders, self.ns)
 
     @property
     def log_ratio(self) -> float:
-        """The launch's log ratio: the median of the pairs of each order, and the mean of the two.
-
-        The block that comes second is slower, so both orders must weigh the same. A disturbed block
-        spoils its pair; a quad has twice as many blocks, and would be spoilt twice as often.
-        """
-        return float(np.median(self.pair_log_ratios(), axis=0).mean())
+        """The launch's log ratio (see `stats.paired_log_ratio`)."""
+        return stats.paired_log_ratio(self.orders, self.ns)
 
     @property
     def baseline_ns(self) -> float:

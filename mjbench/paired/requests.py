@@ -116,10 +116,14 @@ class MeasureStepCost(Request["StepCost"]):
 
     Attributes:
       starts: where start states are to come from.
+      nstart: different starts wanted.
+      hold: steps per control.
     """
 
     activity = "measuring a step"
     starts: "StartPlan"
+    nstart: int
+    hold: int
 
 
 @dataclass(frozen=True)
@@ -236,11 +240,14 @@ class StepCost:
       digest: of the model (see `model_digest`).
       step_s: seconds of a step at the start, as they are now.
       settling_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
+      most_nstep: steps of a simulation that the user's files have controls for; None for any
+        number.
     """
 
     digest: str
     step_s: float
     settling_nstep: int
+    most_nstep: int | None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,13 @@
 A target is written as settings, such as `path=rollout,threads=2` (see `parse`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from mjbench import paths
 from mjbench.errors import InputError, describe
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import TargetRow
 from mjbench.paths import parallelism
 from mjbench.releases import installs
@@ -72,6 +73,41 @@ def parse(baseline: str, candidate: str) -> tuple[Target, Target]:
     first, second = _settings(baseline), _settings(candidate)
     shared = {key: first.get(key, second.get(key, value)) for key, value in _DEFAULTS.items()}
     return _target(baseline, {**shared, **first}), _target(candidate, {**shared, **second})
+
+
+def of_releases(
+    baseline: installs.ReleaseSpec,
+    candidates: Sequence[installs.ReleaseSpec],
+    sources: Sequence[models.ModelSource],
+    path_names: Sequence[str],
+) -> list[tuple[Target, Target]]:
+    """Return the pairs of an old release and each new one: every model, stepped by every path.
+
+    Raises:
+      InputError: there is no such path, or it is an accelerated one.
+    """
+    options = {name: complete_options(find_path(name), {}) for name in path_names}
+    return [
+        (
+            Target(baseline, source, name, options[name]),
+            Target(release, source, name, options[name]),
+        )
+        for release in candidates
+        for source in sources
+        for name in path_names
+    ]
+
+
+def check_metric(metric: Metric, path_names: Sequence[str]) -> None:
+    """Refuse paths whose releases cannot be compared by a metric.
+
+    Raises:
+      InputError: the metric is of the plain loop only, and other paths are named.
+    """
+    if metric == Metric.TIME or list(path_names) == [paths.BASE]:
+        return
+    does = "counts" if metric == Metric.INSTRUCTIONS else "times single steps of"
+    raise InputError(f"--metric {metric} {does} {paths.BASE} only: leave out --paths")
 
 
 def find_path(name: str) -> paths.SteppingPath:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
+from mjbench.paired import outcomes
 from mjbench.paired.averaging import Averaging, averaging
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
@@ -35,7 +36,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.status import Status
 
 # Unless another is asked for.
-CONFIDENCE = 0.99
+CONFIDENCE = outcomes.CONFIDENCE
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,10 @@ class VerdictPlan:
       family: number of comparisons that are decided together; a change needs more evidence.
     """
 
-    min_effect: float = 0.01
+    min_effect: float = outcomes.MIN_EFFECT
     confidence: float = CONFIDENCE
-    precision: float = 0.005
-    time_limit_s: float = 60.0
+    precision: float = outcomes.PRECISION
+    time_limit_s: float = outcomes.TIME_LIMIT_S
     sizes: Sizes = field(default_factory=Sizes)
     as_shipped: bool = False
     family: int = 1

@@ -156,13 +156,14 @@ class Worker:
             raise MachineError(f"cannot write {request.file}: is the disk full?")
 
     def _measure_step_cost(self, request: requests.MeasureStepCost) -> requests.StepCost:
-        from mjbench.simulation import starts, work
+        from mjbench.simulation import sampling, starts, work
         from mjbench.simulation.model_digest import model_digest
 
         return requests.StepCost(
             model_digest(self.model),
             work.step_s(self.model),
             starts.settling_nstep(self.model, request.starts),
+            sampling.most_nstep(self.model, request.starts, request.nstart, request.hold),
         )
 
     def _measure_settled_cost(self, request: requests.MeasureSettledCost) -> float:

@@ -1,1 +1,1 @@
-"""The user's own program: what runs around the engine in it, and what the same physics costs."""
+"""The user's own program: where its time goes."""

@@ -1,9 +1,9 @@
 """MuJoCo's changelog, which its wheels carry from 4.0.0 on: items, and which fit some functions."""
 
+import functools
 import math
 import re
-from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -22,14 +22,27 @@ _COMMIT = re.compile(r":commit:`([0-9a-f]+)`,?\s*")
 _ROLE = re.compile(r":[a-z:]+:`([^`<]*?)\s*(?:<[^`>]*>)?`")
 _LINK = re.compile(r"`([^`<]*?)\s*<[^`>]*>`__?")
 _LITERAL = re.compile(r"``([^`]*)``")
-# Parts of the names of MuJoCo's functions that say nothing of what they do.
-_AFFIXES = frozenset({"mj", "mju", "mjc", "mjd", "mjraw", "mjp", "impl"})
-# So many characters of an item say what it is about.
-_SUBJECT = 300
-# Shorter words are in every item.
-_MIN_LETTERS = 4
-# An item fits where its words are so rare in the whole changelog, together, in natural logarithms.
-_MIN_SCORE = 4.0
+# Where the first clause of an item ends.
+_CLAUSE_END = re.compile(r"[.,:;](?=\s|$)|\s\(")
+# What an item begins with, which says nothing of what it is about.
+_VERB = re.compile(r"(?:[A-Z][a-z]+ed|Add|Fix|Remove)\b(?: a bug in| a bug where)?")
+_WORD = re.compile(r"[A-Za-z_]\w*")
+_PART = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+# Begins the name of a function, a macro or a type of MuJoCo.
+_PREFIX = re.compile(r"(?:mj[a-z]{0,3}_|[mM]j(?=[A-Z]))")
+# Parts of the names of functions that say nothing of what they do.
+_SUFFIXES = frozenset({"impl"})
+# A word of an item stands for a part of a name that it begins with, from so many letters on.
+_MIN_LETTERS = 3
+# An item is about a name where what they share is so rare in the whole changelog, in natural
+# logarithms: one item in forty has it.
+_MIN_SCORE = 3.7
+# A function counts whose cost changed by this share of the largest change.
+_MIN_SHARE = 0.25
+# An item that has a counter of work among so many first words is about it.
+_FIRST_WORDS = 3
+# So many characters are the first sentences of an item; lists of details follow.
+_FIRST_LETTERS = 300
 
 
 @dataclass(frozen=True)
@@ -46,49 +59,123 @@ class ChangelogItem:
     commits: tuple[str, ...]
     text: str
 
-    @property
+    @functools.cached_property
+    def subject(self) -> str:
+        """What it is about: its first clause, without the verb. Details follow later."""
+        clause = _CLAUSE_END.split(self.text, maxsplit=1)[0]
+        return _VERB.sub("", clause, count=1) if _VERB.match(clause) else clause
+
+    @functools.cached_property
+    def names(self) -> frozenset[str]:
+        """The names of MuJoCo's functions, macros and types in its subject, as `_bare` has them."""
+        words = _WORD.findall(self.subject)
+        return frozenset(_bare(word) for word in words if _PREFIX.match(word))
+
+    @functools.cached_property
     def words(self) -> frozenset[str]:
-        """The words that say what it is about; long items list details at their end."""
-        return frozenset(words_of(self.text[:_SUBJECT]))
+        """The words of its subject and the parts of its names, in lower case."""
+        return frozenset(part for word in _WORD.findall(self.subject) for part in _parts(word))
+
+    @functools.cached_property
+    def mentions(self) -> frozenset[str]:
+        """The words of its subject, and MuJoCo's names in its first sentences, as written."""
+        names = (w for w in _WORD.findall(self.text[:_FIRST_LETTERS]) if _PREFIX.match(w))
+        return frozenset([*names, *_WORD.findall(self.subject)])
+
+    def has(self, part: str) -> bool:
+        """Return whether a word of its subject is a part of a name, or begins with it."""
+        if len(part) < _MIN_LETTERS:
+            return part in self.words
+        return any(word.startswith(part) for word in self.words)
 
 
 class Changelog:
     """Items that can be searched."""
 
     def __init__(self, items: Sequence[ChangelogItem]):
-        """Count how many items have each word."""
+        """Take items of all releases: how rare a word is among them says how much it means."""
         self.items = items
-        self._frequency = Counter(word for item in items for word in item.words)
+        self._rarities: dict[str, float] = {}
 
     def fitting(
-        self, release: str, functions: Collection[str], features: Collection[str] = ()
+        self, release: str, differences: Mapping[str, float], counters: Collection[str] = ()
     ) -> ChangelogItem | None:
-        """Return the item of a release that fits best; None where none fits.
+        """Return the item of a release that fits what changed best; None where none fits.
+
+        An item fits a function that its first clause names, or where it has every part of the
+        function's name. A common word does not suffice: most changes have another cause.
 
         Args:
           release: of MuJoCo.
-          functions: names of functions whose cost changed.
-          features: further words, such as `contact`, for where functions alone fit nothing.
+          differences: by how much the cost of functions changed, by their names.
+          counters: of work that changed, such as `contacts`, for where no function fits.
         """
-        for names in (functions, [*functions, *features]):
-            wanted = {word for name in names for word in words_of(name)}
-            scores = [(self._score(i, wanted), i) for i in self.items if i.release == release]
-            score, item = max(scores, key=lambda pair: pair[0], default=(0.0, None))
-            if score >= _MIN_SCORE:
-                return item
-        return None
+        items = [item for item in self.items if item.release == release]
+        largest = max(map(abs, differences.values()), default=0.0)
+        main = {n: abs(d) for n, d in differences.items() if abs(d) >= _MIN_SHARE * largest}
+        bare = {_bare(name) for name in differences}
+        fits = []
+        for item in items:
+            if not _is_of_another_function(item, bare):
+                scores = {name: self._score(item, name) for name in main}
+                about = [name for name, score in scores.items() if score >= _MIN_SCORE]
+                if about:
+                    cost = sum(main[name] for name in about)
+                    fits.append((cost, max(scores.values()), item))
+        if fits:
+            return max(fits, key=lambda fit: fit[:2])[2]
+        return next((item for item in items if _begins_with(item, counters)), None)
 
     def naming(self, release: str, names: Collection[str]) -> ChangelogItem | None:
         """Return the item of a release that has most of these names; None where none has one.
 
-        Of several items that have as many, the one whose names are rarer is returned.
+        An item has a name such as `mj_ray` in its first sentences, and one that is a word, such as
+        `rollout`, in its first clause. Of several that have as many, the one whose names are rarer
+        is returned. Names that many items have say nothing.
         """
-        items = [i for i in self.items if i.release == release and not i.words.isdisjoint(names)]
-        return max(items, key=lambda item: self._score(item, names), default=None)
+        rare = {name for name in names if self._rarity(name) >= _MIN_SCORE}
+        items = [i for i in self.items if i.release == release and not rare.isdisjoint(i.mentions)]
+        return max(items, key=lambda i: sum(map(self._rarity, rare & i.mentions)), default=None)
 
-    def _score(self, item: ChangelogItem, wanted: Collection[str]) -> float:
-        common = item.words & set(wanted)
-        return sum(math.log(len(self.items) / self._frequency[word]) for word in common)
+    def _score(self, item: ChangelogItem, name: str) -> float:
+        """Return how rare it is for an item to be about a name; 0 where this one is not."""
+        parts = list(_parts(name))
+        is_named = _bare(name) in item.names
+        if not is_named and not all(map(item.has, parts)):
+            return 0.0
+        return self._rarity(name) if is_named else sum(map(self._rarity, parts))
+
+    def _rarity(self, word: str) -> float:
+        """Return how rare it is for items to name something, or to have a word."""
+        if word not in self._rarities:
+            count = sum(word in item.mentions or item.has(word) for item in self.items)
+            self._rarities[word] = math.log(len(self.items) / count) if count else math.inf
+        return self._rarities[word]
+
+
+def _is_of_another_function(item: ChangelogItem, bare_names: Collection[str]) -> bool:
+    """Return whether an item begins with the name of a function that is not one of these."""
+    first = _WORD.match(item.subject)
+    return first is not None and "_" in first[0] and _bare(first[0]) not in bare_names
+
+
+def _begins_with(item: ChangelogItem, counters: Collection[str]) -> bool:
+    """Return whether the first words of an item name a counter of work."""
+    first = [word.lower() for word in _WORD.findall(item.subject)[:_FIRST_WORDS]]
+    return not set(counters).isdisjoint(first)
+
+
+def _bare(name: str) -> str:
+    """Return `stackalloc` for `mj_stackAlloc`, `mjSTACKALLOC` and `stackalloc`."""
+    return _PREFIX.sub("", name, count=1).replace("_", "").lower()
+
+
+def _parts(name: str) -> Iterator[str]:
+    """Yield the parts of a name, or of a word, in lower case and in the singular."""
+    for part in _PART.findall(_PREFIX.sub("", name, count=1)):
+        word = part.lower()
+        if word not in _SUFFIXES:
+            yield word.removesuffix("s") if len(word) > _MIN_LETTERS else word
 
 
 def installed() -> Changelog | None:
@@ -143,14 +230,3 @@ def _item(release: str, text: str) -> ChangelogItem:
     for markup, replacement in ((_COMMIT, ""), (_ROLE, r"\1"), (_LITERAL, r"\1"), (_LINK, r"\1")):
         text = markup.sub(replacement, text)
     return ChangelogItem(release, commits, " ".join(text.split()))
-
-
-def words_of(text: str) -> Iterator[str]:
-    """Yield the words of a text or of a function's name, in lower case and in the singular."""
-    for name in re.findall(r"[A-Za-z_]\w*", text):
-        yield name
-        parts = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)
-        for part in parts:
-            word = part.lower()
-            if len(word) >= _MIN_LETTERS and word not in _AFFIXES:
-                yield word.removesuffix("s")

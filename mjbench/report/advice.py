@@ -42,8 +42,10 @@ class Reason(StrEnum):
     """It is simpler than the fastest path, which is faster by less than 3 %."""
     NO_GAIN = "no gain"
     """It is the plain loop, and no path is certainly faster."""
+    ALONE = "alone"
+    """It is the plain loop; no other path was timed for this loop."""
     UNCONFIRMED = "unconfirmed"
-    """It is the plain loop; the path that seems faster was not compared again."""
+    """It is the plain loop; the paths that may be faster were not compared again."""
     PAYS = "pays"
     """It compiles, and what that takes pays within the steps asked for."""
 
@@ -64,6 +66,8 @@ class Advice:
       reason: why.
       rival: path and options that seem faster, or hardly are; empty without one.
       detail: why the rival could not be compared again, in one line; empty without.
+      unable: paths that may be the fastest and could not run in fresh processes, each with the
+        reason.
       break_even: when compiling pays for an accelerated path that is faster, in one line; empty
         without one.
       realtime_factor: simulated seconds per second, all simulations together.
@@ -81,6 +85,7 @@ class Advice:
     reason: Reason
     rival: str
     detail: str
+    unable: Sequence[str]
     break_even: str
     realtime_factor: float | None
     snippet: str
@@ -132,6 +137,7 @@ class _Choice:
       ratio: its time over the plain loop's, in fresh processes; None without.
       rival: a C path that seems faster.
       detail: why that could not be compared again.
+      unable: paths that could not, each with the reason.
       break_even: when compiling pays for an accelerated path that is faster.
     """
 
@@ -140,6 +146,7 @@ class _Choice:
     ratio: Ratio | None = None
     rival: PathResult | None = None
     detail: str = ""
+    unable: Sequence[str] = ()
     break_even: str = ""
 
 
@@ -174,6 +181,8 @@ def advise(model_results: ModelResults) -> list[Advice]:
     advice = []
     for loop, able in _able(model_results).items():
         choice = _choose(able, model_results.contest)
+        if not _others_timed(model_results, loop):
+            choice = replace(choice, reason=Reason.ALONE)
         if choice.reason == Reason.UNCONFIRMED and _is_of_earlier_version(model_results):
             choice = replace(choice, detail="an earlier version of mjbench compared it otherwise")
         accelerated = [r for r in model_results.results if r.is_accelerated and _is_able(r)]
@@ -220,6 +229,12 @@ def _able(model_results: ModelResults) -> dict[Loop, list[PathResult]]:
     return able
 
 
+def _others_timed(model_results: ModelResults, loop: Loop) -> bool:
+    """Return whether a path other than the plain loop was timed that a loop can use."""
+    others = (r for r in model_results.results if r.path != BASE and _is_able(r))
+    return any(loop == Loop.OPEN or r.closed_loop for r in others)
+
+
 def _is_able(result: PathResult) -> bool:
     return result.step_ns is not None and result.is_judged
 
@@ -236,15 +251,23 @@ def _choose(able: Sequence[PathResult], contest: ContestRecord | None) -> _Choic
     base = next(result for result in contenders if result.path == BASE)
     if len(contenders) == 1:
         return _Choice(base, Reason.NO_GAIN)
+    seems = max(contenders, key=lambda result: result.rate)
+    unconfirmed = _Choice(base, Reason.UNCONFIRMED, rival=seems if seems is not base else None)
     if contest is None or contest.detail or contest.status != Status.OK:
-        seems = max(contenders, key=lambda result: result.rate)
-        if seems is base:
-            return _Choice(base, Reason.NO_GAIN)
-        detail = contest.detail if contest else ""
-        return _Choice(base, Reason.UNCONFIRMED, rival=seems, detail=detail)
-    variants = [_variant(result) for result in contenders]
-    fastest = contenders[variants.index(contest.fastest(variants))]
-    chosen = contenders[variants.index(contest.choice(variants))]
+        return replace(unconfirmed, detail=contest.detail if contest else "")
+    reasons = [contest.why_unable(_variant(result)) for result in contenders]
+    unable = [f"{_variant(r)}: {why}" for r, why in zip(contenders, reasons, strict=True) if why]
+    compared = [r for r, why in zip(contenders, reasons, strict=True) if not why]
+    if base not in compared or len(compared) == 1:
+        return replace(unconfirmed, unable=unable)
+    return replace(_winner(compared, base, contest), unable=unable)
+
+
+def _winner(compared: Sequence[PathResult], base: PathResult, contest: ContestRecord) -> _Choice:
+    """Return the path to use of those that were compared in a contest, `base` among them."""
+    variants = [_variant(result) for result in compared]
+    fastest = compared[variants.index(contest.fastest(variants))]
+    chosen = compared[variants.index(contest.choice(variants))]
     rival = None if chosen is fastest else fastest
     if chosen is base:
         return _Choice(base, Reason.SIMPLER if rival else Reason.NO_GAIN, rival=rival)
@@ -298,6 +321,7 @@ def _advice(loop: Loop, choice: _Choice) -> Advice:
         reason=choice.reason,
         rival=str(_variant(choice.rival)) if choice.rival else "",
         detail=choice.detail,
+        unable=choice.unable,
         break_even=choice.break_even,
         realtime_factor=result.realtime_factor,
         snippet=result.snippet,

@@ -13,7 +13,7 @@ from mjbench.paths.accelerated import keyword_arguments
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
 from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason, advise, advise_clock
-from mjbench.report.crossovers import Crossover
+from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.simulation import accelerated_limits
@@ -64,6 +64,21 @@ def print_model(out: Console, model_results: ModelResults, code: bool = False) -
         _print_code(out, all_advice)
 
 
+def print_models(out: Console, models: Sequence[ModelResults], code: bool = False) -> None:
+    """Print what comparisons of models come to, one after the other and together.
+
+    Args:
+      out: where to.
+      models: in the order they were measured.
+      code: whether to print the Python of the paths that are advised.
+    """
+    for model_results in models:
+        print_model(out, model_results, code)
+    print_crossovers(out, crossovers([result for model in models for result in model.results]))
+    if len(models) > 1:
+        print_summary(out, models)
+
+
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
     """Print what is advised on every model, one row a model and loop."""
     advice = [row for model_results in models for row in advise(model_results)]
@@ -102,9 +117,9 @@ def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
         out.print("--code prints the Python code of the paths that are advised.", soft_wrap=True)
 
 
-def print_crossovers(out: Console, crossovers: Sequence[Crossover]) -> None:
+def print_crossovers(out: Console, rows: Sequence[Crossover]) -> None:
     """Print from which batch size on accelerated paths overtake C."""
-    for row in crossovers:
+    for row in rows:
         out.print(describe_crossover(row), soft_wrap=True)
 
 
@@ -371,11 +386,16 @@ def why(advice: Advice) -> str:
             text = f"{gain + '; ' if gain else ''}{advice.rival} is not faster by 3 %"
         case Reason.NO_GAIN:
             text = "no path is certainly faster"
-        case Reason.UNCONFIRMED:
+        case Reason.ALONE:
+            text = "no other path was timed for it"
+        case Reason.UNCONFIRMED if advice.rival:
             text = f"{advice.rival} seems faster, but was not compared again in fresh processes"
+        case Reason.UNCONFIRMED:
+            text = "no path seems faster; nothing was compared again in fresh processes"
     if advice.detail:
         text += f": {advice.detail}"
-    return f"{text}; {advice.break_even}" if advice.break_even else text
+    unable = [f"cannot run beside the others: {each}" for each in advice.unable]
+    return "; ".join(filter(None, (text, *unable, advice.break_even)))
 
 
 def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:

@@ -38,7 +38,7 @@ def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
 
 def _print_functions(out: Console, count: ModelCount, total: float, top: int) -> None:
     out.print(f"\n{count.model}, MuJoCo {count.release}")
-    for line in tables.warning_lines(count.warnings):
+    for line in [*tables.starts_lines(count.starts), *tables.warning_lines(count.warnings)]:
         out.print(line, soft_wrap=True)
     out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
     table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))

@@ -32,6 +32,7 @@ from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.environment_records import EnvironmentRecord
+from mjbench.program.records import ProgramRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
@@ -55,6 +56,7 @@ RECORD_TYPES: Mapping[str, type] = {
     ScalingRecord.record_type: ScalingRecord,
     OverheadRow.record_type: OverheadRow,
     ProfileRow.record_type: ProfileRow,
+    ProgramRow.record_type: ProgramRow,
     LatencyRow.record_type: LatencyRow,
     PlanningRow.record_type: PlanningRow,
     EnvironmentRecord.record_type: EnvironmentRecord,
@@ -226,6 +228,15 @@ class ProfileDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ProgramDocument:
+    """What `mjbench run --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[ProgramRow]
+
+
+@dataclass(frozen=True, kw_only=True)
 class LatencyDocument:
     """What `mjbench latency --json` writes."""
 
@@ -316,6 +327,7 @@ DOCUMENTS: Mapping[str, type] = {
     "explain": ExplainDocument,
     "overhead": OverheadDocument,
     "profile": ProfileDocument,
+    "run": ProgramDocument,
     "latency": LatencyDocument,
     "plan": PlanDocument,
     "env": EnvDocument,

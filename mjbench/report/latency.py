@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from mjbench.instrument.units import duration
 from mjbench.loop.latency import LatencyRow, SlowFeature
 from mjbench.report import tables
 
@@ -24,6 +25,8 @@ def print_rows(out: Console, rows: Sequence[LatencyRow]) -> None:
         ),
         soft_wrap=True,
     )
+    for line in tables.starts_lines(rows[0].starts):
+        out.print(line, soft_wrap=True)
     table = tables.plain_table(
         ["", "steps", "p50", "p99", "p99.9", "max", "deadline", "missed"], right=range(1, 8)
     )
@@ -35,9 +38,9 @@ def print_rows(out: Console, rows: Sequence[LatencyRow]) -> None:
         table.add_row(
             pace,
             f"{row.nstep:,}",
-            *(_time(quantile.ns) for quantile in row.quantiles),
-            _time(row.max_ns),
-            _time(1e9 * row.deadline_s),
+            *(duration(quantile.ns) for quantile in row.quantiles),
+            duration(row.max_ns),
+            duration(1e9 * row.deadline_s),
             f"{row.missed:,}",
         )
     out.print(table)
@@ -54,10 +57,3 @@ def _common(features: Sequence[SlowFeature]) -> str:
         if feature.slow >= _LEAST and feature.slow > _FACTOR * feature.all
     ]
     return ", ".join(parts) or "nothing in common that was recorded"
-
-
-def _time(ns: float) -> str:
-    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
-        if ns >= size:
-            return f"{tables.plain(ns / size, 3)} {unit}"
-    return f"{ns:.0f} ns"

@@ -24,15 +24,16 @@ class LintDocument:
 
 
 def finding_line(finding: Finding) -> str:
-    """Return a finding as linters print it: `FILE:LINE:COLUMN CODE MESSAGE`, with its cost.
-
-    In a notebook, `FILE:cell CELL:LINE:COLUMN`.
-    """
+    """Return a finding as linters print it: its place, its code, what it is, and its cost."""
     ns = finding.ns_per_step
     cost = f" (about {ns:.0f} ns per step)" if ns else ""
+    return f"{finding_place(finding)} {finding.code} {finding.message}{cost}"
+
+
+def finding_place(finding: Finding) -> str:
+    """Return `FILE:LINE:COLUMN`; in a notebook, `FILE:cell CELL:LINE:COLUMN`."""
     cell = f"cell {finding.cell}:" if finding.cell else ""
-    place = f"{printable(finding.file)}:{cell}{finding.line}:{finding.col}"
-    return f"{place} {finding.code} {finding.message}{cost}"
+    return f"{printable(finding.file)}:{cell}{finding.line}:{finding.col}"
 
 
 def as_github(document: LintDocument) -> str:

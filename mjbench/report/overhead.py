@@ -19,6 +19,8 @@ def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
         ),
         soft_wrap=True,
     )
+    for line in tables.starts_lines(overhead.starts):
+        out.print(line, soft_wrap=True)
     headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]
     table = tables.plain_table(headings, right=(1, 2, 3, 5))
     for cost in overhead.costs:

@@ -13,15 +13,18 @@ from mjbench.status import Status
 def print_rows(out: Console, rows: Sequence[PlanningRow]) -> None:
     """Print the plans of a model, a row for each path, and which path is fastest."""
     first = rows[0]
-    outcome = "achieved" if first.achieved else "not achieved"
     out.print(
         tables.headed(
             f"\n{first.model}",
-            f": {first.task}, {outcome} by {first.algorithm} with {first.samples} samples ×"
-            f" {first.horizon} steps, {first.nplan} plans",
+            f": {first.task}, {_outcome(first.achieved)} {first.algorithm} with {first.samples}"
+            f" samples × {first.horizon} steps, {first.nplan} plans",
         ),
         soft_wrap=True,
     )
+    if first.starts is not None:
+        out.print(f"Plans start from states of {first.starts.file}", soft_wrap=True)
+        for line in tables.capture_lines(first.starts):
+            out.print(line, soft_wrap=True)
     table = tables.plain_table(
         ["path", "options", "ms/plan", "plans/s", "speed-up", "same plans"], right=range(2, 5)
     )
@@ -45,6 +48,17 @@ def print_rows(out: Console, rows: Sequence[PlanningRow]) -> None:
     _print_fastest(out, rows)
 
 
+def _outcome(achieved: bool | None) -> str:
+    """Return whether a task was achieved, as words before the name of the planner."""
+    match achieved:
+        case None:
+            return "each plan from another state, by"
+        case True:
+            return "achieved by"
+        case False:
+            return "not achieved by"
+
+
 def print_sizes(out: Console, rows: Sequence[PlanningRow]) -> None:
     """Print the fastest path at each size of a model's plans, where there are several sizes."""
     for model in dict.fromkeys(row.model for row in rows):
@@ -63,7 +77,7 @@ def print_sizes(out: Console, rows: Sequence[PlanningRow]) -> None:
                 f"{fastest.horizon:,}",
                 f"{fastest.plans_per_s or 0.0:,.0f}",
                 tables.plain(fastest.control_hz or 0.0, 3),
-                tables.yes_no(bool(fastest.achieved)),
+                "" if fastest.achieved is None else tables.yes_no(fastest.achieved),
                 str(Variant(fastest.path, fastest.options)),
             )
         out.print()

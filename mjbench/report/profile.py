@@ -2,7 +2,8 @@
 
 from rich.console import Console
 
-from mjbench.loop.profile import FRAMES_PER_S, StepProfile
+from mjbench.instrument.units import duration
+from mjbench.loop.profile import FRAMES_PER_S, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import tables
 
@@ -26,8 +27,8 @@ def _print_step(out: Console, profile: StepProfile) -> None:
     out.print(
         tables.headed(
             f"\n{profile.model}",
-            f": a step of a Python loop takes {_time(loop_ns)}: engine {_time(engine_ns)}"
-            f" ({100 * engine_ns / loop_ns:.0f} %), Python {_time(profile.python_ns)}",
+            f": a step of a Python loop takes {duration(loop_ns)}: engine {duration(engine_ns)}"
+            f" ({100 * engine_ns / loop_ns:.0f} %), Python {duration(profile.python_ns)}",
         ),
         soft_wrap=True,
     )
@@ -38,14 +39,24 @@ def _print_step(out: Console, profile: StepProfile) -> None:
         f" {tables.plain(work.solver_iterations, 3)} solver iterations.",
         soft_wrap=True,
     )
+    for line in _starts_lines(steps):
+        out.print(line, soft_wrap=True)
     for line in tables.warning_lines(steps.warnings):
         out.print(line, soft_wrap=True)
     if clock_ns / loop_ns >= LEAST_CLOCK_SHARE:
         out.print(
             f"The engine's own clock, which these timers need, is {100 * clock_ns / loop_ns:.0f} %"
-            f" of it ({_time(clock_ns)}); mjbench.engine_clock(False) turns it off.",
+            f" of it ({duration(clock_ns)}); mjbench.engine_clock(False) turns it off.",
             soft_wrap=True,
         )
+
+
+def _starts_lines(steps: StepTimes) -> list[str]:
+    """Return which states were stepped, where they are the user's own."""
+    lines = tables.starts_lines(steps.starts)
+    if steps.run_nstep:
+        lines.append(f"Each start is stepped {steps.run_nstep} times with its controls held")
+    return lines
 
 
 def _print_stages(out: Console, profile: StepProfile) -> None:
@@ -54,7 +65,7 @@ def _print_stages(out: Console, profile: StepProfile) -> None:
         if share > 0:
             bar = "█" * round(_WIDTH * share)
             table.add_row(
-                stage, f"{100 * share:.1f} %", _time(share * profile.steps.engine_ns), bar
+                stage, f"{100 * share:.1f} %", duration(share * profile.steps.engine_ns), bar
             )
     out.print(table)
 
@@ -66,7 +77,7 @@ def _print_frame(out: Console, frame: FrameTime, loop_ns: float) -> None:
         frame_ns = 1e9 * frame.seconds
         text = (
             f"Rendering a frame of {frame.width} × {frame.height} by {frame.backend}:"
-            f" {_time(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
+            f" {duration(frame_ns)}, as long as {frame_ns / loop_ns:,.0f} steps"
         )
     out.print(text, soft_wrap=True)
 
@@ -77,12 +88,7 @@ def _print_simulated_second(out: Console, profile: StepProfile) -> None:
     parts = profile.simulated_second()
     longest = max(parts.values())
     for name, seconds in parts.items():
-        table.add_row(name, _time(1e9 * seconds), "█" * max(1, round(_WIDTH * seconds / longest)))
+        table.add_row(
+            name, duration(1e9 * seconds), "█" * max(1, round(_WIDTH * seconds / longest))
+        )
     out.print(table)
-
-
-def _time(ns: float) -> str:
-    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
-        if abs(ns) >= size:
-            return f"{tables.plain(ns / size, 3)} {unit}"
-    return f"{ns:.0f} ns"

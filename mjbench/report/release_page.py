@@ -44,6 +44,8 @@ def conclusion(history: SpeedHistory, release: str) -> str:
         for direction, names in (("slower", slower), ("faster", faster))
         if names
     ]
+    if not compared:
+        return "No model was timed both in it and before it."
     if not parts:
         return f"No change point of a step among {compared} models."
     return f"A step became {' and '.join(parts)}."

@@ -19,9 +19,11 @@ from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.environment_records import EnvironmentRecord
+from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import environment_results
 from mjbench.report.documents import RECORD_TYPES
+from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
 from mjbench.report.thread_advice import by_model
 
@@ -71,6 +73,8 @@ def _results(run: Run) -> Iterator[object]:
         yield spread.row()
     for kind in (OverheadRow, ProfileRow, LatencyRow, PlanningRow):
         yield from run.of_type(kind)
+    for program in run.of_type(ProgramRow):
+        yield from program_rows(program)
     yield from map(environment_results.derive, run.of_type(EnvironmentRecord))
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)

@@ -200,6 +200,9 @@ def _images(history: SpeedHistory, plots: str) -> Iterator[str]:
 def conclusion(history: SpeedHistory) -> Iterator[str]:
     """Yield sentences: from the first release to the last, and the largest changes."""
     compared = [total_of(series) for series in history.models if len(series.measured) > 1]
+    if not compared:
+        yield "No model was timed in more than one release, so there is nothing to compare."
+        return
     certain = [
         total.log_ratio
         for total in compared

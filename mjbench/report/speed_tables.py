@@ -119,11 +119,11 @@ def _fitting_item(listed: Listed, changelog: Changelog | None) -> ChangelogItem 
     if isinstance(listed.after.record, OperationRatioRecord):
         operation = operations.registry().get(listed.series.name)
         return changelog.naming(listed.after.release, operation.api) if operation else None
-    names = [name for difference in _main_differences(listed) for name in difference.names]
-    if not names:
+    differences = {name: d.difference for d in _main_differences(listed) for name in d.names}
+    if not differences:
         return None
-    features = speed_history.changed_counters(listed.before, listed.after)
-    return changelog.fitting(listed.after.release, names, features)
+    counters = speed_history.changed_counters(listed.before, listed.after)
+    return changelog.fitting(listed.after.release, differences, counters)
 
 
 def _functions(listed: Listed) -> str:

@@ -1,7 +1,7 @@
 """What all tables share: the console, an empty table, options and numbers as people write them."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from decimal import Decimal
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
+from mjbench.instrument.units import plain as plain
 from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.status import ExitCode
 
@@ -38,6 +39,28 @@ def console(stderr: bool = False) -> Console:
     out = _Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     out.width = max(out.width, _MIN_WIDTH) if out.is_terminal else _PLAIN_WIDTH
     return out
+
+
+def text_of(render: Callable[[Console], None]) -> str:
+    """Return what a function prints to a console, as plain text.
+
+    Args:
+      render: prints to the console that it is given.
+    """
+    file = io.StringIO()
+    # in a notebook, a console of Rich shows what it prints, whatever its file is
+    out = _Console(
+        file=file,
+        width=_PLAIN_WIDTH,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        color_system=None,
+        force_terminal=False,
+        force_jupyter=False,
+    )
+    render(out)
+    return "\n".join(line.rstrip() for line in file.getvalue().strip("\n").split("\n"))
 
 
 def headed(heading: str, rest: str) -> Text:
@@ -94,8 +117,45 @@ def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
 
 
 def starts_lines(starts: Starts | None) -> list[str]:
-    """Return how starts were sampled where that is not what was asked for, a line each."""
-    if starts is None or starts.limit is None:
+    """Return which files starts and controls are from, and what was not as asked, a line each."""
+    if starts is None:
+        return []
+    return [*_file_lines(starts), *capture_lines(starts), *_limit_lines(starts)]
+
+
+def _file_lines(starts: Starts) -> list[str]:
+    """Return which files starts and controls are from."""
+    match starts.file, starts.controls_file:
+        case None, str(controls):
+            return [f"Controls are those of {controls}"]
+        case str(file), None:
+            return [f"Starts are those of {file}, controls are random"]
+        case str(file), str(controls) if file == controls:
+            return [f"Starts and controls are those of {file}"]
+        case str(file), str(controls):
+            return [f"Starts are those of {file}, controls those of {controls}"]
+    return []
+
+
+def capture_lines(starts: Starts) -> list[str]:
+    """Return what is not as it was where the states of a file were captured, a line each."""
+    lines = []
+    if starts.is_other_model:
+        lines.append(
+            f"{starts.file} was captured from a model that differs from this one, in masses,"
+            " geometry or options"
+        )
+    if starts.held_inputs:
+        lines.append(
+            f"The captured program also set {', '.join(starts.held_inputs)} between steps; here"
+            " these stay as they were at each start"
+        )
+    return lines
+
+
+def _limit_lines(starts: Starts) -> list[str]:
+    """Return how starts were sampled where that is not what was asked for."""
+    if starts.limit is None:
         return []
     asked = f"{plain(starts.asked_s, 3)} s"
     if starts.limit == SettleLimit.COST:
@@ -114,18 +174,6 @@ def _simulations(counts: Mapping[str, int]) -> str:
 def factor(ratio: float) -> str:
     """Return a speed-up in the digits that mean something."""
     return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
-
-
-def plain(value: float, digits: int) -> str:
-    """Return a number as people write it, such as `150` or `0.000012`, never as `1.5e+02`.
-
-    Args:
-      value: the number.
-      digits: how many significant digits to write; those before the point are always written.
-    """
-    if abs(value) >= 10**digits:
-        return f"{value:.0f}"
-    return f"{Decimal(f'{value:.{digits}g}'):f}"
 
 
 def yes_no(value: bool) -> str:

@@ -1,14 +1,17 @@
 """Draw the workload of a measurement: starts in the model's typical regime, few that diverge."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.simulation import starts, state_file, work, workload
+from mjbench.simulation import given_controls, starts, state_file, work, workload
+from mjbench.simulation.capture_header import CaptureHeader
+from mjbench.simulation.given_controls import GivenControls
 from mjbench.simulation.starts import SettleLimit, StartPlan, Starts
+from mjbench.simulation.state_file import RecordedStates
 from mjbench.simulation.work import Observation
 from mjbench.simulation.workload import Workload
 
@@ -29,6 +32,7 @@ class SampleRequest:
       seed: of starts and controls.
       starts: where start states are to come from.
       max_settling_nstep: steps of the settling run at most; None for no bound.
+      may_shorten: whether simulations may have fewer steps, where a file has too few controls.
     """
 
     nbatch: int
@@ -37,6 +41,34 @@ class SampleRequest:
     seed: int = 0
     starts: StartPlan = starts.KEYFRAME_STARTS
     max_settling_nstep: int | None = None
+    may_shorten: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """What the user's files hold; None where there is none."""
+
+    states: RecordedStates | None
+    controls: GivenControls | None
+
+    @classmethod
+    def read(cls, model: mujoco.MjModel, plan: StartPlan) -> "_Given":
+        """Return what the files of a plan hold.
+
+        Raises:
+          InputError: one cannot be read, or does not fit the model.
+        """
+        controls_file = plan.controls_file
+        return cls(
+            None if plan.file is None else state_file.read(plan.file, model),
+            None if controls_file is None else given_controls.read(controls_file, model),
+        )
+
+    def most_nstep(self, nbatch: int, hold: int) -> int | None:
+        """Return how many steps there are controls for; None for any number."""
+        if self.controls is not None:
+            return self.controls.most_nstep(hold)
+        return None if self.states is None else self.states.most_nstep(nbatch, hold)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +95,15 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
     starts are keyframe 0.
 
     Raises:
-      InputError: every simulation diverges, sizes are impossible, or a file of states is unfit.
+      InputError: every simulation diverges, sizes are impossible, or a file is unfit.
     """
     workload.check_sizes(request.nbatch, request.nstep, request.hold)
+    given = _Given.read(model, request.starts)
+    most_nstep = given.most_nstep(request.nbatch, request.hold) if request.may_shorten else None
+    if most_nstep is not None:
+        request = replace(request, nstep=min(request.nstep, most_nstep))
     best: Sample | None = None
-    for candidate in _candidates(model, request):
+    for candidate in _candidates(model, request, given):
         best = candidate
         if candidate.workload.nbatch >= _LEAST_HEALTHY * request.nbatch:
             break
@@ -80,6 +116,24 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
     return best
 
 
+def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -> int | None:
+    """Return how many steps of simulations the files of a plan have controls for.
+
+    Args:
+      model: to step.
+      plan: that names the files.
+      nbatch: simulations that are to start differently.
+      hold: steps per control.
+
+    Returns:
+      A multiple of hold; None for any number.
+
+    Raises:
+      InputError: a file cannot be read, or does not fit the model.
+    """
+    return _Given.read(model, plan).most_nstep(nbatch, hold)
+
+
 def settled_step_s(model: mujoco.MjModel) -> float:
     """Return about how long one step takes in the model's typical regime, in seconds."""
     settle_s = starts.settle_s(model, StartPlan())
@@ -88,28 +142,35 @@ def settled_step_s(model: mujoco.MjModel) -> float:
     return work.step_s(model, None if states is None else states[0])
 
 
-def _candidates(model: mujoco.MjModel, request: SampleRequest) -> Iterator[Sample]:
+def _candidates(model: mujoco.MjModel, request: SampleRequest, given: _Given) -> Iterator[Sample]:
     """Yield workloads, the one that is most like what was asked for first."""
-    if request.starts.file is not None:
-        yield from _from_file(model, request)
+    controls = given.controls
+    if controls is not None:
+        controls.check(request.nstep, request.hold)
+    if given.states is not None:
+        yield from _from_file(model, request, given.states, controls)
         return
     asked_s = starts.settle_s(model, request.starts)
     if asked_s > 0:
-        yield from _settled(model, request, asked_s)
+        yield from _settled(model, request, asked_s, controls)
     limit = SettleLimit.DIVERGED if asked_s > 0 else None
     yield from _over_spreads(
-        lambda spread: workload.make(
-            model, request.nbatch, request.nstep, request.hold, request.seed, spread
+        lambda spread: _controlled(
+            workload.make(model, request.nbatch, request.nstep, request.hold, request.seed, spread),
+            controls,
         ),
-        Starts(0.0, asked_s, limit),
+        Starts(0.0, asked_s, limit, controls_file=_name(controls)),
     )
 
 
-def _settled(model: mujoco.MjModel, request: SampleRequest, asked_s: float) -> Iterator[Sample]:
+def _settled(
+    model: mujoco.MjModel, request: SampleRequest, asked_s: float, controls: GivenControls | None
+) -> Iterator[Sample]:
     """Yield workloads that start along a settling run; none where it diverges."""
     nstep = starts.settle_nstep(model, asked_s, request.max_settling_nstep)
     limit = SettleLimit.COST if nstep < starts.settle_nstep(model, asked_s) else None
-    came_from = Starts(nstep * float(model.opt.timestep), asked_s, limit)
+    settled_s = nstep * float(model.opt.timestep)
+    came_from = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
 
     def make(spread: float) -> Workload | None:
         states = starts.settled(model, request.nbatch, nstep, request.hold, request.seed, spread)
@@ -118,24 +179,61 @@ def _settled(model: mujoco.MjModel, request: SampleRequest, asked_s: float) -> I
         rng = np.random.default_rng([request.seed, 1])
         ncontrol, hold = request.nstep // request.hold, request.hold
         control = workload.random_controls(model, request.nbatch, ncontrol, hold, rng, spread)
-        return Workload(model, states, control, hold, request.seed)
+        return _controlled(Workload(model, states, control, hold, request.seed), controls)
 
     yield from _over_spreads(make, came_from)
 
 
-def _from_file(model: mujoco.MjModel, request: SampleRequest) -> Iterator[Sample]:
+def _controlled(drawn: Workload, controls: GivenControls | None) -> Workload:
+    """Return a workload with the user's own controls, where there are any."""
+    if controls is None:
+        return drawn
+    return replace(drawn, control=controls.of_simulations(drawn.nbatch, drawn.ncontrol))
+
+
+def _from_file(
+    model: mujoco.MjModel,
+    request: SampleRequest,
+    recorded: RecordedStates,
+    controls: GivenControls | None,
+) -> Iterator[Sample]:
     """Yield workloads that start from the rows of a file."""
-    assert request.starts.file is not None
-    recorded = state_file.read(request.starts.file, model)
-    # controls of the file are replayed as they are
-    spreads = SPREADS[:1] if "ctrl" in recorded.fields else SPREADS
+    header = recorded.header
+    came_from = Starts(
+        0.0,
+        0.0,
+        file=recorded.name,
+        controls_file=_name(controls) or (recorded.name if recorded.replays else None),
+        is_other_model=header is not None and not header.is_of(model),
+        held_inputs=_held_inputs(header) if header else (),
+    )
     yield from _over_spreads(
         lambda spread: state_file.draw(
-            model, recorded, request.nbatch, request.nstep, request.hold, request.seed, spread
+            model,
+            recorded,
+            request.nbatch,
+            request.nstep,
+            request.hold,
+            request.seed,
+            spread,
+            controls,
         ),
-        Starts(0.0, 0.0, file=recorded.name),
-        spreads,
+        came_from,
+        SPREADS if came_from.controls_file is None else SPREADS[:1],  # a file's are not scaled
     )
+
+
+def _held_inputs(header: CaptureHeader) -> tuple[str, ...]:
+    """Return what a captured program set between steps, and simulations hold.
+
+    A warm start is not held: each step leaves one. mj_forward changes it in some releases.
+    """
+    return tuple(field for field in header.changed_inputs if field != "qacc_warmstart")
+
+
+def _name(controls: GivenControls | None) -> str | None:
+    """Return the name of the file of controls; None without one."""
+    return None if controls is None else controls.name
 
 
 def _over_spreads(

@@ -6,12 +6,14 @@ evenly over this second part.
 """
 
 import enum
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mjbench.errors import InputError, one_line, shown
 from mjbench.simulation import compat
 from mjbench.simulation.workload import (
     START_VELOCITY_SD,
@@ -20,6 +22,8 @@ from mjbench.simulation.workload import (
     whole_holds,
 )
 
+# What an .npy file begins with.
+_NPY = b"\x93NUMPY"
 # Simulated seconds for which a model settles unless the user says otherwise. A keyframe is a pose
 # that its author chose; it loses its first transients. Without one, models start at their defaults,
 # often in the air: this is long enough to fall from a height of 1 m, and to land.
@@ -40,19 +44,63 @@ class SettleLimit(enum.StrEnum):
 
 @dataclass(frozen=True)
 class StartPlan:
-    """Where start states are to come from.
+    """Where start states are to come from, and the controls that follow.
 
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0 itself, None for the
         model's default (see `settle_s`).
       file: start states of the user's own instead (see `state_file`); None for none.
+      controls_file: controls of the user's own (see `given_controls`); None for none.
     """
 
     settle_s: float | None = None
     file: Path | None = None
+    controls_file: Path | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that it names."""
+        return [file for file in (self.file, self.controls_file) if file is not None]
 
 
 DEFAULT_STARTS, KEYFRAME_STARTS = StartPlan(), StartPlan(settle_s=0.0)
+
+
+def start_plan(
+    settle_s: float | None, states_file: Path | None, actions_file: Path | None = None
+) -> StartPlan:
+    """Return the plan that the options --settle, --states and --actions ask for.
+
+    Raises:
+      InputError: both --settle and --states are given, or there is no such file of arrays.
+    """
+    if states_file is not None:
+        if settle_s is not None:
+            raise InputError("give --settle or --states, not both")
+        states_file = _array_file("--states", states_file)
+    if actions_file is not None:
+        actions_file = _array_file("--actions", actions_file)
+    return StartPlan(settle_s, states_file, actions_file)
+
+
+def _array_file(option: str, file: Path) -> Path:
+    """Return the absolute path of a file that holds arrays, as far as its first bytes tell.
+
+    Raises:
+      InputError: it is none, or cannot be read; an .npy file is none for --states.
+    """
+    label = f"{option} {shown(str(file))}"
+    try:
+        if not file.is_file():
+            raise InputError(f"{label}: no such file")
+        with file.open("rb") as stream:
+            is_npy = stream.read(len(_NPY)) == _NPY
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        raise InputError(f"{label}: cannot be read: {one_line(error)}") from error
+    if not zipfile.is_zipfile(file) and not (is_npy and option == "--actions"):
+        forms = ".npz or .npy file" if option == "--actions" else ".npz file"
+        raise InputError(f"{label}: not an {forms}, as numpy.savez writes it")
+    return file.absolute()
 
 
 @dataclass(frozen=True)
@@ -64,12 +112,19 @@ class Starts:
       asked_s: seconds that were asked for, or are the model's default.
       limit: why `settle_s` is less than that; None where it is not.
       file: name of the file with the user's own start states; None for none.
+      controls_file: name of the file that controls come from; None for random ones.
+      is_other_model: whether the states of the file were captured from a model that differs from
+        this one; False also where the file does not say.
+      held_inputs: MjData fields that the captured program set between steps, and simulations hold.
     """
 
     settle_s: float
     asked_s: float
     limit: SettleLimit | None = None
     file: str | None = None
+    controls_file: str | None = None
+    is_other_model: bool = False
+    held_inputs: tuple[str, ...] = ()
 
 
 def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:

@@ -1,25 +1,31 @@
 """Start states of the user's own: a file of arrays by MjData field, one row per state.
 
-`numpy.savez(file, **mjbench.record(model, data, nstep, ["qpos", "qvel", "ctrl"]))` writes one. It
-needs `qpos`; other fields of mjSTATE_INTEGRATION are used where it has them, and what else it holds
-is ignored. `ctrl` is replayed: a row holds the controls of the step that led to its state, as
-`record` writes it.
+`mjbench.capture` writes one, and so does `numpy.savez(file, **mjbench.record(model, data, nstep,
+["qpos", "qvel", "ctrl"]))`. It needs `qpos`; other fields of mjSTATE_INTEGRATION are used where it
+has them, and what else it holds is ignored. `ctrl` is replayed: a row holds the controls of the
+step that led to its state, as `record` writes it. What `capture` writes says which rows are
+consecutive steps, and of which model (see `capture_header`).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, one_line, shown
-from mjbench.simulation import compat, workload
+from mjbench.simulation import capture_header, compat, workload
+from mjbench.simulation.capture_header import CaptureHeader
+from mjbench.simulation.given_controls import GivenControls
 from mjbench.simulation.workload import Workload
 
 # Times of neighbouring rows that differ from a step by more than this share of it are not those of
 # consecutive steps.
 _TIME_SHARE = 0.5
+# Fields that are zero unless a program sets them: left out of a file where they are.
+_USUALLY_ZERO = ("qfrc_applied", "xfrc_applied", "userdata")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +35,96 @@ class RecordedStates:
     Attributes:
       fields: by MjData field, each (nrow, size).
       name: of the file, for messages.
+      segment: (nrow,) number of the segment that a row belongs to; rows of one segment are
+        consecutive steps.
+      header: where captured states come from; None for others.
     """
 
     fields: Mapping[str, np.ndarray]
     name: str
+    segment: np.ndarray
+    header: CaptureHeader | None = None
 
     @property
     def nrow(self) -> int:
         """Number of states."""
         return len(self.fields["qpos"])
+
+    @property
+    def replays(self) -> bool:
+        """Whether controls follow its states."""
+        return "ctrl" in self.fields
+
+    @property
+    def first(self) -> int:
+        """The row, from that of a state, of the first control that is replayed.
+
+        Where the file has no warm-starts, the row's state is stepped once first.
+        """
+        return 1 if "qacc_warmstart" in self.fields else 2
+
+    def followed(self, nstep: int, hold: int) -> np.ndarray:
+        """Return the rows after which there are controls for `nstep` steps, each held for `hold`.
+
+        All rows, where controls are not replayed.
+        """
+        rows = np.arange(self.nrow)
+        if not self.replays:
+            return rows
+        count = self.first + nstep - hold
+        rows = rows[: max(0, self.nrow - count)]
+        return np.asarray(rows[self.segment[rows] == self.segment[rows + count]])
+
+    def most_nstep(self, nstart: int, hold: int) -> int | None:
+        """Return how many steps of simulations the file has controls for; None for any number.
+
+        From that many steps on, there would be fewer than `nstart` starts (or than half of all, in
+        a short file), or half of its steps would be in segments too short to start from.
+
+        Args:
+          nstart: different starts wanted.
+          hold: steps per control; the number is a multiple of it, and at least that.
+        """
+        if not self.replays:
+            return None
+        _, lengths = np.unique(self.segment, return_counts=True)
+        lengths = np.sort(lengths - self.first)[::-1]
+        lengths = lengths[lengths > 0]
+        total = int(lengths.sum())
+        if total == 0:
+            return hold
+        usual = int(lengths[np.searchsorted(np.cumsum(lengths), total / 2)])
+        wanted = min(nstart, -(-total // 2))
+        low, high = 1, usual + hold - 1
+        while low < high:  # the largest number that leaves enough starts
+            middle = (low + high + 1) // 2
+            if len(self.followed(middle, hold)) >= wanted:
+                low = middle
+            else:
+                high = middle - 1
+        return max(hold, low // hold * hold)
+
+
+def write(
+    stream: BinaryIO,
+    header: CaptureHeader,
+    columns: Mapping[str, slice],
+    segments: Sequence[np.ndarray],
+) -> None:
+    """Write captured states.
+
+    Args:
+      stream: of the file.
+      header: where they come from.
+      columns: of each MjData field in a state.
+      segments: each (count, nstate) states of consecutive steps.
+    """
+    states = np.concatenate(segments)
+    fields = {field: states[:, place] for field, place in columns.items()}
+    fields = {k: rows for k, rows in fields.items() if k not in _USUALLY_ZERO or rows.any()}
+    segment = np.repeat(np.arange(len(segments)), [len(rows) for rows in segments])
+    arrays = {capture_header.ARRAY: header.array(), capture_header.SEGMENT_ARRAY: segment, **fields}
+    np.savez(stream, **arrays)  # type: ignore[arg-type]  # one is no `allow_pickle`
 
 
 def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
@@ -48,18 +135,54 @@ def read(file: Path, model: mujoco.MjModel) -> RecordedStates:
     """
     name = shown(file.name)
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    recorded, others = _read_arrays(file, name, list(columns))
-    if "qpos" not in recorded:
-        has = shown(", ".join([*recorded, *others][:8])) if recorded or others else "nothing"
+    wanted = [*columns, capture_header.ARRAY, capture_header.SEGMENT_ARRAY]
+    arrays, others = _read_arrays(file, name, wanted)
+    header = None
+    if capture_header.ARRAY in arrays:
+        header = CaptureHeader.of_array(arrays.pop(capture_header.ARRAY), name)
+        header.check(model, name)
+    segment = arrays.pop(capture_header.SEGMENT_ARRAY, None)
+    if "qpos" not in arrays:
+        has = shown(", ".join([*arrays, *others][:8])) if arrays or others else "nothing"
         raise InputError(f"{name} has no qpos, which start states need; it has {has}")
-    fields = {
-        field: _rows(name, field, values, columns[field]) for field, values in recorded.items()
-    }
+    fields = {field: _rows(name, field, values, columns[field]) for field, values in arrays.items()}
     nrow = len(fields["qpos"])
     for field, rows in fields.items():
         if len(rows) != nrow:
             raise InputError(f"{name}: {field} has {len(rows)} rows, qpos has {nrow}")
-    return RecordedStates(fields, name)
+    if header is None:
+        return RecordedStates(fields, name, _segments_by_time(model, fields, nrow))
+    return RecordedStates(fields, name, _checked_segment(name, segment, nrow), header)
+
+
+def _checked_segment(name: str, segment: np.ndarray | None, nrow: int) -> np.ndarray:
+    """Return the number of each row's segment, (nrow,) whole numbers that never decrease.
+
+    Raises:
+      InputError: they are something else.
+    """
+    if (
+        segment is None
+        or segment.shape != (nrow,)
+        or segment.dtype.kind not in "iu"
+        or (segment[1:] < segment[:-1]).any()
+    ):
+        raise InputError(
+            f"{name}: {capture_header.SEGMENT_ARRAY} does not say which rows are consecutive"
+            " steps: capture it again"
+        )
+    return segment
+
+
+def _segments_by_time(
+    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], nrow: int
+) -> np.ndarray:
+    """Return the segment of each row, (nrow,): where there is time, a gap begins another one."""
+    if "time" not in fields:
+        return np.zeros(nrow, dtype=int)
+    time, timestep = fields["time"][:, 0], float(model.opt.timestep)
+    is_gap = np.abs(np.diff(time) - timestep) > _TIME_SHARE * timestep
+    return np.concatenate([[0], np.cumsum(is_gap)])
 
 
 def _read_arrays(
@@ -113,12 +236,13 @@ def draw(
     hold: int,
     seed: int,
     spread: float,
+    given: GivenControls | None = None,
 ) -> Workload:
     """Return a workload whose starts are drawn from the rows of a file.
 
     Rows are drawn at random, each once where there are enough. Where the file has no warm-starts,
     each row is stepped once, so that its warm-start is real. Controls are those that follow the row
-    in the file; random ones where it has none.
+    in the file, unless others are given; random ones where there are none.
 
     Args:
       model: to step.
@@ -128,46 +252,34 @@ def draw(
       hold: steps per control.
       seed: of rows and random controls.
       spread: scales the noise of random controls.
+      given: controls of the user's own; None for none.
 
     Raises:
       InputError: sizes are below 1, nstep is not a multiple of hold, or too few controls follow.
     """
     workload.check_sizes(nbatch, nstep, hold)
     rng = np.random.default_rng([seed, 0])
-    has_warm_start = "qacc_warmstart" in recorded.fields
-    first = 1 if has_warm_start else 2  # the row of the first control that is replayed
-    replays = "ctrl" in recorded.fields
-    candidates = np.arange(recorded.nrow)
-    if replays:
-        candidates = _followed(model, recorded, first + nstep - hold)
-        if len(candidates) == 0:
-            raise InputError(
-                f"{recorded.name}: no {first + nstep - hold + 1} consecutive rows, which replaying"
-                f" {nstep} steps takes; give a smaller --nstep, or leave ctrl out of the file"
-            )
+    replays = recorded.replays and given is None
+    candidates = recorded.followed(nstep, hold) if replays else np.arange(recorded.nrow)
+    if len(candidates) == 0:
+        raise InputError(
+            f"{recorded.name}: no {recorded.first + nstep - hold + 1} consecutive rows, which"
+            f" replaying {nstep} steps takes; give a smaller --nstep, or leave ctrl out of the file"
+        )
     chosen = rng.choice(candidates, nbatch, replace=len(candidates) < nbatch)
     starts = workload.states(model, {k: rows[chosen] for k, rows in recorded.fields.items()})
-    if not has_warm_start:
+    if recorded.first == 2:
         following = recorded.fields["ctrl"][chosen + 1] if replays else None
         _step_once(model, starts, following)
-    if replays:
-        steps = first + np.arange(0, nstep, hold)
+    if given is not None:
+        control = given.of_states(chosen, recorded.nrow, nstep // hold)
+    elif replays:
+        steps = recorded.first + np.arange(0, nstep, hold)
         control = recorded.fields["ctrl"][chosen[:, None] + steps]
     else:
         noise = np.random.default_rng([seed, 1])
         control = workload.random_controls(model, nbatch, nstep // hold, hold, noise, spread)
     return Workload(model, starts, np.ascontiguousarray(control), hold, seed)
-
-
-def _followed(model: mujoco.MjModel, recorded: RecordedStates, count: int) -> np.ndarray:
-    """Return the rows after which `count` rows of consecutive steps follow."""
-    rows = np.arange(max(0, recorded.nrow - count))
-    if "time" not in recorded.fields:
-        return rows
-    time, timestep = recorded.fields["time"][:, 0], float(model.opt.timestep)
-    is_gap = np.abs(np.diff(time) - timestep) > _TIME_SHARE * timestep
-    gaps = np.concatenate([[0], np.cumsum(is_gap)])
-    return np.asarray(rows[gaps[rows + count] == gaps[rows]])
 
 
 def _step_once(model: mujoco.MjModel, states: np.ndarray, control: np.ndarray | None) -> None:

@@ -2,6 +2,8 @@
 
 import json
 import os
+import shutil
+import subprocess
 from pathlib import Path
 
 import jsonschema
@@ -10,6 +12,7 @@ from click.testing import CliRunner, Result
 from commands import ROOT, mjbench
 
 from mjbench.cli import cli
+from mjbench.instrument import files
 
 LOOP = """
 import mujoco
@@ -183,3 +186,75 @@ def test_fix_changes_what_is_safe(tmp_path: Path) -> None:
     assert [line.split()[1] for line in done.stdout.splitlines()] == ["MJB003"]
     (tmp_path / "broken.py").unlink()
     assert lint(".", "--fix", "--ignore", "MJB003").exit_code == 0
+
+
+def test_fix_says_what_it_leaves_and_why(tmp_path: Path) -> None:
+    line = "if i: print(data.joint('a').qpos)"
+    (tmp_path / "a.py").write_text(f"{BAD}    {line}\n    data.body('b').xpos\n")
+    done = lint("a.py", "--fix", "--json", "out.json")
+    assert done.exit_code == 1
+    assert done.stdout.startswith("a.py:10:17 MJB002")
+    assert done.stdout.count("\n") == 1
+    assert done.stderr.splitlines() == [
+        "mjbench: a.py:10:17: MJB002 is not fixed: not every step reaches it, and a wrong name"
+        " would raise",
+        "mjbench: fixed 2 findings",
+    ]
+    (finding,) = json.loads((tmp_path / "out.json").read_text())["findings"]
+    assert finding["line"] == 10
+    text = (tmp_path / "a.py").read_text()
+    assert "\nb_body = data.body('b')\nfor i" in text
+    assert f"    {line}\n    b_body.xpos\n" in text
+
+
+def test_a_diff_changes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD + "    u = np.zeros(3)\n")
+    (tmp_path / "good.py").write_text(GOOD)
+    done = lint(".", "missing.py", "--diff")
+    assert done.exit_code == 1
+    assert done.stdout.startswith("--- a.py\n+++ a.py\n@@ -5,5 +5,5 @@\n")
+    assert "\n-    log.append(data.qpos)\n+    log.append(data.qpos.copy())\n" in done.stdout
+    assert done.stderr.splitlines() == [
+        "mjbench: missing.py: no such file",
+        "mjbench: would fix 1 finding",
+    ]
+    assert (tmp_path / "a.py").read_text() == BAD + "    u = np.zeros(3)\n"
+    assert lint("a.py", "--diff", "--fix", "--ignore", "MJB001").exit_code == 0
+    assert lint("missing.py", "--diff").exit_code == 2
+    done = lint("a.py", "--diff", "--json", "-")
+    assert done.exit_code == 2
+    assert "--diff prints a diff alone" in done.stderr
+
+
+def test_a_diff_is_what_patch_applies(tmp_path: Path) -> None:
+    patch = shutil.which("patch")
+    if patch is None:
+        pytest.skip("patch is not installed")
+    (tmp_path / "a.py").write_text(f"{BAD}    data.body('b').xpos  # ö", encoding="utf-8")
+    diff = mjbench("lint", "a.py", "--diff", cwd=tmp_path).stdout
+    subprocess.run([patch, "--batch"], input=diff, text=True, cwd=tmp_path, check=True)
+    assert "    b_body.xpos  # ö" in (tmp_path / "a.py").read_text(encoding="utf-8")
+    assert lint("a.py", "--diff").exit_code == 0
+
+
+def test_a_file_that_cannot_be_written_keeps_its_findings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text(BAD)
+    put_in_place = files.put_in_place
+
+    def fail_once(partial: Path, file: Path) -> None:
+        if file.name == "a.py":
+            raise OSError(28, "No space left on device")
+        put_in_place(partial, file)
+
+    monkeypatch.setattr(files, "put_in_place", fail_once)
+    done = lint(".", "--fix")
+    assert done.exit_code == 3
+    assert done.stdout.startswith("a.py:8:16 MJB001")
+    assert done.stdout.count("\n") == 1
+    assert "a.py: No space left on device\nmjbench: fixed 1 finding\n" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.py", "b.py"]
+    assert (tmp_path / "a.py").read_text() == BAD
+    assert (tmp_path / "b.py").read_text() == GOOD

@@ -48,7 +48,15 @@ def test_a_run_is_not_continued_with_other_start_states(tmp_path: Path) -> None:
     done = mjbench(*compare, *words, "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
-    assert row["starts"] == {"settle_s": 0, "asked_s": 0, "limit": None, "file": "states.npz"}
+    assert row["starts"] == {
+        "settle_s": 0,
+        "asked_s": 0,
+        "limit": None,
+        "file": "states.npz",
+        "controls_file": None,
+        "is_other_model": False,
+        "held_inputs": [],
+    }
     (run,) = (tmp_path / "results/runs").glob("*.jsonl")
     np.savez(file, qpos=np.ones((3, 2)))
     refused = mjbench(*compare, *words, "--resume", str(run), cwd=tmp_path)

@@ -51,6 +51,7 @@ def test_an_answer_says_what_work_was_done(
     assert answer.outcome.work.contacts > 0
     assert answer.outcome.followed is not None
     assert answer.outcome.followed.stepped["qpos"].shape[1] == 2
+    assert answer.outcome.starts is not None
     assert len(marked) == counted_program.MARKERS
 
 
@@ -73,6 +74,8 @@ def test_the_second_release_does_the_work_that_the_first_one_drew(
     workload = file.read_bytes()
     (second,) = run(tmp_path, request_for(contact_file, file, seed=7))
     assert file.read_bytes() == workload
+    assert isinstance(second.outcome, CountedWork)
+    assert second.outcome.starts is None  # only the first knows
     assert isinstance(first.outcome, CountedWork)
     assert isinstance(second.outcome, CountedWork)
     stepped, again = (o.outcome.followed.stepped["qpos"] for o in (first, second))

@@ -67,6 +67,7 @@ def test_a_json_row_holds_the_self_cost_of_functions_and_no_states() -> None:
         "diverged": 0,
         "warnings": None,
         "seconds": 0.0,
+        "starts": None,
     }
 
 

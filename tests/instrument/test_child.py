@@ -1,6 +1,7 @@
 """Children end with all that they started, and with their parent; others live on."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -71,3 +72,24 @@ def test_what_others_have_started_below_this_process_lives_on() -> None:
         assert neighbour.poll() is None
         neighbour.communicate(b"\n")
     assert neighbour.returncode == 0
+
+
+def test_an_interrupt_waits_until_a_process_has_started_and_then_ends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    class Interrupted(subprocess.Popen[bytes]):
+        def __init__(self, *arguments: object, **options: object) -> None:
+            signal.raise_signal(signal.SIGINT)  # before it has a mark, or anybody knows it
+            super().__init__(*arguments, **options)  # type: ignore[call-overload]
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        child.Child([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    assert started[0].stdin is not None
+    assert started[0].stdin.closed
+    assert signal.getsignal(signal.SIGINT) is before
+    assert [process.returncode for process in started] == [-signal.SIGKILL]

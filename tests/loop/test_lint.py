@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 data = mujoco.MjData(model)
+hinge = data.joint("hinge")
 log, rows, table = [], {{}}, np.empty((100, model.nq))
 for i in range(100):
     mujoco.mj_step(model, data)
@@ -51,6 +52,9 @@ def codes(tmp_path: Path, line: str) -> list[str]:
         ("self.last = data.qpos", "MJB001"),
         ("x = data.joint('hinge').qpos[0]", "MJB002"),
         ("n = mujoco.mj_name2id(model, 1, 'box')", "MJB002"),
+        ("m = model.body('box').mass", "MJB002"),
+        ("x = data.jnt('hinge').qvel", "MJB002"),
+        ("log.append(hinge.qpos)", "MJB001"),
         ("state = np.concatenate([data.qpos, data.qvel])", "MJB003"),
         ("u = np.zeros(model.nu)", "MJB003"),
         ("near = [c for c in range(len(data.contact))]", "MJB004"),
@@ -78,6 +82,10 @@ def test_each_rule_finds_its_pattern(tmp_path: Path, line: str, code: str) -> No
         "log.append(data.qpos)  # noqa: MJB001",
         "log.append(data.qpos)  # noqa",
         "log.append(other.qpos)",
+        "log.append(hinge.qpos[0])",
+        "log.append(hinge.qpos.copy())",
+        "log.append((hinge.id, hinge.name))",
+        "x = policy.body('box')",
         "x = np.add(data.qpos, data.qpos)",
         "data.ctrl = data.qpos",
         "self.last = data.qpos.copy()",
@@ -172,6 +180,25 @@ def test_a_loop_that_does_not_step_has_no_finding(tmp_path: Path) -> None:
     assert results == []
 
 
+def test_what_a_loop_does_at_its_end_runs_once(tmp_path: Path) -> None:
+    results = findings(
+        tmp_path,
+        """
+        for i in range(9):
+            mujoco.mj_step(model, data)
+        else:
+            data.joint("hinge").qpos
+            mujoco.mj_step(model, data)
+        """,
+    )
+    assert results == []
+
+
+def test_a_name_for_more_than_a_named_part_is_no_view(tmp_path: Path) -> None:
+    text = LOOP.format(line="log.append(part.qpos)")
+    assert findings(tmp_path, f"part = data.joint('a')\npart = robot.state()\n{text}") == []
+
+
 def test_an_mjdata_is_recognised_by_its_use(tmp_path: Path) -> None:
     results = findings(
         tmp_path,
@@ -256,7 +283,7 @@ def test_an_environments_loop_may_allocate(tmp_path: Path) -> None:
 
 def test_lines_and_columns_count_from_1(tmp_path: Path) -> None:
     (finding,) = findings(tmp_path, LOOP.format(line="log.append(data.qpos)"))
-    assert (finding.line, finding.col) == (9, 16)
+    assert (finding.line, finding.col) == (10, 16)
 
 
 @pytest.mark.parametrize("text", ["def (", "\x00"])
@@ -329,7 +356,7 @@ def test_long_sums_and_chains_are_checked(tmp_path: Path) -> None:
 
 def test_columns_count_characters(tmp_path: Path) -> None:
     (finding,) = findings(tmp_path, LOOP.format(line="'é𝔁'; log.append(data.qpos)"))
-    assert (finding.line, finding.col) == (9, 22)
+    assert (finding.line, finding.col) == (10, 22)
 
 
 def test_a_coroutine_is_a_function_like_others(tmp_path: Path) -> None:

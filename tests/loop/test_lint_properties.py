@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from mjbench.errors import InputError
-from mjbench.loop import lint
+from mjbench.loop import lint, lint_fixes
 from mjbench.loop.notebook import code_cells
 
 # Without a time limit; the same examples in every run, so that a release is never held up by luck.
@@ -158,6 +158,26 @@ def test_any_cells_keep_their_lines(script: Path, cells: list[str]) -> None:
     file.write_bytes(data)
     with contextlib.suppress(InputError):  # text that is not Python
         check_places(file, dict(enumerate(cells, 1)))
+
+
+@quick
+@given(text=programs, header=st.sampled_from(("", "import mujoco\nfrom mujoco import mj_step\n")))
+def test_a_second_fix_finds_no_more_than_the_first(script: Path, text: str, header: str) -> None:
+    script.write_text(header + text, encoding="utf-8")
+    first = lint_fixes.fix(str(script))
+    first.write()
+    second = lint_fixes.fix(str(script))
+    assert (second.fixed, second.after.data) == (0, first.after.data)
+    assert second.findings == first.findings == lint.check(str(script))
+
+
+@quick
+@given(data=st.binary() | texts.map(lambda text: text.encode(errors="surrogatepass")))
+def test_any_file_is_fixed_or_refused(script: Path, data: bytes) -> None:
+    for file in (script, script.with_suffix(".ipynb")):
+        file.write_bytes(data)
+        with contextlib.suppress(InputError):
+            lint_fixes.fix(str(file)).diff()
 
 
 def test_programs_have_findings_of_most_rules(script: Path) -> None:

@@ -7,7 +7,7 @@ from step_profiles import step_profile
 
 from mjbench.errors import InputError
 from mjbench.loop import profile
-from mjbench.simulation import compat, models
+from mjbench.simulation import compat, models, workload
 
 
 def test_a_second_of_simulated_time_is_physics_python_and_frames() -> None:
@@ -26,7 +26,8 @@ def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     model = models.load(models.resolve("cube_table"))
     for has_clock in (compat.has_clock, lambda model: False):
         monkeypatch.setattr(compat, "has_clock", has_clock)
-        stages = profile._stages(model, 20)
+        block = profile._Block(1, 20, lambda: workload.reset_to_start)
+        stages = profile._stages(model, block)
         assert sum(stages.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in stages.values())
         assert stages["constraint solver"] > 0

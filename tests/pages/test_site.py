@@ -94,6 +94,42 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     assert report.startswith("<!doctype html>")
 
 
+def test_a_history_of_one_release_has_nothing_to_compare(tmp_path: Path) -> None:
+    lines = (ROOT / "results/history/reference-ratios.jsonl").read_text().splitlines(keepends=True)
+    file = tmp_path / "run.jsonl"
+    file.write_text(lines[0] + "".join(line for line in lines if '"release": "4.0.0"' in line))
+    single = history_files.read([file], None)
+    assert single.releases() == ["4.0.0"]
+    site.write_source(Project(tmp_path, [], single), tmp_path / "source")
+    index = (tmp_path / "source/index.md").read_text()
+    assert "so there is nothing to compare." in index
+    assert "[All changes](docs/history.md)" in index
+    assert "releases" not in index.replace("release to release", "")
+    assert not (tmp_path / "source/releases.md").exists()
+    assert (tmp_path / "source/docs/history.md").is_file()
+
+
+def test_an_error_in_a_page_is_not_one_of_writing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(runs: object) -> None:
+        raise ValueError("a defect")
+
+    monkeypatch.setattr(site.reports, "build", fail)
+    with pytest.raises(ValueError, match="a defect"):
+        site.write_source(project_in(tmp_path / "project"), tmp_path / "source")
+
+
+def test_a_page_that_cannot_be_written_or_copied_is_named(tmp_path: Path) -> None:
+    project = project_in(tmp_path / "project")
+    (tmp_path / "source").touch()
+    with pytest.raises(MachineError, match=r"cannot write .*conf\.py: "):
+        site.write_source(project, tmp_path / "source")
+    (project.folder / "docs/gone.md").symlink_to("nowhere.md")
+    with pytest.raises(MachineError, match=r"cannot copy .*project: .*No such file"):
+        site.write_source(project, tmp_path / "other")
+
+
 def test_a_link_to_what_is_not_on_the_site_is_text(tmp_path: Path) -> None:
     source = tmp_path / "source"
     source.mkdir()

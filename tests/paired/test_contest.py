@@ -145,7 +145,42 @@ def test_a_path_that_cannot_run_beside_others_leaves(monkeypatch: pytest.MonkeyP
     (launch,) = record.launches
     assert list(launch.variants) == [0, 2]
     assert record.ratio(groups[0][0], broken) is None
-    assert record.choice(groups[0]) != broken
+    (unable,) = record.unable
+    assert unable.variant == 1
+    assert record.why_unable(broken) == unable.detail
+    assert "sensor" in unable.detail
+    assert record.why_unable(groups[0][0]) == ""
+
+
+def test_the_first_of_a_group_may_leave_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(contest, "MIN_LAUNCHES", 1)
+    broken = Variant("batch_step", {"threads": 2, "data": "shared", "stage": "vel"})
+    loop, rollout = Variant("python_loop", {}), Variant("rollout", {"threads": 1})
+    plan = ComparisonPlan((), returns=Product.SENSORS)
+    shares: list[tuple[int, float]] = []
+    with WorkerPool() as pool:
+        record = contest.run(
+            pool,
+            SOURCE,
+            plan,
+            [[loop, rollout], [broken, rollout]],
+            SIZES,
+            time_limit_s=1e-6,
+            on_launch=lambda launches, share: shares.append((launches, share)),
+        )
+    assert record.status == Status.OK
+    assert [each.variant for each in record.unable] == [2]
+    assert [list(launch.variants) for launch in record.launches] == [[0, 1]]
+    assert shares == [(1, 1.0)]
+
+
+def test_a_first_one_that_left_is_not_needed_again() -> None:
+    noisy = np.random.default_rng(3)
+    drawn = [
+        ContestLaunch(None, [1, 2], [[round(each) for each in row] for row in 1e6 * rows])
+        for rows in noisy.uniform(1, 2, size=(9, 8, 2))
+    ]
+    assert remaining(drawn, [[0, 1, 2]]) == [1, 2]
 
 
 @pytest.mark.parametrize(

@@ -157,3 +157,25 @@ def test_a_worker_that_dies_is_named_with_the_signal() -> None:
         os.kill(worker.pid, signal.SIGSEGV)
         with pytest.raises(TargetError, match=r"worker: killed by signal 11 \(SIGSEGV\)"):
             worker.call(requests.CountCores(1))
+
+
+def test_a_worker_that_raises_ends_and_does_not_go_on_as_its_server() -> None:
+    """In a program of its own, where pytest's other threads and files are not forked."""
+    code = """
+import os, socket, sys
+from mjbench.paired import fork_server
+def fail(*arguments):
+    print("a worker")
+    raise SystemExit(7)
+fork_server._work = fail
+ours, theirs = socket.socketpair()
+try:
+    fork_server._fork("mark", [0, 1], theirs, os.getpid())
+    print("the server")
+except BaseException:
+    print("a worker that goes on")
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert sorted(done.stdout.splitlines()) == ["a worker", "the server"]
+    assert "SystemExit: 7" in done.stderr

@@ -17,10 +17,18 @@ def test_programs_last_for_some_launches_and_the_seed_of_memory_for_one() -> Non
     assert all(0 <= seed < 2**32 for seed in programs)  # what PYTHONHASHSEED can be
 
 
-@pytest.mark.parametrize("can_fix", [True, False])
-def test_programs_last_longer_where_their_addresses_are_fixed(
-    monkeypatch: pytest.MonkeyPatch, can_fix: bool
+@pytest.mark.parametrize(
+    ("can_adopt", "can_fix", "expected"),
+    [
+        (True, True, launch_seeds.FIXED_LAUNCHES),
+        (True, False, launch_seeds.RANDOM_LAUNCHES),
+        (False, False, 1),
+        (False, True, 1),
+    ],
+)
+def test_programs_last_longer_where_they_fork_and_their_addresses_are_fixed(
+    monkeypatch: pytest.MonkeyPatch, can_adopt: bool, can_fix: bool, expected: int
 ) -> None:
+    monkeypatch.setattr(platforms, "can_adopt", lambda: can_adopt)
     monkeypatch.setattr(platforms, "can_fix_addresses", lambda: can_fix)
-    expected = launch_seeds.FIXED_LAUNCHES if can_fix else launch_seeds.RANDOM_LAUNCHES
     assert launch_seeds.launches_of_a_program() == expected

@@ -4,10 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from paired_examples import CARTPOLE, CUBES, INSTALLED
 
+import mjbench
 from mjbench.errors import InputError
 from mjbench.paired import block_sizes, preparation, requests
 from mjbench.paired.block_sizes import Sizes
@@ -109,6 +111,21 @@ def test_a_file_of_states_that_fits_neither_model_is_bad_input(
         preparation.prepare(pool, (CUBES, CUBES), Sizes(starts=StartPlan(file=file)), TimeLimit())
 
 
+def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    model = models.load(models.resolve("cartpole"))
+    data, file = mujoco.MjData(model), tmp_path / "states.npz"
+    with mjbench.capture(file, nstep=10):
+        mujoco.mj_step(model, data, 2000)
+    target = Target(INSTALLED, models.resolve("cartpole"))
+    sizes = Sizes(starts=StartPlan(file=file))
+    prepared = preparation.prepare(pool, (target, target), sizes, TimeLimit())
+    assert prepared.work_check.nstep == 10
+    assert prepared.nsim >= preparation.NSTART
+    assert prepared.work_check.starts.file == "states.npz"
+
+
 def test_changed_work_is_reported(pool: WorkerPool) -> None:
     candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
     check = preparation.prepare(pool, (CUBES, candidate), Sizes(), TimeLimit()).work_check
@@ -153,6 +170,18 @@ def test_a_block_takes_about_a_millisecond_where_the_user_leaves_it_open(
     sizes: Sizes, nthread: int, step_s: float, expected: tuple[int, int]
 ) -> None:
     assert block_sizes.block_size(sizes, nthread, step_s * (1 - 1e-9)) == expected
+
+
+def test_a_block_has_no_more_steps_than_there_are_controls_for() -> None:
+    def size(sizes: Sizes, most_nstep: int) -> tuple[int, int]:
+        return block_sizes.block_size(sizes, 1, 1e-5 * (1 - 1e-9), most_nstep)
+
+    assert size(Sizes(), 20) == (5, 20)
+    assert size(Sizes(nbatch=2), 20) == (2, 20)
+    assert size(Sizes(nstep=50), 20) == (2, 50)  # as the user asked; drawing refuses it
+    assert size(Sizes(metric=Metric.P99), 20) == (25, 20)
+    with pytest.raises(InputError, match="p99 needs at least 500 steps"):
+        size(Sizes(nbatch=2, metric=Metric.P99), 20)
 
 
 def test_a_block_whose_slowest_steps_are_compared_has_enough_of_them() -> None:

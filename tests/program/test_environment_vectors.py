@@ -80,7 +80,7 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 def added(folder: Path, name: str, plan: VectorPlan = PLAN) -> EnvironmentRecord:
     (folder / "point_env.py").write_text(POINT)
     source = resolve(f"point_env:{name}", folder)
-    return environment_vectors.added(record(step_ns=[1e6] * 7, vectors=[]), source, plan)
+    return environment_vectors.added(record(vectors=[]), source, plan)
 
 
 @needs_gymnasium

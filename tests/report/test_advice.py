@@ -8,9 +8,10 @@ from example_records import measurement, model_record
 
 from mjbench.comparison.plan import Variant
 from mjbench.paired.confirmation import ConfirmationRecord
-from mjbench.paired.contest import ContestLaunch, ContestRecord
+from mjbench.paired.contest import ContestLaunch, ContestRecord, UnableVariant
 from mjbench.report import results
 from mjbench.report.advice import Advice, Loop, Reason, advise, contest_groups
+from mjbench.report.comparison import why
 from mjbench.report.results import ModelResults
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.status import Status
@@ -111,6 +112,33 @@ def test_what_was_not_compared_again_is_not_advised() -> None:
         assert (open_loop.reason, open_loop.detail) == (Reason.UNCONFIRMED, record.detail)
 
 
+def test_what_nothing_was_compared_with_is_said() -> None:
+    alone = derived(python_loop=LOOP, rollout={"samples_s": [0.5] * 7})
+    closed = advised(alone, contest(python_loop=1.0, rollout=0.5))[1]
+    assert (closed.path, closed.reason) == ("python_loop", Reason.ALONE)
+    assert why(closed) == "no other path was timed for it"
+    similar = derived(python_loop=LOOP, rollout={"samples_s": [1.05] * 7})
+    open_loop = advised(similar)[0]
+    assert (open_loop.reason, open_loop.rival) == (Reason.UNCONFIRMED, "")
+    assert why(open_loop) == "no path seems faster; nothing was compared again in fresh processes"
+
+
+def test_a_path_that_cannot_run_beside_the_others_is_named() -> None:
+    model_results = derived(
+        python_loop=LOOP, rollout={"samples_s": [0.5] * 7}, threads={"samples_s": [0.5] * 7}
+    )
+    unable = [UnableVariant(2, "out of memory")]
+    record = replace(contest(python_loop=1.0, rollout=0.5, threads=0.4), unable=unable)
+    open_loop = advised(model_results, record)[0]
+    assert (open_loop.path, open_loop.reason) == ("rollout", Reason.FASTER)
+    assert open_loop.unable == ["threads: out of memory"]
+    assert why(open_loop).endswith("; cannot run beside the others: threads: out of memory")
+    for unable in ([UnableVariant(0, "no")], [UnableVariant(1, "no"), UnableVariant(2, "no")]):
+        open_loop = advised(model_results, replace(record, unable=unable))[0]
+        assert (open_loop.path, open_loop.reason) == ("python_loop", Reason.UNCONFIRMED)
+        assert len(open_loop.unable) == len(unable)
+
+
 def test_a_run_of_an_earlier_version_says_so() -> None:
     model_results = derived(python_loop=LOOP, rollout={"samples_s": [0.5] * 7})
     pair = ConfirmationRecord(
@@ -150,7 +178,8 @@ def test_a_plain_loop_that_is_as_fast_is_advised() -> None:
 
 
 def test_the_plain_loop_needs_no_contest_where_nothing_may_be_faster() -> None:
-    model_results = derived(python_loop=LOOP, rollout={"samples_s": [1.3] * 7})
+    slower = {"samples_s": [1.3] * 7, "closed_loop": True}
+    model_results = derived(python_loop=LOOP, threads=slower)
     assert contest_groups(model_results) == []
     assert {(a.path, a.reason) for a in advised(model_results)} == {("python_loop", Reason.NO_GAIN)}
 

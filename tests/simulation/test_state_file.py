@@ -34,7 +34,8 @@ def save(folder: Path, **arrays: Any) -> Path:
 def draw(file: Path, nbatch: int = 4, nstep: int = 6, hold: int = 1, seed: int = 0) -> Workload:
     request = SampleRequest(nbatch, nstep, hold, seed, StartPlan(file=file))
     sample = sampling.draw(CARTPOLE, request)
-    assert sample.starts == Starts(0.0, 0.0, file=file.name)
+    replayed = file.name if "ctrl" in np.load(file).files else None
+    assert sample.starts == Starts(0.0, 0.0, file=file.name, controls_file=replayed)
     return sample.workload
 
 

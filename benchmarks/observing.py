@@ -1,0 +1,120 @@
+"""How much does `mjbench run` slow a program, and do its samples cover the program's time?
+
+    python -m benchmarks.observing [MODEL …] [--seconds S] [--rounds N] [--rate HZ]
+
+runs a loop around `mj_step`, with a small observation, alone and under `mjbench run`, in turns. The
+loop says how many steps it did in so many seconds. The table has, for each model, what observing
+costs with its 95 % interval, what `mjbench run` itself says that it costs, and the time of the
+samples as a share of the loop's.
+"""
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.instrument import stats
+from mjbench.simulation import models
+
+# The engine's step takes about 2, 20 and 300 µs in these.
+MODELS = ("cartpole", "humanoid", "pile")
+PROGRAM = """
+import sys, time
+import mujoco, numpy as np
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+begin, nstep = time.perf_counter(), 0
+while (elapsed := time.perf_counter() - begin) < float(sys.argv[2]):
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+        observation = np.concatenate([data.qpos, data.qvel])
+    nstep += 100
+    if nstep % 10_000 == 0:
+        mujoco.mj_resetData(model, data)
+print(elapsed, nstep)
+"""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One run of the loop under `mjbench run`.
+
+    Attributes:
+      step_s: seconds of a step.
+      cost_share: what the run says that observing costs.
+      coverage: time of the samples of the loop over its own time.
+    """
+
+    step_s: float
+    cost_share: float
+    coverage: float
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure each model, and print the table; return 0."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("models", nargs="*", default=MODELS)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--rate", help="samples per second; by default as mjbench run chooses")
+    options = parser.parse_args(arguments)
+    rate = ["--rate", options.rate] if options.rate else []
+    print(f"{'model':18} {'costs':>7} {'interval':>18} {'it says':>8} {'samples / time':>15}")
+    for name in options.models:
+        print(_line(name, options.seconds, options.rounds, rate), flush=True)
+    return 0
+
+
+def _line(name: str, seconds: float, rounds: int, rate: Sequence[str]) -> str:
+    """Return the line of a model."""
+    path = models.resolve(name).path
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "loop.py"
+        program.write_text(PROGRAM)
+        words = [str(program), str(path), str(seconds)]
+        alone, observed = [], []
+        for number in range(rounds):
+            for is_alone in (True, False) if number % 2 == 0 else (False, True):
+                if is_alone:
+                    alone.append(_alone(words))
+                else:
+                    observed.append(_observed(words, Path(folder), rate))
+    slowdown = stats.speedup([each.step_s for each in observed], alone)
+    ends = [100 * (end - 1) for end in (slowdown.low, slowdown.high) if end is not None]
+    interval = " to ".join(f"{end:+.1f}" for end in ends) or "too few rounds"
+    says = statistics.median(each.cost_share for each in observed)
+    coverage = [each.coverage for each in observed]
+    return (
+        f"{name:18} {100 * (slowdown.median - 1):+5.1f} % {interval:>16} % {100 * says:6.1f} %"
+        f" {min(coverage):6.3f}–{max(coverage):.3f}"
+    )
+
+
+def _alone(words: Sequence[str]) -> float:
+    """Return the seconds of a step of the loop alone."""
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True)
+    elapsed_s, nstep = map(float, done.stdout.split())
+    return elapsed_s / nstep
+
+
+def _observed(words: Sequence[str], folder: Path, rate: Sequence[str]) -> Observed:
+    """Run the loop under `mjbench run`."""
+    document = folder / "run.json"
+    command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *rate]
+    command += ["--results", str(folder), *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    elapsed_s, nstep = map(float, done.stdout.split())
+    (row,) = json.loads(document.read_text())["results"]
+    paused, (steps,) = row["paused_share"] or 0.0, row["steps"]
+    sampled_s = sum(loop["time"]["seconds"] for loop in row["loops"])
+    return Observed(elapsed_s / nstep, paused + steps["cost_share"], sampled_s / elapsed_s)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,233 @@
+"""`mjbench.compare`: the ways of stepping a model: do they agree, and which is fastest?"""
+
+import contextlib
+import itertools
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from mjbench import paths as stepping_paths
+from mjbench.api import checks, failures, model_sources, start_states
+from mjbench.api.confirmation import Confirmation
+from mjbench.api.measured import Measured
+from mjbench.api.session import Progress, Session, ignore_progress
+from mjbench.comparison import compare as model_comparison
+from mjbench.comparison import selection
+from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
+from mjbench.comparison.records import ModelRecord
+from mjbench.errors import InputError
+from mjbench.instrument.limits import MAX_LARGE_COUNT, MAX_THREADS, TIME_LIMIT_S
+from mjbench.instrument.runs import Record
+from mjbench.report import comparison as report
+from mjbench.report.advice import Advice, ClockAdvice
+from mjbench.report.crossovers import Crossover
+from mjbench.report.documents import CompareDocument
+from mjbench.report.results import ModelResults, PathResult, derive, derive_all
+from mjbench.simulation import models as shipped_models
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import Product
+
+if TYPE_CHECKING:
+    from mjbench.api.model_sources import Model
+    from mjbench.api.start_states import Actions, States
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Comparison(Measured):
+    """Ways of stepping models, compared."""
+
+    @property
+    def models(self) -> tuple[ModelResults, ...]:
+        """The results of each model at each size."""
+        return tuple(derive_all(self.run.records))
+
+    @property
+    def results(self) -> tuple[PathResult, ...]:
+        """The results of all variants of paths, on all models."""
+        return tuple(self._document().results)
+
+    @property
+    def advice(self) -> tuple[Advice, ...]:
+        """Which path to use, for open and for closed loop."""
+        return tuple(self._document().advice)
+
+    @property
+    def clock(self) -> tuple[ClockAdvice, ...]:
+        """What turning the engine's clock off gains, where that is certain."""
+        return tuple(self._document().clock)
+
+    @property
+    def crossovers(self) -> tuple[Crossover, ...]:
+        """From how many simulations on accelerated paths overtake C."""
+        return tuple(self._document().crossovers)
+
+    def _document(self) -> CompareDocument:
+        return CompareDocument.of(self.machine, self.models)
+
+    def _print(self, out: Console) -> None:
+        report.print_models(out, self.models)
+
+
+def compare(
+    *models: "Model",
+    paths: str | Iterable[str] | None = None,
+    threads: int | Iterable[int] | None = None,
+    chunk: int | Iterable[int] | None = None,
+    options: Mapping[str, Any] | None = None,
+    nbatch: int | Iterable[int] | None = None,
+    nstep: int | None = None,
+    hold: int = 1,
+    returns: str = Product.FINAL.value,
+    seed: int = 0,
+    settle_s: float | None = None,
+    states: "States | None" = None,
+    actions: "Actions | None" = None,
+    budget_s: float = BUDGET_S,
+    total_steps: float | None = None,
+    confirm: bool = True,
+    time_limit_s: float = TIME_LIMIT_S,
+    wait: bool = False,
+    on_progress: Progress | None = None,
+) -> Comparison:
+    """Compare ways of stepping models: do they agree, and how fast are they?
+
+    The same as `mjbench compare`. What paths return is compared first, bit by bit; a path that
+    disagrees gets no speed. All is measured in child processes. A model that fails loses only its
+    own results, unless all fail.
+
+    Args:
+      *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
+      paths: names of paths (see `mjbench paths`), `c` for all C paths, `usual` for those and MJX
+        where that is installed, `module:Class` for one of your own; None for the C paths.
+      threads: thread counts; None for one, and all usable cores.
+      chunk: simulations that a thread takes at a time; None for the path's default.
+      options: values of further options of paths by name, such as `{"pool": ["new", "kept"]}`.
+      nbatch: simulations; several are measured one after the other; None for up to 64.
+      nstep: steps of each simulation; None for up to 200.
+      hold: steps for which each control is held: an environment's frame_skip.
+      returns: what every path returns: `final`, `trajectory` or `sensors`.
+      seed: of start states and controls.
+      settle_s: simulated seconds for which the model moves before the first start state; 0 starts
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them.
+      actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
+        of random ones.
+      budget_s: seconds of timing for each model.
+      total_steps: steps that you will take in all: a path that compiles is advised only if that
+        pays within them; None for those of one block.
+      confirm: whether to compare the paths that may be the fastest again in fresh processes, up to
+        40 seconds a model; without it, only the plain loop is advised.
+      time_limit_s: a child process that reports nothing for this long is killed.
+      wait: whether to wait until no other mjbench measures on this machine.
+      on_progress: called with what is measured now, and the share of all work that is done.
+
+    Raises:
+      InputError: there is no such model or path, an argument is out of its range, or no model can
+        be compared.
+      MachineError: a package is missing, or no model could be compared because processes failed.
+      KeyboardInterrupt: Ctrl-C; no child process is left.
+    """
+    path_names = [] if paths is None else checks.words("paths", paths)
+    plan = ComparisonPlan(
+        variants=(),
+        nstep=None if nstep is None else checks.count("nstep", nstep),
+        hold=checks.count("hold", hold),
+        seed=checks.seed("seed", seed),
+        returns=checks.choice("returns", returns, Product),
+        budget_s=checks.seconds("budget_s", budget_s, zero=True),
+        limit_s=checks.seconds("time_limit_s", time_limit_s),
+        import_from=_own_path_folder(path_names),
+        named=selection.named(path_names),
+        total_steps=None
+        if total_steps is None
+        else checks.large_count("total_steps", total_steps, MAX_LARGE_COUNT),
+    )
+    checks.holds(plan.nstep, plan.hold)
+    plans = selection.plans(
+        plan,
+        path_names,
+        None if threads is None else checks.counts("threads", threads, MAX_THREADS),
+        None if chunk is None else checks.counts("chunk", chunk),
+        _option_words(options or {}),
+        None if nbatch is None else checks.counts("nbatch", nbatch),
+    )
+    with (
+        model_sources.sources(models or shipped_models.shipped()) as sources,
+        start_states.plan(settle_s, states, actions) as starts,
+        Session("compare", wait) as session,
+    ):
+        sized = [replace(plan, starts=starts) for plan in plans]
+        turns = list(itertools.product(sources, sized))
+        records = _measure(turns, confirm, on_progress or ignore_progress)
+        failures.check_any([record for record in records if isinstance(record, ModelRecord)])
+        files = [*(source.path for source in sources), *starts.files]
+        run = session.run(records, {"models": [source.name for source in sources]}, files)
+        return Comparison(run, session.notes())
+
+
+def _measure(
+    turns: Sequence[tuple[ModelSource, ComparisonPlan]], confirm: bool, on_progress: Progress
+) -> list[Record]:
+    """Return the records of models at their sizes.
+
+    Raises:
+      KeyboardInterrupt: the user stopped it.
+    """
+    records: list[Record] = []
+    with contextlib.ExitStack() as closing:
+        confirmation = Confirmation(records.append, closing)
+        for number, (source, plan) in enumerate(turns):
+
+            def advance(name: str, share: float, number: int = number) -> None:
+                on_progress(name, (number + share) / len(turns))
+
+            measured = model_comparison.compare_model(source, plan, advance)
+            records += measured.all
+            if measured.interrupted:
+                raise KeyboardInterrupt
+            if confirm:
+                advance(f"{source.name}: in fresh processes", 1.0)
+                results = derive(measured.model, measured.measurements)
+                confirmation.complete(source, plan, results)
+                if confirmation.is_interrupted:
+                    raise KeyboardInterrupt
+            advance(source.name, 1.0)
+    return records
+
+
+def _option_words(options: Mapping[str, Any]) -> list[str]:
+    """Return options as the command line has them, such as `pool=new,kept`."""
+    several = {
+        name: [values] if isinstance(values, str) or not isinstance(values, Iterable) else values
+        for name, values in options.items()
+    }
+    return [f"{name}={','.join(map(str, values))}" for name, values in several.items()]
+
+
+def _own_path_folder(path_names: Sequence[str]) -> str | None:
+    """Return the folder from which child processes import paths of the user's own; None for none.
+
+    Raises:
+      InputError: there is no such path, or they do not lie in one folder.
+    """
+    folders = set()
+    for name in path_names:
+        module_name, colon, _ = name.partition(":")
+        if not colon:
+            continue
+        stepping_paths.find(name)
+        file = getattr(sys.modules[module_name], "__file__", None)
+        if file is None or module_name == "__main__":
+            raise InputError(
+                f"path {name}: child processes can import it from a module's file only"
+            )
+        is_package = hasattr(sys.modules[module_name], "__path__")
+        folders.add(str(Path(file).resolve().parents[module_name.count(".") + is_package]))
+    if len(folders) > 1:
+        raise InputError(f"paths of your own must lie in one folder, not in {', '.join(folders)}")
+    return folders.pop() if folders else None

@@ -1,0 +1,96 @@
+"""`mjbench.profile`: where the time of a model's steps goes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from mjbench.api import checks, model_sources, start_states
+from mjbench.api.measured import Measured
+from mjbench.api.session import Session
+from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.loop import profile as loop_profile
+from mjbench.loop.profile import ProfileRow, StepProfile, StepTimes
+from mjbench.loop.rendering import FrameTime
+from mjbench.report.documents import ProfileDocument
+from mjbench.report.profile import print_profile
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mjbench.api.model_sources import Model
+    from mjbench.api.start_states import States
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Profile(Measured):
+    """Where the time of a model's steps goes."""
+
+    @property
+    def row(self) -> ProfileRow:
+        """All figures, as `mjbench profile --json` has them."""
+        (row,) = self.run.of_type(ProfileRow)
+        return row
+
+    @property
+    def step_profile(self) -> StepProfile:
+        """All figures, as they were measured."""
+        profile = self.row.profile()
+        assert profile is not None, "what fails raises"
+        return profile
+
+    @property
+    def steps(self) -> StepTimes:
+        """Times of a step, in nanoseconds, and the engine's stages."""
+        return self.step_profile.steps
+
+    @property
+    def frames(self) -> "Sequence[FrameTime]":
+        """What rendering a frame costs, by backend."""
+        return self.step_profile.frames
+
+    @property
+    def stages(self) -> Mapping[str, float]:
+        """The share of a step by stage of the engine; they sum up to 1."""
+        return self.steps.stages
+
+    def _document(self) -> ProfileDocument:
+        return ProfileDocument(machine=self.machine, results=[self.row])
+
+    def _print(self, out: Console) -> None:
+        print_profile(out, self.step_profile)
+
+
+def profile(
+    model: "Model",
+    *,
+    states: "States | None" = None,
+    time_limit_s: float = TIME_LIMIT_S,
+    wait: bool = False,
+) -> Profile:
+    """Return where a step's time goes: engine stages, Python around it, rendering.
+
+    The same as `mjbench profile`. All is measured in child processes.
+
+    Args:
+      model: a name as on the command line, a path, an MjModel or an MjSpec.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them; None for keyframe 0.
+      time_limit_s: a child process that reports nothing for this long is killed.
+      wait: whether to wait until no other mjbench measures on this machine.
+
+    Raises:
+      InputError: there is no such model, it cannot be loaded, or it diverges.
+      MachineError: a package is missing, or the process that steps crashed or hung.
+      KeyboardInterrupt: Ctrl-C; no child process is left.
+    """
+    limit_s = checks.seconds("time_limit_s", time_limit_s)
+    with (
+        model_sources.sources([model]) as (source,),
+        start_states.plan(None, states) as starts,
+        Session("profile", wait) as session,
+    ):
+        row = ProfileRow.measured(loop_profile.measure(source, limit_s, starts.file))
+        run = session.run([row], {"models": [source.name]}, [source.path, *starts.files])
+        return Profile(run, session.notes())

@@ -1,0 +1,105 @@
+"""What surrounds a measurement in a program: interrupts, other measurements, the host's share."""
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from mjbench.api import interrupts
+from mjbench.instrument import child, machine, neighbours, platforms, runs
+from mjbench.instrument.machine import ProcessorTime
+from mjbench.instrument.neighbours import Neighbour, Presence
+from mjbench.instrument.runs import Record, Run
+
+# Called with what is measured now, and the share of all work that is done.
+Progress = Callable[[str, float], None]
+
+
+def ignore_progress(name: str, share: float) -> None:
+    """Do nothing."""
+
+
+class Session:
+    """The time in which a program measures; used as a context manager.
+
+    While it lasts, the first Ctrl-C raises KeyboardInterrupt, and the cleanup that follows is not
+    disturbed by further ones.
+    """
+
+    def __init__(self, command: str, wait: bool = False):
+        """Prepare to measure.
+
+        Args:
+          command: of mjbench that measures the same.
+          wait: whether to wait until no other mjbench measures on this machine.
+
+        Raises:
+          MachineError: this operating system cannot do it.
+        """
+        platforms.check_command(command)
+        self._command, self._wait = command, wait
+        self._closing = contextlib.ExitStack()
+
+    def __enter__(self) -> "Session":
+        """Begin to measure."""
+        with contextlib.ExitStack() as closing:
+            closing.enter_context(interrupts.once())
+            closing.enter_context(child.adoption())
+            self._presence = closing.enter_context(Presence(self._command))
+            self._others: Sequence[Neighbour] = self._presence.enter(self._wait)
+            self._machine = machine.describe()
+            self._began = datetime.now(UTC).isoformat(timespec="seconds")
+            self._processor_time = ProcessorTime.now()
+            self._closing = closing.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop measuring; end processes that were interrupted as they started."""
+        with self._closing:
+            if isinstance(error, KeyboardInterrupt):
+                child.end_descendants()
+
+    def run(
+        self,
+        records: Sequence[Record],
+        arguments: Mapping[str, Any],
+        files: Sequence[Path] = (),
+    ) -> Run:
+        """Return what was measured, as a run file would hold it.
+
+        Args:
+          records: that were measured.
+          arguments: that say what was asked for.
+          files: that were given.
+        """
+        header = runs.RunHeader(
+            runs.SCHEMA,
+            self._command,
+            self._machine,
+            runs.to_json(dict(arguments)),
+            tuple(runs.InputFile.of(path) for path in dict.fromkeys(files)),
+            began=self._began,
+        )
+        return Run(header, tuple(records))
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what made timings unreliable until now, a sentence each."""
+        found = {(each.pid, each.command): each for each in self._others}
+        found |= {(each.pid, each.command): each for each in self._presence.later_neighbours()}
+        notes = []
+        if found:
+            notes.append(
+                "Another mjbench measured on this machine at the same time"
+                f" ({neighbours.describe(list(found.values()))}): these timings are unreliable."
+            )
+        share = ProcessorTime.now().stolen_since(self._processor_time)
+        if share >= machine.NOTABLE_STOLEN:
+            notes.append(machine.describe_stolen(share))
+        return tuple(notes)

@@ -1,0 +1,220 @@
+"""`mjbench.versions`: is a model slower with a new release of MuJoCo than with an old one?"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from mjbench.api import checks, failures, model_sources, start_states
+from mjbench.api.measured import Measured
+from mjbench.api.session import Progress, Session, ignore_progress
+from mjbench.counts import release_comparison
+from mjbench.counts.instructions import InstructionCounter
+from mjbench.counts.release_comparison import InstructionComparison
+from mjbench.errors import InputError
+from mjbench.instrument import platforms
+from mjbench.paired import family, outcomes, targets, verdict
+from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.family import Family
+from mjbench.paired.judgement import Judgement
+from mjbench.paired.outcomes import Metric
+from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paths import BASE
+from mjbench.releases import installs
+from mjbench.report import verdicts as report
+from mjbench.report.documents import VerdictDocument
+from mjbench.simulation import models as shipped_models
+from mjbench.status import Status
+
+if TYPE_CHECKING:
+    import os
+
+    from mjbench.api.start_states import Actions, States
+
+# After as many launches, half of the work on a pair is done.
+_HALFWAY_LAUNCHES = 15
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ReleaseComparison(Measured):
+    """Verdicts on models in an old and in new releases of MuJoCo."""
+
+    @property
+    def verdicts(self) -> tuple[VerdictRow, ...]:
+        """One for each model, path and new release."""
+        return tuple(record.row() for record in self.run.of_type(VerdictRecord))
+
+    @property
+    def confidence(self) -> float:
+        """Of the intervals, and of what the comparisons show together."""
+        return report.confidence_of(self.run.header)
+
+    @property
+    def family(self) -> Family:
+        """Which are slower, faster or undecided when one allows for their number."""
+        return family.decide(self.verdicts, self.confidence)
+
+    def _document(self) -> VerdictDocument:
+        return VerdictDocument(machine=self.machine, results=self.verdicts)
+
+    def _print(self, out: Console) -> None:
+        report.print_table(out, self.verdicts, self.confidence)
+
+
+def versions(
+    old: str,
+    *news: str,
+    models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None" = None,
+    paths: str | Iterable[str] = BASE,
+    metric: str = Metric.TIME.value,
+    min_effect: float = outcomes.MIN_EFFECT,
+    confidence: float = outcomes.CONFIDENCE,
+    precision: float = outcomes.PRECISION,
+    time_limit_s: float = outcomes.TIME_LIMIT_S,
+    as_shipped: bool = False,
+    nbatch: int | None = None,
+    nstep: int | None = None,
+    hold: int = 1,
+    seed: int = 0,
+    settle_s: float | None = None,
+    states: "States | None" = None,
+    actions: "Actions | None" = None,
+    wait: bool = False,
+    on_progress: Progress | None = None,
+) -> ReleaseComparison:
+    """Compare models in an old release of MuJoCo and in new ones: are they slower?
+
+    The same as `mjbench versions`. Each release is installed in a folder of its own in the cache.
+    Ratios are new over old: above 1 is slower. A model that fails loses only its own verdict,
+    unless all fail.
+
+    Args:
+      old: a version (`3.5.0`), a wheel, a folder of wheels, `installed`, `newest` or `previous`.
+      *news: the same, one or several.
+      models: names as on the command line, or paths; None for all shipped models. A compiled
+        model cannot be compared: other releases cannot load it.
+      paths: names of C paths, each compared between the releases.
+      metric: what to compare: `time`, `p99` (the time that 99 of 100 steps do not exceed), or
+        `instructions`, which needs valgrind.
+      min_effect: smallest change that matters, as a share; a change that is certainly smaller is
+        `same`.
+      confidence: of the interval, as a share.
+      precision: stop when half the interval's width is below this share.
+      time_limit_s: for each verdict, once the models are loaded; after it, an uncertain one is
+        `inconclusive`.
+      as_shipped: whether to compare builds with their machine code where it lies in memory.
+      nbatch: simulations of a block.
+      nstep: steps of each simulation.
+      hold: steps for which each control is held: an environment's frame_skip.
+      seed: of start states and controls.
+      settle_s: simulated seconds for which the model moves before the first start state; 0 starts
+        at keyframe 0, None stands for 0.1 with a keyframe, and for 1 without.
+      states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
+        `mjbench.capture` stores them.
+      actions: a file of controls, or an array (ncontrol, nu) or (nsequence, ncontrol, nu), in place
+        of random ones.
+      wait: whether to wait until no other mjbench measures on this machine.
+      on_progress: called with what is measured now, and the share of all work that is done.
+
+    Raises:
+      InputError: there is no such release, model or path, an argument is out of its range, or no
+        model can be compared.
+      MachineError: a package or a release is missing, or processes failed for every model.
+      KeyboardInterrupt: Ctrl-C; no child process is left.
+    """
+    path_names, chosen = checks.words("paths", paths), checks.choice("metric", metric, Metric)
+    targets.check_metric(chosen, path_names)
+    if not news:
+        raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
+    baseline, *candidates = [installs.parse_release(str(name)) for name in (old, *news)]
+    sources = list(
+        {source.path: source for source in map(model_sources.named, _several(models))}.values()
+    )
+    advance = on_progress or ignore_progress
+    with start_states.plan(settle_s, states, actions) as starts:
+        sizes = Sizes(
+            None if nbatch is None else checks.count("nbatch", nbatch),
+            None if nstep is None else checks.count("nstep", nstep),
+            checks.count("hold", hold),
+            checks.seed("seed", seed),
+            starts,
+            metric=chosen,
+        )
+        checks.holds(sizes.nstep, sizes.hold)
+        plan = VerdictPlan(
+            checks.share("min_effect", min_effect),
+            checks.share("confidence", confidence),
+            checks.share("precision", precision),
+            checks.seconds("time_limit_s", time_limit_s),
+            sizes,
+            as_shipped,
+        )
+        pairs = targets.of_releases(baseline, candidates, sources, path_names)
+        with Session("versions", wait) as session:
+            if chosen == Metric.INSTRUCTIONS:
+                counted = InstructionComparison(baseline, candidates, sources, plan.min_effect)
+                records = _count(counted, sizes, advance)
+            else:
+                records = _time(pairs, replace(plan, family=len(pairs)), advance)
+            failures.check_any(records)
+            files = [*(source.path for source in sources), *starts.files]
+            run = session.run(records, {"confidence": plan.confidence}, files)
+            return ReleaseComparison(run, (*_pinning_notes(), *session.notes()))
+
+
+def _time(
+    pairs: Sequence[tuple[Target, Target]], plan: VerdictPlan, on_progress: Progress
+) -> list[VerdictRecord]:
+    """Return the verdicts on pairs of targets.
+
+    Raises:
+      KeyboardInterrupt: the user stopped it.
+    """
+    records: list[VerdictRecord] = []
+    with WorkerPool() as pool:
+        for number, (baseline, candidate) in enumerate(pairs):
+            name = f"{candidate.model.name}, MuJoCo {candidate.release.version}"
+
+            def on_launch(judgement: Judgement, number: int = number, name: str = name) -> None:
+                share = 1 - 1 / (1 + judgement.launches / _HALFWAY_LAUNCHES)
+                on_progress(name, (number + share) / len(pairs))
+
+            result = verdict.decide(pool, baseline, candidate, plan, on_launch)
+            if result.status == Status.INTERRUPTED:
+                raise KeyboardInterrupt
+            records.append(result.record())
+    return records
+
+
+def _count(
+    comparison: InstructionComparison, sizes: Sizes, on_progress: Progress
+) -> list[VerdictRecord]:
+    """Return the verdicts on the instructions of models."""
+
+    def on_candidate(number: int) -> None:
+        release = comparison.candidates[number]
+        on_progress(f"MuJoCo {release.version}", number / len(comparison.candidates))
+
+    with InstructionCounter(sizes) as counter:
+        return list(release_comparison.verdicts(comparison, counter, on_candidate=on_candidate))
+
+
+def _pinning_notes() -> Sequence[str]:
+    """Return that this system cannot keep processes on a core, where it cannot."""
+    problem = platforms.pinning_problem()
+    return (problem,) if problem else ()
+
+
+def _several(
+    models: "str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None",
+) -> "Sequence[str | os.PathLike[str]]":
+    """Return models as a sequence: those named, or all shipped ones."""
+    if models is None:
+        return shipped_models.shipped()
+    if isinstance(models, str) or not isinstance(models, Iterable):
+        return [models]
+    return list(models)

@@ -1,0 +1,150 @@
+"""`mjbench run`: where the time of the user's own program goes."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.group import cli
+from mjbench.cli.shared import JSON, RESULTS, WAIT, Seconds, with_options
+from mjbench.errors import InputError
+
+if TYPE_CHECKING:
+    from mjbench.program.launch import Program
+    from mjbench.program.records import ProgramRow
+
+
+class _ProgramCommand(click.Command):
+    """A command whose arguments end with those of a program, as of `python`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Leave all that follows the program, or `-m` and a module, to the program."""
+        return super().parse_args(ctx, self._with_separator(args))
+
+    def _with_separator(self, args: Sequence[str]) -> list[str]:
+        flags = {
+            name
+            for parameter in self.params
+            if isinstance(parameter, click.Option) and parameter.is_flag
+            for name in parameter.opts
+        }
+        flags.add("--help")
+        i = 0
+        while i < len(args) and args[i].startswith("-") and args[i] not in ("-m", "--"):
+            i += 1 if args[i] in flags or "=" in args[i] else 2
+        return [*args[:i], *([] if args[i : i + 1] == ["--"] else ["--"]), *args[i:]]
+
+
+def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "ProgramRow":
+    """Return the row, with what the remedies of its first loop save."""
+    from mjbench.program import confirm
+
+    if not row.loops:
+        return row
+    remedies = row.loops[0].remedies
+    try:
+        with context.progress(confirm.runs_of(program, remedies)) as advance:
+            confirmed = confirm.confirm(program, remedies, advance)
+    except KeyboardInterrupt:
+        context.interrupt()
+        return row
+    return row.with_remedies(confirmed)
+
+
+@cli.command(cls=_ProgramCommand)
+@click.argument("program", nargs=-1, metavar="PROGRAM [ARGS]…", type=click.UNPROCESSED)
+@click.option(
+    "--seconds",
+    type=Seconds(),
+    help="End the program when it has stepped for this long, as Ctrl-C would  [default: run it to"
+    " its end]",
+)
+@click.option(
+    "--attach",
+    "pid",
+    type=click.IntRange(1, 2**31 - 1),
+    metavar="PID",
+    help="Look at a program that runs already, for --seconds (10s by default); it runs on.",
+)
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=click.IntRange(1, 1000),
+    help="Samples of the program's stacks per second  [default: 20]",
+)
+@click.option(
+    "--python",
+    "interpreter",
+    metavar="FILE",
+    help="Python that runs the program  [default: that of mjbench]",
+)
+@click.option(
+    "--confirm",
+    is_flag=True,
+    help="Run the program again, 8 times with and 8 times without each change that mjbench can"
+    " make itself, to measure what it saves.",
+)
+@with_options(RESULTS, WAIT, JSON)
+def run(
+    program: tuple[str, ...],
+    seconds: float | None,
+    pid: int | None,
+    rate_hz: int | None,
+    interpreter: str | None,
+    confirm: bool,
+    results: Path,
+    wait: bool,
+    json_file: str | None,
+) -> None:
+    """Where does the time of my own program go, and what should I change first?
+
+    PROGRAM is a Python file, or -m and a module, as after `python`; what follows are its arguments.
+    It runs as it is, with its own output and exit code. The report goes to standard error. Other
+    options stand before PROGRAM.
+
+    \b
+    Examples:
+      mjbench run --seconds 30 train.py --num-envs 4
+      mjbench run -m package.train
+      mjbench run --confirm --seconds 30 train.py
+      mjbench run --attach 4242
+    """
+    from mjbench.program import launch
+    from mjbench.program.records import ProgramRow
+    from mjbench.report.documents import ProgramDocument
+    from mjbench.report.program import print_program
+
+    if json_file == "-":
+        raise InputError("--json -: standard output is the program's own; name a file")
+    if bool(program) == (pid is not None):
+        raise InputError("give a program to run, or --attach and the number of a process")
+    of_program = launch.Program(program, interpreter or sys.executable) if program else None
+    if of_program is not None:
+        launch.check(of_program)
+    if confirm and of_program is None:
+        raise InputError("--confirm runs the program again, which --attach cannot")
+    arguments = {
+        "program": program,
+        "seconds": seconds,
+        "attach": pid,
+        "rate_hz": rate_hz,
+        "confirm": confirm,
+    }
+    files = [Path(program[0])] if program and Path(program[0]).is_file() else []
+    storage = Storage(results, arguments)
+    with RunContext("run", json_file, files, storage, wait, to_stderr=True) as context:
+        if of_program is not None:
+            name, seen = of_program.name, launch.run(of_program, seconds, rate_hz)
+        else:
+            assert pid is not None, "one of both is given"
+            name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, rate_hz)
+        row = ProgramRow.of(name, seen)
+        if confirm and of_program is not None:
+            row = _confirmed(context, of_program, row)
+        print_program(context.out, row)
+        context.record(row)
+        context.write(ProgramDocument(machine=context.machine, results=[row]))
+    sys.exit(0 if row.was_ended else row.exit_code)

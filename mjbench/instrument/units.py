@@ -1,0 +1,23 @@
+"""How numbers and times are written for people."""
+
+from decimal import Decimal
+
+
+def plain(value: float, digits: int) -> str:
+    """Return a number as people write it, such as `150` or `0.000012`, never as `1.5e+02`.
+
+    Args:
+      value: the number.
+      digits: how many significant digits to write; those before the point are always written.
+    """
+    if abs(value) >= 10**digits:
+        return f"{value:.0f}"
+    return f"{Decimal(f'{value:.{digits}g}'):f}"
+
+
+def duration(ns: float) -> str:
+    """Return a time in nanoseconds in the unit that suits it, such as `1.51 µs`."""
+    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
+        if abs(ns) >= size:
+            return f"{plain(ns / size, 3)} {unit}"
+    return f"{ns:.0f} ns"

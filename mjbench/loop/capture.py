@@ -1,0 +1,380 @@
+"""Take states from a running program: `with mjbench.capture("states.npz"):` around what it does.
+
+While the block runs, calls of `mujoco.mj_step` and `mujoco.mj_step2` pass through here, whoever
+makes them: a loop, Gymnasium, dm_control. The program does what it does without: the same
+steps, to the last bit, the same exceptions, the same random numbers. At most `max_states`
+states are kept, in windows of `nstep` consecutive steps that are spread evenly over the run (see
+`window_sample`), each with the controls that led to it. docs/formats.md describes the file.
+"""
+
+import contextlib
+import os
+import sys
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import InputError, MachineError, MjbenchError, one_line, shown, writing
+from mjbench.instrument import files
+from mjbench.loop import engine_functions
+from mjbench.loop.engine_functions import EngineFunction
+from mjbench.loop.step_recorder import RecordedModel, StepRecorder, Window
+from mjbench.simulation import capture_header, state_file
+from mjbench.simulation.capture_header import CaptureHeader
+
+# States that are kept, and steps of a window, unless the user says otherwise.
+MAX_STATES, WINDOW_NSTEP = 10_000, 100
+
+
+@dataclass(frozen=True)
+class OtherModel:
+    """A model that the program stepped, too, and whose states are not in the file.
+
+    Attributes:
+      name: of the model; empty where it has none.
+      steps: that it took.
+    """
+
+    name: str
+    steps: int
+
+
+@dataclass(frozen=True)
+class Captured:
+    """What `capture` took from a program.
+
+    Attributes:
+      file: with the states; None where no step was seen, and so none was written.
+      model: name of the model; empty where it has none.
+      model_digest: names what decides the cost of the model's steps.
+      variants: number of different models, by that digest: above 1 where the program changes it.
+      states: in the file.
+      windows: pieces of the program's run that they are from.
+      steps: that the program took on the model.
+      simulated_s: their simulated seconds.
+      changed_inputs: MjData fields, other than the controls, that the program sets between steps;
+        simulations that start from these states hold them.
+      others: models whose states are not in the file.
+      model_file: with the compiled model; None unless it was asked for.
+      unseen: modules that hold a stepping function of their own, whose calls are not seen.
+    """
+
+    file: Path | None
+    model: str = ""
+    model_digest: str = ""
+    variants: int = 0
+    states: int = 0
+    windows: int = 0
+    steps: int = 0
+    simulated_s: float = 0.0
+    changed_inputs: tuple[str, ...] = ()
+    others: tuple[OtherModel, ...] = ()
+    model_file: Path | None = None
+    unseen: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """Return it as one line."""
+        if self.file is None:
+            return _why_nothing(self)
+        parts = [
+            f"{self.states:,} states from {self.windows:,} window{'s' * (self.windows != 1)} of"
+            f" {self.steps:,} steps ({self.simulated_s:.6g} s) of {_called(self.model)}"
+        ]
+        if self.variants > 1:
+            parts.append(f"the program changes its model: {self.variants} variants of it")
+        if self.changed_inputs:
+            parts.append(f"it sets {', '.join(self.changed_inputs)} between steps")
+        if self.others:
+            others = ", ".join(f"{_called(o.name)} ({o.steps:,} steps)" for o in self.others)
+            parts.append(f"left out: {others}")
+        return "; ".join(parts)
+
+
+def _called(model: str) -> str:
+    return model or "a model without a name"
+
+
+def _why_nothing(captured: Captured) -> str:
+    """Return why there are no states, as far as that is known."""
+    if captured.others:
+        others = ", ".join(_called(other.name) for other in captured.others)
+        return f"no step seen of what was to be captured, but of {others}"
+    if captured.unseen:
+        return (
+            f"no step seen: {', '.join(captured.unseen)} bound a stepping function by `from mujoco"
+            " import`, which cannot be captured; call mujoco.mj_step instead"
+        )
+    return (
+        "no step seen: calls of mujoco.mj_step and mj_step2 in this process are seen, but no calls"
+        " by a name that was bound before the block, no steps inside rollout, Batch or MJX, and no"
+        " steps of other processes"
+    )
+
+
+class Capture(contextlib.ContextDecorator):
+    """Takes states from what runs inside it: a context manager, and a decorator.
+
+    The file is written when the block ends, also by an exception or Ctrl-C. One that was there
+    stays as it is until then, and for good where no step is seen, which is a RuntimeWarning.
+
+    Attributes:
+      result: what was captured; None before the block has ended.
+    """
+
+    def __init__(
+        self,
+        file: str | os.PathLike[str],
+        *,
+        model: mujoco.MjModel | None = None,
+        data: mujoco.MjData | None = None,
+        max_states: int = MAX_STATES,
+        nstep: int = WINDOW_NSTEP,
+        save_model: str | os.PathLike[str] | None = None,
+    ):
+        """Prepare to capture.
+
+        Args:
+          file: to write, ending in `.npz`.
+          model: whose states to take, and those of models with the same digest; None for the model
+            that is stepped most.
+          data: whose states to take; None for any MjData of the model.
+          max_states: states that are kept at most.
+          nstep: steps of a window, and so the most that can be replayed from a state.
+          save_model: file for the compiled model, as it was before its first step, ending in
+            `.mjb`; None for none. Only this release of MuJoCo can load it.
+
+        Raises:
+          InputError: a number is too small, or a file ends in something else.
+        """
+        self._file = _with_ending(file, ".npz", "a file of states")
+        self._model_file = (
+            None if save_model is None else _with_ending(save_model, ".mjb", "a compiled model")
+        )
+        _check_at_least("max_states", max_states, 2)
+        _check_at_least("nstep", nstep, 1)
+        self._model, self._data, self._max_states, self._nstep = model, data, max_states, nstep
+        self._block: _Block | None = None
+        self.result: Captured | None = None
+
+    def _recreate_cm(self) -> "Capture":
+        """Return a new one, for each call of a decorated function."""
+        return Capture(
+            self._file,
+            model=self._model,
+            data=self._data,
+            max_states=self._max_states,
+            nstep=self._nstep,
+            save_model=self._model_file,
+        )
+
+    def __enter__(self) -> "Capture":
+        """Begin to capture.
+
+        Raises:
+          InputError: this one captures already.
+          MachineError: a file cannot be written.
+        """
+        if self._block is not None:
+            raise InputError("this capture has begun already; make another one")
+        # absolute now, because the program may change its folder
+        model_file = None if self._model_file is None else _writable(self._model_file)
+        self._block = _Block(_writable(self._file), model_file)
+        self.result = None
+        recorder = StepRecorder(
+            self._max_states, self._nstep, self._model, self._data, self._block.keep_model
+        )
+        self._block.begin(recorder)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Write what was captured.
+
+        Raises:
+          MachineError: it cannot be written, and no exception is on its way already; otherwise that
+            is a RuntimeWarning.
+        """
+        assert self._block is not None, "it was entered"
+        block, self._block = self._block, None
+        try:
+            self.result = block.end()
+        except MjbenchError as failure:
+            if error is None:
+                raise
+            warnings.warn(f"mjbench.capture: {failure}", RuntimeWarning, stacklevel=2)
+        if self.result is not None and self.result.file is None and error is None:
+            warnings.warn(f"mjbench.capture: {self.result}", RuntimeWarning, stacklevel=2)
+
+
+class _Block:
+    """What is captured from one entry to its end."""
+
+    def __init__(self, file: Path, model_file: Path | None):
+        self._file, self._model_file = file, model_file
+        self._recorder: StepRecorder
+        self._pid = os.getpid()
+        self._saved: dict[RecordedModel, Path] = {}
+        self._failure: MachineError | None = None
+        self._replaced = contextlib.ExitStack()
+
+    def begin(self, recorder: StepRecorder) -> None:
+        """Have MuJoCo's stepping functions pass through a recorder."""
+        self._recorder = recorder
+        self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
+
+    def keep_model(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
+        """Save a model beside its file, where that was asked for, until it is known which counts.
+
+        A disk that is full is reported when the block ends, not to the program.
+        """
+        if self._model_file is None:
+            return
+        try:
+            with writing(self._model_file):
+                self._saved[recorded] = files.create_beside(self._model_file)
+            _save_model(model, self._saved[recorded], self._model_file)
+        except MachineError as failure:
+            self._failure = failure
+
+    def end(self) -> Captured | None:
+        """Put MuJoCo's functions back, and write the files; return what is in them.
+
+        A forked child that leaves the block writes nothing, and returns None.
+
+        Raises:
+          MachineError: a file cannot be written.
+        """
+        self._replaced.close()
+        if os.getpid() != self._pid:
+            return None
+        try:
+            return self._written()
+        finally:
+            for partial in self._saved.values():
+                partial.unlink(missing_ok=True)
+
+    def _written(self) -> Captured:
+        models, others = self._recorder.models(), self._recorder.other_nstep()
+        unseen = tuple(_modules_with_own_functions())
+        if not models:
+            return Captured(None, others=_others(others, []), unseen=unseen)
+        recorded, *rest = models
+        windows = recorded.windows()
+        header = _header(recorded, windows)
+        segments = [segment for window in windows for segment in window.steps.segments()]
+        if not segments:  # every step diverged, or raised
+            return Captured(None, others=_others(others, models), unseen=unseen)
+        with (
+            writing(self._file),
+            files.replacing(self._file) as partial,
+            partial.open("wb") as stream,
+        ):
+            state_file.write(stream, header, recorded.reader.columns, segments)
+            stream.flush()
+        if self._failure is not None:
+            raise self._failure
+        if self._model_file is not None:
+            with writing(self._model_file):
+                files.put_in_place(self._saved[recorded], self._model_file)
+        return Captured(
+            file=self._file,
+            model=header.model,
+            model_digest=header.digests[0],
+            variants=len(header.digests),
+            states=sum(len(segment) for segment in segments),
+            windows=len(windows),
+            steps=recorded.nstep,
+            simulated_s=recorded.nstep * recorded.timestep_s,
+            changed_inputs=header.changed_inputs,
+            others=_others(others, rest),
+            model_file=self._model_file,
+            unseen=unseen,
+        )
+
+
+def _header(recorded: RecordedModel, windows: Sequence[Window]) -> CaptureHeader:
+    changed = {field for window in windows for field in window.steps.changed_inputs}
+    return CaptureHeader(
+        format=capture_header.FORMAT,
+        model=recorded.name,
+        layout=recorded.layout,
+        digests=tuple(dict.fromkeys(window.digest for window in windows)),
+        mujoco_version=mujoco.__version__,
+        timestep_s=recorded.timestep_s,
+        steps=recorded.nstep,
+        changed_inputs=tuple(sorted(changed)),
+    )
+
+
+def _others(nstep: dict[str, int], models: Iterable[RecordedModel]) -> tuple[OtherModel, ...]:
+    """Return the models that are left out: those that were only counted, and others."""
+    others = [OtherModel(recorded.name, recorded.nstep) for recorded in models]
+    return (*others, *(OtherModel(name, count) for name, count in nstep.items()))
+
+
+def _modules_with_own_functions() -> list[str]:
+    """Return the modules that bound a stepping function, by `from mujoco import mj_step`."""
+    functions: list[EngineFunction] = [getattr(mujoco, n) for n in engine_functions.STEPPING]
+    modules = [
+        name
+        for name, module in list(sys.modules.items())
+        if name.split(".")[0] != "mujoco"
+        for value in list(getattr(module, "__dict__", {}).values())
+        if any(value is function for function in functions)
+    ]
+    return sorted(set(modules))
+
+
+def _save_model(model: mujoco.MjModel, partial: Path, file: Path) -> None:
+    """Save a compiled model to `partial`, which is to become `file`.
+
+    Raises:
+      MachineError: it cannot be saved; MuJoCo does not report a disk that is full.
+    """
+    try:
+        mujoco.mj_saveModel(model, str(partial), None)
+    except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
+        raise MachineError(f"cannot write {file}: {one_line(error)}") from error
+    if partial.stat().st_size < mujoco.mj_sizeModel(model):
+        raise MachineError(f"cannot write {file}: is the disk full?")
+
+
+def _with_ending(file: str | os.PathLike[str], ending: str, what: str) -> Path:
+    """Return a path.
+
+    Raises:
+      InputError: it has another ending.
+    """
+    path = Path(file)
+    if path.suffix != ending:
+        raise InputError(f"{shown(str(path))}: {what} ends in {ending}")
+    return path
+
+
+def _writable(file: Path) -> Path:
+    """Return the absolute path of a file, which can be written.
+
+    Raises:
+      MachineError: it cannot.
+    """
+    file = Path(os.path.realpath(file))
+    with writing(file):
+        if file.exists():
+            file.open("ab").close()  # a folder, or no permission
+        files.create_beside(file).unlink()
+    return file
+
+
+def _check_at_least(name: str, value: int, least: int) -> None:
+    """Raise an InputError unless a number is whole, and large enough."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, got {value!r}")

@@ -1,0 +1,353 @@
+"""Which named accesses can be bound to a name before their loop, and why others cannot.
+
+`data.joint("hip")` returns the same object whenever it is called: MuJoCo keeps one for each element
+of an MjData or an MjModel, whose arrays are views (true of every release that was tried, from 2.3.7
+to 4.0.0). `mj_name2id` depends on nothing but the model's names. So a call in a loop may become one
+call before it, if
+
+- the MjData or the MjModel is certainly one: a plain name to which the script assigns nothing else,
+  or which the loop passes to `mj_step`;
+- that name, and the arguments, stay what they are in the whole loop;
+- no iteration passes it by, under an `if` or after a `continue`: a wrong name then raises before
+  the loop instead of in its first iteration. A loop is taken for one that gets to the call before
+  it ends.
+"""
+
+import ast
+import builtins
+import keyword
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from mjbench.loop.lint_rules import NAMED_ACCESS
+from mjbench.loop.name_bindings import NameBindings
+from mjbench.loop.python_source import Program
+from mjbench.loop.stepping_script import SteppingScript, dotted_name, last_name, nodes_inside
+
+Loop = ast.For | ast.While
+_COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+_DATA, _MODEL = "mujoco.MjData", "mujoco.MjModel"
+_NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."
+# Which argument of mj_step is of which type.
+_STEP_ARGUMENTS = {_MODEL: 0, _DATA: 1}
+_STEPS = {"mujoco.mj_step", "mujoco.mj_step1", "mujoco.mj_step2"}
+
+
+@dataclass(frozen=True)
+class Hoist:
+    """Accesses that become one name.
+
+    Attributes:
+      name: that is bound before the loop.
+      loop: before which it is bound.
+      calls: that are replaced by the name; all have the same syntax.
+    """
+
+    name: str
+    loop: Loop
+    calls: Sequence[ast.Call]
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A finding whose remedy is not certain to be safe.
+
+    Attributes:
+      code: of its rule.
+      node: where it points.
+      reason: why it is left as it is, in one sentence without its full stop.
+    """
+
+    code: str
+    node: ast.expr | ast.stmt
+    reason: str
+
+
+@dataclass(frozen=True)
+class HoistPlan:
+    """What can be hoisted, in the order of the script, and what cannot."""
+
+    hoists: Sequence[Hoist]
+    refusals: Sequence[Refusal]
+
+
+@dataclass
+class _Group:
+    """Calls with the same syntax in one loop."""
+
+    loop: Loop
+    calls: list[ast.Call] = field(default_factory=list)
+
+
+class Hoisting:
+    """What is known of a script for hoisting."""
+
+    def __init__(self, program: Program, script: SteppingScript):
+        """Look at a script.
+
+        Args:
+          program: the script.
+          script: what follows from its syntax.
+        """
+        self._script = script
+        self._parents = script.parents
+        self._bindings = NameBindings(program.tree, script.parents)
+        self._lines = [line.text for line in program.lines]
+        # of IPython, each on its line; the other lines are empty
+        self._commands = [n.text if n.text != n.python else "" for n in program.lines]
+        # a new name is none of these; where code may be in strings, no word of the script
+        texts = self._lines if self._bindings.reaches_names else self._commands
+        words = {word for text in texts for word in re.findall(r"\w+", text)}
+        self._taken = {*words, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
+
+    def plan(self, calls: Sequence[ast.Call]) -> HoistPlan:
+        """Return which of some named accesses can be hoisted, each out of which loop.
+
+        Args:
+          calls: accesses in loops that step, such as `data.joint("hip")`, in the script's order.
+        """
+        refusals = []
+        groups: dict[str, list[_Group]] = {}
+        waiting = []
+        for call in calls:
+            loop = self._script.step_loop_around(call)
+            reason = self._refusal(call, loop)
+            if loop is None or reason:
+                refusals.append(Refusal(NAMED_ACCESS, call, reason))
+            elif self._always_runs(call, loop):
+                _group_for(groups, call, self._widest_loop(call, loop)).calls.append(call)
+            else:
+                waiting.append(call)
+        for call in waiting:  # the name is bound already, if another call needs it
+            group = self._outermost_around(groups.get(ast.dump(call), ()), call)
+            if group is None:
+                reason = "not every step reaches it, and a wrong name would raise"
+                refusals.append(Refusal(NAMED_ACCESS, call, reason))
+            else:
+                group.calls.append(call)
+        return HoistPlan(list(self._hoists(self._merged(groups))), refusals)
+
+    def _hoists(self, groups: Mapping[str, Sequence[_Group]]) -> Iterator[Hoist]:
+        for same in groups.values():
+            name = self._new_name(same[0].calls[0], same[0].loop)
+            for group in same:
+                yield Hoist(name, group.loop, group.calls)
+
+    def _merged(self, groups: Mapping[str, Sequence[_Group]]) -> Mapping[str, Sequence[_Group]]:
+        """Return the groups without those in the loop of another one, which has their calls."""
+        for same in groups.values():
+            for group in same:
+                outer = self._outermost_around(same, group.loop)
+                if outer is not None:
+                    outer.calls += group.calls
+                    group.calls.clear()
+        return {key: kept for key, same in groups.items() if (kept := [g for g in same if g.calls])}
+
+    def _outermost_around(self, groups: Sequence[_Group], node: ast.AST) -> _Group | None:
+        """Return the group whose loop is the outermost around a node, in the node's scope."""
+        group_of = {group.loop: group for group in groups}
+        scope = self._bindings.scope_of(node)
+        around = [group_of[n] for n in self._above(node, scope) if n in group_of]
+        return around[-1] if around else None
+
+    def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
+        """Return why a call is not even looked at where it stands; empty if nothing is wrong."""
+        if loop is None:
+            return "no loop around it steps"
+        lines = self._lines[call.lineno - 1 : call.end_lineno]
+        if len(lines) > 1 and any("#" in line for line in lines[:-1]):
+            return "a comment stands in it"
+        for above in self._above(call, loop):
+            if isinstance(above, ast.JoinedStr):
+                return "it is in an f-string"
+            if isinstance(above, _COMPREHENSIONS):
+                return "it is in a comprehension"
+        return self._variation(call, loop)
+
+    def _variation(self, call: ast.Call, loop: Loop) -> str:
+        """Return why a call may return something else in another iteration of a loop."""
+        scope = self._bindings.scope_of(loop)
+        if isinstance(scope, ast.ClassDef):
+            return "a name bound in the body of a class becomes its attribute"
+        if call.keywords or any(isinstance(argument, ast.Starred) for argument in call.args):
+            return "its arguments are not plain"
+        if last_name(call.func) == "mj_name2id":
+            return self._variation_of_id(call, loop)
+        assert isinstance(call.func, ast.Attribute)  # the rule finds nothing else
+        owner = call.func.value
+        if not isinstance(owner, ast.Name):
+            shown = ast.unparse(owner)
+            return f"{shown} may be another object in the next step; bind it to a name first"
+        if len(call.args) != 1:
+            return "its arguments are not plain"
+        if not any(self._is_certainly(owner.id, kind, loop) for kind in (_DATA, _MODEL)):
+            return f"{owner.id} is not certain to be an MjData or an MjModel of mujoco"
+        return self._rebinding(owner.id, loop) or self._variation_of_argument(call.args[0], loop)
+
+    def _variation_of_id(self, call: ast.Call, loop: Loop) -> str:
+        if self._bindings.origin(dotted_name(call.func)) != _NAME_TO_ID:
+            return "mj_name2id is not certain to be that of mujoco"
+        if len(call.args) != 3:
+            return "its arguments are not plain"
+        model, kind, name = call.args
+        if not isinstance(model, ast.Name):
+            shown = ast.unparse(model)
+            return f"{shown} may be another object in the next step; bind it to a name first"
+        is_plain = isinstance(kind, ast.Constant) and isinstance(kind.value, int)
+        if not (is_plain or self._bindings.origin(dotted_name(kind)).startswith(_ELEMENT_TYPES)):
+            return "its arguments are not plain"
+        return self._rebinding(model.id, loop) or self._variation_of_argument(name, loop)
+
+    def _variation_of_argument(self, argument: ast.expr, loop: Loop) -> str:
+        if isinstance(argument, ast.Constant) and isinstance(argument.value, str | int):
+            return ""
+        if isinstance(argument, ast.Name):
+            return self._rebinding(argument.id, loop)
+        return "its arguments are not plain"
+
+    def _rebinding(self, name: str, loop: Loop) -> str:
+        """Return why a name may change its value during a loop, commands of IPython included."""
+        if any(self._commands[loop.lineno - 1 : loop.end_lineno]):
+            return "a command of IPython is in the loop"
+        if any(re.search(rf"\b{name}\b", command) for command in self._commands):
+            return f"a command of IPython names {name}"
+        return self._bindings.rebinding(name, loop)
+
+    def _is_certainly(self, name: str, kind: str, loop: Loop) -> bool:
+        """Return whether a name in a loop is an MjData, or an MjModel, of mujoco."""
+        index = _STEP_ARGUMENTS[kind]
+        for node in nodes_inside(loop):
+            if (
+                isinstance(node, ast.Call)
+                and self._bindings.origin(dotted_name(node.func)) in _STEPS
+                and len(node.args) > index
+                and dotted_name(node.args[index]) == name
+            ):
+                return True
+        owner = self._bindings.owner(name, loop)
+        nodes = self._bindings.bindings(name, owner) if owner is not None else ()
+        return bool(nodes) and all(self._is_assigned(node, kind) for node in nodes)
+
+    def _is_assigned(self, target: ast.AST, kind: str) -> bool:
+        """Return whether a binding assigns a new MjData, or a loaded MjModel."""
+        statement = self._parents[target]
+        if not isinstance(statement, ast.Assign | ast.AnnAssign):
+            return False
+        if not isinstance(statement.value, ast.Call):
+            return False
+        origin = self._bindings.origin(dotted_name(statement.value.func))
+        return origin == _DATA if kind == _DATA else origin.startswith(f"{_MODEL}.from_")
+
+    def _widest_loop(self, call: ast.Call, loop: Loop) -> Loop:
+        """Return the outermost loop that a call can leave.
+
+        It leaves `loop` for the iteration of the next loop that steps, where it would be found
+        again.
+        """
+        scope = self._bindings.scope_of(loop)
+        while outer := self._script.step_loop_around(loop):
+            if (
+                self._bindings.scope_of(outer) is not scope
+                or self._variation(call, outer)
+                or not self._always_runs(loop, outer)
+            ):
+                break
+            loop = outer
+        return loop
+
+    def _above(self, node: ast.AST, until: ast.AST | None = None) -> Iterator[ast.AST]:
+        """Yield the nodes above a node, the innermost first, without `until` and those above."""
+        above = self._parents.get(node)
+        while above is not None and above is not until:
+            yield above
+            above = self._parents.get(above)
+
+    def _always_runs(self, node: ast.AST, loop: Loop) -> bool:
+        """Return whether every iteration of a loop reaches a node, unless it ends the loop."""
+        for above in (*self._above(node, loop), loop):
+            if not _reaches(above, node):
+                return False
+            node = above
+        return True
+
+    def _new_name(self, call: ast.Call, loop: Loop) -> str:
+        """Return a name for what a call in a loop returns, which the script does not have."""
+        name = _describing_name(call)
+        owner, _, _ = dotted_name(call.func).rpartition(".")
+        if owner and self._is_certainly(owner, _MODEL, loop):
+            name = f"{owner}_{name}"
+        wanted, number = name, 2
+        while name in self._taken:
+            name, number = f"{wanted}_{number}", number + 1
+        self._taken.add(name)
+        return name
+
+
+def _group_for(groups: dict[str, list[_Group]], call: ast.Call, loop: Loop) -> _Group:
+    """Return the group of the calls with the syntax of `call` in a loop, a new one if need be."""
+    same = groups.setdefault(ast.dump(call), [])
+    for group in same:
+        if group.loop is loop:
+            return group
+    same.append(_Group(loop))
+    return same[-1]
+
+
+def _describing_name(call: ast.Call) -> str:
+    """Return `hip_joint` for `data.joint("hip")`, `hip_id` for `mj_name2id(model, 3, "hip")`."""
+    argument = call.args[-1]
+    if isinstance(argument, ast.Name):
+        element = argument.id.removesuffix("name").strip("_")
+    else:
+        assert isinstance(argument, ast.Constant)
+        element = str(argument.value)
+    element = re.sub(r"[^0-9A-Za-z]+", "_", element).strip("_").lower()
+    if last_name(call.func) == "mj_name2id":
+        kind = "id"
+    else:
+        assert isinstance(call.func, ast.Attribute)
+        kind = call.func.attr
+    if not element:
+        return f"named_{kind}"
+    if element[0].isdigit():
+        return f"{kind}_{element}"
+    return element if element.endswith(f"_{kind}") else f"{element}_{kind}"
+
+
+def _reaches(above: ast.AST, child: ast.AST) -> bool:
+    """Return whether executing a node always executes one of those directly below it.
+
+    A loop counts as one that runs at least once, and is not left before.
+    """
+    if isinstance(child, ast.stmt):
+        if not isinstance(above, ast.For | ast.While) or child not in above.body:
+            return False  # even a `with` may catch what a wrong name raises
+        earlier = above.body[: above.body.index(child)]
+        return not any(map(_may_continue, earlier))
+    match above:
+        case ast.BoolOp():
+            return child is above.values[0]
+        case ast.IfExp() | ast.If() | ast.While():
+            return child is above.test
+        case ast.Compare():
+            return child is above.left or child is above.comparators[0]
+        case ast.For():
+            return child is above.iter
+        case ast.Match():
+            return child is above.subject
+        case ast.Assert() | ast.match_case() | ast.ExceptHandler() | ast.AsyncFor():
+            return False
+    return True
+
+
+def _may_continue(statement: ast.AST) -> bool:
+    """Return whether a statement may begin the next iteration of the loop in whose body it is."""
+    inner = (
+        ast.For | ast.AsyncFor | ast.While | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+    )
+    if isinstance(statement, inner):
+        return any(map(_may_continue, getattr(statement, "orelse", ())))
+    if isinstance(statement, ast.Continue):
+        return True
+    return any(map(_may_continue, ast.iter_child_nodes(statement)))

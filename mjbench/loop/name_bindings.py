@@ -1,0 +1,148 @@
+"""Where the names of a script are bound, and whether a name stays what it is during a loop.
+
+Scopes are those of functions and of the module, as Python resolves names. A name that a `global` or
+`nonlocal` statement mentions may be bound again anywhere, and so may a module's name where the
+script calls `exec`, `eval`, `globals`, `locals` or `vars`.
+"""
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+Scope = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
+_STAR = "*"  # what `from module import *` binds, in place of names that are not known
+_REACHES_NAMES = {"eval", "exec", "globals", "locals", "vars"}
+
+
+class NameBindings:
+    """The bindings of all names of a script.
+
+    Attributes:
+      identifiers: all names in it, those of attributes and arguments included.
+      reaches_names: whether it can bind names by their spelling, as `exec` does.
+    """
+
+    def __init__(self, tree: ast.Module, parents: Mapping[ast.AST, ast.AST]):
+        """Find them.
+
+        Args:
+          tree: the script.
+          parents: the node above each of its nodes.
+        """
+        self._parents = parents
+        self._bindings: defaultdict[tuple[Scope, str], list[ast.AST]] = defaultdict(list)
+        self._origins: defaultdict[str, set[str]] = defaultdict(set)
+        self._declared: set[str] = set()
+        self.reaches_names = False
+        self.identifiers: set[str] = set()
+        for node in ast.walk(tree):
+            self.identifiers.update(_identifiers(node))
+            if isinstance(node, ast.Global | ast.Nonlocal):
+                self._declared.update(node.names)
+            elif isinstance(node, ast.Name) and node.id in _REACHES_NAMES:
+                self.reaches_names = True
+            for name in bound_by(node):
+                self._origins[name].add(self._imported(node))
+                for scope in self._scopes_of_binding(node):
+                    self._bindings[scope, name].append(node)
+
+    def scope_of(self, node: ast.AST) -> Scope:
+        """Return the scope in which a node stands."""
+        return next(self._scopes_around(node))
+
+    def owner(self, name: str, node: ast.AST) -> Scope | None:
+        """Return the scope whose name a node means by `name`; None where the script binds none."""
+        innermost = self.scope_of(node)
+        for scope in self._scopes_around(node):
+            is_seen = scope is innermost or not isinstance(scope, ast.ClassDef)
+            if is_seen and (scope, name) in self._bindings:
+                return scope
+        return None
+
+    def bindings(self, name: str, scope: Scope) -> Sequence[ast.AST]:
+        """Return the nodes that bind a name in a scope."""
+        return self._bindings.get((scope, name), [])
+
+    def rebinding(self, name: str, loop: ast.For | ast.While) -> str:
+        """Return why a name may change its value during a loop; empty where it cannot."""
+        owner = self.owner(name, loop)
+        if owner is None:
+            return f"where {name} gets its value is not known"
+        if any({name, _STAR}.intersection(bound_by(node)) for node in ast.walk(loop)):
+            return f"the loop binds {name} again"
+        if name in self._declared:
+            return f"a global or nonlocal statement names {name}"
+        if isinstance(owner, ast.Module) and self.reaches_names:
+            return f"exec, eval, globals, locals or vars could bind {name} again"
+        if owner is not self.scope_of(loop) and not self._is_bound_once(name, owner):
+            return f"{name} belongs to another scope, which may bind it again"
+        return ""
+
+    def origin(self, dotted: str) -> str:
+        """Return what a dotted name was imported as, such as `mujoco.mj_step`; empty if unknown."""
+        root, _, rest = dotted.partition(".")
+        origins = self._origins.get(root, set())
+        if len(origins) != 1 or root in self._declared:
+            return ""
+        (origin,) = origins
+        return ".".join(filter(None, (origin, rest))) if origin else ""
+
+    def _is_bound_once(self, name: str, scope: Scope) -> bool:
+        """Return whether one node binds a name of a scope, and is in no loop."""
+        if (scope, _STAR) in self._bindings:
+            return False
+        nodes = self._bindings[scope, name]
+        return len(nodes) == 1 and not any(
+            isinstance(above, ast.For | ast.AsyncFor | ast.While)
+            for above in self._nodes_up_to(nodes[0], scope)
+        )
+
+    def _imported(self, node: ast.AST) -> str:
+        """Return what a node imports, by its full name; empty if it binds by other means."""
+        if not isinstance(node, ast.alias):
+            return ""
+        statement = self._parents[node]
+        if isinstance(statement, ast.ImportFrom):
+            return "" if statement.level else f"{statement.module}.{node.name}"
+        return node.name if node.asname else node.name.partition(".")[0]
+
+    def _scopes_of_binding(self, node: ast.AST) -> Iterator[Scope]:
+        """Yield the scope in which a node binds a name, or all scopes that it might be."""
+        if isinstance(self._parents.get(node), ast.NamedExpr):  # in a default value, of the scope
+            yield from self._scopes_around(node)  # around the function
+        else:
+            yield next(self._scopes_around(node))
+
+    def _scopes_around(self, node: ast.AST) -> Iterator[Scope]:
+        above = self._parents.get(node)
+        while above is not None:
+            if isinstance(above, Scope):
+                yield above
+            above = self._parents.get(above)
+
+    def _nodes_up_to(self, node: ast.AST, scope: Scope) -> Iterator[ast.AST]:
+        while node is not scope:
+            node = self._parents[node]
+            yield node
+
+
+def _identifiers(node: ast.AST) -> Iterator[str]:
+    """Yield the names that stand in a node itself."""
+    for _, value in ast.iter_fields(node):
+        if isinstance(value, str) and not isinstance(node, ast.Constant):
+            yield from value.split(".")
+        elif isinstance(node, ast.Global | ast.Nonlocal):
+            yield from value
+
+
+def bound_by(node: ast.AST) -> tuple[str, ...]:
+    """Return the names that a node binds or deletes, without those of the nodes below it."""
+    if isinstance(node, ast.Name):
+        return () if isinstance(node.ctx, ast.Load) else (node.id,)
+    if isinstance(node, ast.alias):
+        return (node.asname or node.name.partition(".")[0],)
+    if isinstance(node, ast.arg):
+        return (node.arg,)
+    # functions, classes, handlers of exceptions, patterns and type parameters
+    name = getattr(node, "rest" if isinstance(node, ast.MatchMapping) else "name", None)
+    return (name,) if isinstance(name, str) else ()

@@ -1,0 +1,260 @@
+"""See every step that a program takes, and keep states of some: what `capture` does meanwhile.
+
+Models are told apart by their layout (see `capture_header`): a program that compiles its model
+anew for each episode, or changes its masses, steps one model here.
+"""
+
+import collections
+import functools
+import operator
+import random
+import threading
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+
+from mjbench.loop.engine_functions import EngineFunction
+from mjbench.loop.followed_steps import FollowedSteps, StateReader
+from mjbench.loop.window_sample import WindowSample
+from mjbench.simulation import compat
+from mjbench.simulation.capture_header import ModelLayout, model_name
+from mjbench.simulation.model_digest import model_digest
+
+# Bytes that the states of one model may take up; fewer are kept of a model with large states.
+MAX_BYTES = 100_000_000
+# Models whose states are kept at the same time; the steps of further ones are only counted.
+MAX_MODELS = 16
+# A window ends when its MjData took no step during so many steps of others.
+_PATIENCE_NSTEP = 100_000
+_SEED = 0
+
+
+@dataclass(frozen=True)
+class Window:
+    """A piece of the run of a program.
+
+    Attributes:
+      steps: that were followed.
+      digest: of the model, as it was when the window began.
+    """
+
+    steps: FollowedSteps
+    digest: str
+
+
+class RecordedModel:
+    """The steps of one model, and states of some of them.
+
+    Attributes:
+      name: of the model.
+      layout: of the model.
+      timestep_s: of the model, as it was first.
+      reader: of its states.
+      nstep: that the program took, of what is to be captured.
+    """
+
+    def __init__(self, model: mujoco.MjModel, max_states: int, window_nstep: int):
+        self.name, self.layout = model_name(model), ModelLayout.of(model)
+        self.timestep_s = float(model.opt.timestep)
+        self.reader = StateReader(model)
+        self.nstep = 0
+        most = max(2, min(max_states, MAX_BYTES // (8 * self.reader.nstate)))
+        self._window_states = min(window_nstep + 1, most)
+        self._sample: WindowSample[Window] = WindowSample(
+            most // self._window_states, self._window_states - 1, random.Random(_SEED)
+        )
+        self._window: Window | None = None
+        self._followed_at = 0
+        self._lock = threading.Lock()
+
+    def windows(self) -> list[Window]:
+        """Return the windows that are kept, in the order of the run."""
+        if self._window is not None:
+            self._end_window()
+        return self._sample.windows()
+
+    def take(
+        self, function: EngineFunction, model: mujoco.MjModel, data: mujoco.MjData, nstep: int
+    ) -> None:
+        """Have the engine take steps, one by one while a window follows them.
+
+        Args:
+          function: `mj_step`, or `mj_step2` with one step.
+          model: that is stepped.
+          data: that is stepped.
+          nstep: steps.
+        """
+        while nstep > 0:
+            window = self._window
+            if window is None or not window.steps.follows(data):
+                window = self._window_of(model, data)
+            if window is not None:
+                taken = window.steps.step(function, model, data, nstep)
+                self.nstep += taken
+                self._followed_at = self.nstep
+                nstep -= taken
+                continue
+            unseen = nstep
+            if self._window is None:  # up to where the next one begins
+                unseen = min(nstep, max(1, self._sample.due - self.nstep))
+            function(model, data, *([unseen] if unseen > 1 else []))
+            self.nstep += unseen
+            nstep -= unseen
+
+    def is_unseen(self, nstep: int) -> bool:
+        """Return whether so many steps pass before the next window begins."""
+        return self._window is None and self.nstep + nstep <= self._sample.due
+
+    def _window_of(self, model: mujoco.MjModel, data: mujoco.MjData) -> Window | None:
+        """Return the window that begins now; None where none is due, or another goes on."""
+        # Waiting could block a forked child for ever; a step that is not followed is only missed.
+        if not self._lock.acquire(blocking=False):
+            return None
+        try:
+            if self._window is not None:
+                if not self._is_over(self._window, data):
+                    return None
+                self._end_window()
+            if self.nstep < self._sample.due:
+                return None
+            steps = FollowedSteps(self.reader, model, data, self._window_states)
+            self._window = Window(steps, model_digest(model))
+            self._followed_at = self.nstep
+            return self._window
+        finally:
+            self._lock.release()
+
+    def _is_over(self, window: Window, data: mujoco.MjData) -> bool:
+        """Return whether a window that does not follow `data` is over: full, or of no use."""
+        followed = window.steps.data
+        if followed is None or followed is data:  # that is gone, or has no room for this step
+            return True
+        return self.nstep - self._followed_at >= _PATIENCE_NSTEP
+
+    def _end_window(self) -> None:
+        assert self._window is not None, "a window is open"
+        window, self._window = self._window, None
+        self._sample.add(window, self.nstep)
+
+
+class StepRecorder:
+    """The replacements of MuJoCo's stepping functions, and what they have seen."""
+
+    def __init__(
+        self,
+        max_states: int,
+        window_nstep: int,
+        model: mujoco.MjModel | None = None,
+        data: mujoco.MjData | None = None,
+        on_model: Callable[[RecordedModel, mujoco.MjModel], None] = lambda recorded, model: None,
+    ):
+        """Prepare to record.
+
+        Args:
+          max_states: of each model that are kept.
+          window_nstep: steps of a window.
+          model: only this one is captured, and those with the same digest; None for all.
+          data: only this one is captured; None for all.
+          on_model: called when a model is first seen, before its first step.
+        """
+        self._max_states, self._window_nstep = max_states, window_nstep
+        self._digest = None if model is None else model_digest(model)
+        self._data, self._on_model = data, on_model
+        self._by_layout: dict[tuple[str, ModelLayout, int], RecordedModel] = {}
+        # by the identity of the MjModel, as long as that lives; None for one that is not captured
+        self._by_identity: dict[int, RecordedModel | None] = {}
+        self._references: dict[int, weakref.ref[mujoco.MjModel]] = {}
+        self._other_nstep: collections.Counter[str] = collections.Counter()
+
+    def models(self) -> list[RecordedModel]:
+        """Return the models that were captured, the one that took most steps first."""
+        seen = [recorded for recorded in self._by_layout.values() if recorded.nstep]
+        return sorted(seen, key=lambda recorded: -recorded.nstep)
+
+    def other_nstep(self) -> dict[str, int]:
+        """Return the steps that were not captured, by the name of their model."""
+        return dict(self._other_nstep)
+
+    def wrappers(self) -> Mapping[str, Callable[[EngineFunction], EngineFunction]]:
+        """Return what makes the replacements, by the name of the function.
+
+        mj_step1 takes no step: it computes what mj_step2 goes on from.
+        """
+        return {
+            "mj_step": functools.partial(self._wrap, ("m", "d", "nstep")),
+            "mj_step2": functools.partial(self._wrap, ("m", "d")),
+        }
+
+    def _wrap(self, names: Sequence[str], function: EngineFunction) -> EngineFunction:
+        """Return the replacement of a function whose arguments are called so."""
+        by_identity, only_data = self._by_identity, self._data
+
+        @functools.wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            if len(args) == 2 and not keywords:  # the usual form first: this is called every step
+                (model, data), nstep = args, 1
+            else:
+                arguments = _arguments(names, args, keywords)
+                if arguments is None:  # MuJoCo says what is wrong with them
+                    return function(*args, **keywords)
+                model, data, nstep = arguments
+            try:
+                recorded = by_identity[id(model)]
+            except KeyError:
+                recorded = self._recorded(model)
+            if recorded is None or (only_data is not None and data is not only_data):
+                result = function(*args, **keywords)
+                self._other_nstep[model_name(model)] += nstep
+                return result
+            if recorded.is_unseen(nstep):
+                result = function(*args, **keywords)
+                recorded.nstep += nstep
+                return result
+            if not isinstance(data, mujoco.MjData):
+                return function(*args, **keywords)
+            return recorded.take(function, model, data, nstep)
+
+        return call
+
+    def _recorded(self, model: mujoco.MjModel) -> RecordedModel | None:
+        """Return where the steps of a model that is not known yet are recorded, if they are."""
+        if not isinstance(model, mujoco.MjModel):
+            return None
+        recorded = None
+        if model.nv and self._digest in (None, model_digest(model)):
+            recorded = self._of_layout(model)
+        identity = id(model)
+        self._references[identity] = weakref.ref(model, lambda _: self._forget(identity))
+        self._by_identity[identity] = recorded
+        return recorded
+
+    def _of_layout(self, model: mujoco.MjModel) -> RecordedModel | None:
+        nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
+        key = model_name(model), ModelLayout.of(model), nstate
+        if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
+            recorded = RecordedModel(model, self._max_states, self._window_nstep)
+            self._by_layout[key] = recorded
+            self._on_model(recorded, model)
+        return self._by_layout.get(key)
+
+    def _forget(self, identity: int) -> None:
+        """Drop an MjModel that the program has dropped: another may get its identity."""
+        self._by_identity.pop(identity, None)
+        self._references.pop(identity, None)
+
+
+def _arguments(
+    names: Sequence[str], args: tuple[Any, ...], keywords: Mapping[str, Any]
+) -> tuple[mujoco.MjModel, mujoco.MjData, int] | None:
+    """Return model, data and steps of a call; None where it is none that takes a step."""
+    given = {**dict(zip(names, args, strict=False)), **keywords}
+    if len(args) + len(keywords) != len(given) or not {"m", "d"} <= given.keys() <= set(names):
+        return None
+    try:
+        nstep = operator.index(given.get("nstep", 1))
+    except TypeError:
+        return None
+    return (given["m"], given["d"], nstep) if nstep > 0 else None

@@ -1,0 +1,85 @@
+"""A report as a fragment of HTML, for a notebook: conclusions first, then tables; no charts.
+
+It takes the colours of the page around it, so that it can be read on light and on dark ones; what
+has a colour of its own has a contrast of at least 3 on both.
+"""
+
+import html
+from collections.abc import Iterator, Sequence
+
+from mjbench.errors import printable
+from mjbench.pages.content import Column, Conclusion, DataTable, Report, Tone
+from mjbench.pages.html import MARKS
+
+# Of the marks before conclusions, which are bold; the texts have the colour of the page.
+COLOURS = {
+    Tone.GOOD: "#0a8a63",
+    Tone.BAD: "#d1492e",
+    Tone.UNSURE: "#a87900",
+    Tone.NEUTRAL: "inherit",
+}
+_LINE = "border-bottom:1px solid rgba(128,128,128,.35)"
+
+
+def render(report: Report, notes: Sequence[str] = ()) -> str:
+    """Return a report as a fragment of HTML; all texts are escaped.
+
+    Args:
+      report: what to show.
+      notes: sentences about the measurement as a whole.
+    """
+    return "".join(_parts(report, notes))
+
+
+def _parts(report: Report, notes: Sequence[str]) -> Iterator[str]:
+    yield '<div class="mjbench">'
+    yield from _conclusions(report.conclusions)
+    for note in notes:
+        yield f"<p><strong>{_text(note)}</strong></p>"
+    for section in report.sections:
+        for table in section.tables or [figure.data for figure in section.figures]:
+            yield from _table(section.heading, table)
+        if section.notes:
+            yield "<details><summary>Notes</summary>"
+            yield from (f"<div>{_text(note)}</div>" for note in section.notes)
+            yield "</details>"
+    yield "</div>"
+
+
+def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
+    yield '<ul style="list-style:none;padding:0;margin:.3em 0">'
+    for conclusion in conclusions:
+        mark = f'<b style="color:{COLOURS[conclusion.tone]}">{MARKS[conclusion.tone]}</b>'
+        yield f"<li>{mark} {_text(conclusion.text)}</li>"
+    yield "</ul>"
+
+
+def _table(heading: str, table: DataTable) -> Iterator[str]:
+    """Yield a table without the columns in which every cell is empty."""
+    kept = [
+        i
+        for i, column in enumerate(table.columns)
+        if any(column.shown(row[i]) for row in table.rows)
+    ]
+    yield '<table style="border-collapse:collapse;margin:.5em 0">'
+    yield f'<caption style="text-align:left">{_text(heading)}</caption>'
+    yield "<thead><tr>"
+    yield from (_cell("th", table.columns[i], table.columns[i].title) for i in kept)
+    yield "</tr></thead><tbody>"
+    for row in table.rows:
+        yield "<tr>"
+        yield from (_cell("td", table.columns[i], table.columns[i].shown(row[i])) for i in kept)
+        yield "</tr>"
+    yield "</tbody></table>"
+
+
+def _cell(tag: str, column: Column, text: str) -> str:
+    align = "right" if column.is_number else "left"
+    scope = ' scope="col"' if tag == "th" else ""
+    style = f"text-align:{align};padding:.15em .6em;{_LINE}"
+    return f'<{tag}{scope} style="{style}">{_text(text)}</{tag}>'
+
+
+def _text(text: str) -> str:
+    """Return a text in which nothing is markup, or a control character."""
+    return html.escape(printable(text))

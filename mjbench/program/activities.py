@@ -1,0 +1,260 @@
+"""What a program was doing when a sample of its stack was taken."""
+
+import contextlib
+import enum
+import re
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from mjbench.program.samples import Frame
+
+
+class Activity(enum.StrEnum):
+    """What a thread does."""
+
+    PHYSICS = "physics"
+    """MuJoCo's engine steps, or computes a part of a step."""
+    BINDINGS = "bindings"
+    """Between Python and the engine: calls, and views of the engine's arrays."""
+    PYTHON = "Python"
+    """The interpreter, and what has no activity of its own."""
+    NUMPY = "NumPy"
+    """NumPy and SciPy compute."""
+    ALLOCATION = "NumPy allocation"
+    """NumPy creates or frees arrays."""
+    POLICY = "policy"
+    """A framework for neural networks: PyTorch, JAX, TensorFlow, ONNX Runtime."""
+    RENDERING = "rendering"
+    """Images are drawn, read back, or shown."""
+    LOGGING = "logging and I/O"
+    """Files, logs and the terminal."""
+    PROCESSES = "waiting for other processes"
+    """For a pipe, a queue or the end of another process."""
+    THREADS = "waiting for other threads"
+    """For a lock or a queue of the same process."""
+    SLEEPING = "sleeping"
+    """`time.sleep`."""
+    COLLECTION = "garbage collection"
+    """Python looks for objects that refer to each other."""
+    IMPORT = "imports"
+    """Modules are found and compiled."""
+    LOADING = "loading models"
+    """MuJoCo reads or compiles a model."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A line of Python.
+
+    Attributes:
+      file: path of the file: as `shown_path` gives it in results.
+      line: from 1.
+      function: that holds the line.
+      text: of the line, without the spaces around it.
+    """
+
+    file: str
+    line: int
+    function: str
+    text: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+# The package of Python's own modules.
+STANDARD_LIBRARY = "Python's standard library"
+# Libraries, by what their path holds.
+_ENGINE = re.compile(r"(^|/)(libmujoco\.|libmujoco-|mujoco\.dll)")
+_BINDINGS = re.compile(r"/mujoco/_\w+\.")
+_NUMPY_LIBRARY = re.compile(r"/(numpy|scipy)(\.libs)?/|openblas|libblas|libmkl")
+_INTERPRETER = re.compile(r"/(libpython3|python3?(\.\d+)?$|_\w+\.cpython-)|/lib-dynload/")
+_CLOCK = re.compile(r"\[vdso\]|linux-vdso")
+_POLICY_LIBRARY = re.compile(r"/(torch|jaxlib|tensorflow|onnxruntime)/|libtorch")
+_GL_LIBRARY = re.compile(
+    r"lib(OSMesa|EGL|GL|GLX|GLdispatch|OpenGL|gallium|glapi|glfw|LLVM)[\w.-]*\.so|swrast|_dri\.so"
+    r"|nvidia-(gl|egl)"
+)
+# Functions of libraries.
+_DRAWS = re.compile(r"mjr_|mjv_|glReadPixels|_mesa_|llvmpipe_|lp_rast")
+_ALLOCATES = re.compile(
+    r"PyArray_(NewFromDescr|Zeros|Empty|NewLikeArray|NewCopy)|array_(dealloc|zeros|empty|new)"
+    r"|npy_(alloc|free)_cache|PyDataMem_|default_(malloc|calloc|free)"
+)
+_LOADS = re.compile(
+    r"mj[CX][A-Z]|mjXReader|tinyxml2|qh_|lodepng|std::|mj_(load|parse|compile|saveLast|copyModel)"
+    r"|mjs_"
+)
+_COLLECTS = re.compile(r"gc_collect|deduce_unreachable|subtract_refs|gc_freeze|visit_reachable")
+_WRITES = re.compile(r"_io_|fileio_|textiowrapper|buffered_|bufferedwriter|builtin_print|__write$")
+_SLEEPS = re.compile(r"(clock_)?nanosleep|pysleep|time_sleep")
+_WAITS = re.compile(r"^(read|recv\w*|poll|ppoll|select|epoll_wait|wait4|waitpid|waitid)$")
+# Python files.
+_DRAWING_FILE = re.compile(
+    r"/mujoco/(renderer|viewer)\.py$|/mujoco/rendering/|/mujoco/(egl|osmesa|cgl|glfw)/|mujoco_rendering\.py$"
+    r"|/dm_control/(_render|viewer)/|/dm_control/mujoco/render|/(OpenGL|glfw|pygame|matplotlib|cv2)/"
+    r"|/mujoco_python_viewer/|/robosuite/renderers/"
+)
+_POLICY_FILE = re.compile(
+    r"/site-packages/(torch|jax|jaxlib|flax|haiku|optax|tensorflow|keras|onnxruntime)/"
+)
+_LOGGING_FILE = re.compile(
+    r"/(tensorboard|tensorboardX|wandb|mlflow|imageio|imageio_ffmpeg|h5py|moviepy)/"
+    r"|/numpy/lib/(_npyio_impl|npyio|format|_format_impl)\.py$"
+)
+_STANDARD_LOGGING = re.compile(r"^(logging/\w+|csv|json/\w+|pickle|shelve|gzip|zipfile\w*)\.py$")
+_STANDARD_PROCESSES = re.compile(r"^(multiprocessing/|subprocess\.py|concurrent/futures/process)")
+_STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_base))\.py$")
+_STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
+_THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
+_IMPORTS = re.compile(r"^<frozen importlib")
+_STEP_CLOCK = "step_clock.py"
+
+
+def activity(stack: Sequence[Frame]) -> Activity | None:
+    """Return what a stack shows; None where only the line's other samples can tell.
+
+    Args:
+      stack: outermost frame first.
+    """
+    python = [frame for frame in stack if frame.is_python]
+    library = _libraries_at_end(stack)
+    return (
+        _by_caller(python, library)
+        or _by_library(python, library)
+        or _by_python(python, library)
+        or _interpreter(library)
+    )
+
+
+def _interpreter(library: Sequence[Frame]) -> Activity | None:
+    """Return Python where the interpreter is on top; None for a library such as that of C."""
+    is_interpreter = not library or _INTERPRETER.search(library[0].file)
+    return Activity.PYTHON if is_interpreter else None
+
+
+def _libraries_at_end(stack: Sequence[Frame]) -> list[Frame]:
+    """Return the frames of libraries that the innermost line of Python called, innermost first."""
+    frames = []
+    for frame in reversed(stack):
+        if frame.is_python:
+            break
+        frames.append(frame)
+    return frames
+
+
+def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
+    """Return the activity of what is one whole, whatever it calls."""
+    if any(_COLLECTS.match(frame.function) for frame in library):
+        return Activity.COLLECTION
+    for frame in reversed(python):
+        file = frame.file
+        if _DRAWING_FILE.search(file):
+            return Activity.RENDERING
+        if _POLICY_FILE.search(file):
+            return Activity.POLICY
+        if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(standard_name(file)):
+            return Activity.LOGGING
+        if _THREADED_ENGINE.search(file):
+            return Activity.PHYSICS
+        if _IMPORTS.match(file):
+            return Activity.IMPORT
+    return None
+
+
+def _by_library(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
+    """Return the activity by the libraries on top of the stack."""
+    for frame in library:
+        if _GL_LIBRARY.search(frame.file) or _DRAWS.match(frame.function):
+            return Activity.RENDERING
+        if _POLICY_LIBRARY.search(frame.file):
+            return Activity.POLICY
+        if _ENGINE.search(frame.file):
+            return Activity.LOADING if _LOADS.match(frame.function) else Activity.PHYSICS
+        if _BINDINGS.search(frame.file):
+            return Activity.BINDINGS
+        if _NUMPY_LIBRARY.search(frame.file):
+            allocates = any(_ALLOCATES.match(each.function) for each in library)
+            return Activity.ALLOCATION if allocates else Activity.NUMPY
+        if _SLEEPS.match(frame.function):
+            return Activity.SLEEPING
+        if _WRITES.match(frame.function):
+            return Activity.LOGGING
+    return None
+
+
+def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
+    """Return the activity by the innermost lines of Python."""
+    if not python:
+        return None
+    names = [standard_name(frame.file) for frame in reversed(python)]
+    waits = any(_WAITS.match(frame.function) for frame in library)
+    if any(_STANDARD_PROCESSES.match(name) for name in names[:4]) and (
+        waits or _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
+    ):
+        return Activity.PROCESSES
+    if _STANDARD_THREADS.match(names[0]) or _STANDARD_WAITING.match(names[0]):
+        return Activity.THREADS
+    if library and library[0].function in ("write", "__write", "fsync", "open", "openat"):
+        return Activity.LOGGING
+    if python[-1].file.endswith(_STEP_CLOCK):
+        return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
+    return None
+
+
+@cache
+def shown_path(file: str) -> str:
+    """Return a path for people: within the current folder, an installed package, or in full."""
+    match = re.search(r"/(?:site|dist)-packages/(.+)$", file)
+    if match or standard_name(file):
+        return match[1] if match else standard_name(file)
+    with contextlib.suppress(ValueError):
+        return str(Path(file).relative_to(Path.cwd()))
+    return file
+
+
+@cache
+def standard_name(file: str) -> str:
+    """Return a file's name within Python's standard library; nothing for another file."""
+    if file.startswith("<frozen"):
+        return file
+    for folder in _standard_folders():
+        if file.startswith(folder) and "site-packages" not in file[len(folder) :]:
+            return file[len(folder) :].lstrip("/")
+    match = re.search(r"/lib/python3\.\d+/(?!site-packages|dist-packages)(.+)$", file)
+    return match[1] if match else ""
+
+
+@cache
+def _standard_folders() -> tuple[str, ...]:
+    paths = sysconfig.get_paths()
+    folders = {paths["stdlib"], paths["platstdlib"]}
+    return tuple(sorted({*folders, *(str(Path(folder).resolve()) for folder in folders)}))
+
+
+@cache
+def package_of(file: str) -> str:
+    """Return the installed package that a file belongs to; nothing for the user's own code."""
+    match = re.search(r"/(?:site|dist)-packages/([^/]+)", file)
+    if match:
+        return match[1].removesuffix(".py")
+    return STANDARD_LIBRARY if standard_name(file) else ""
+
+
+def is_own(frame: Frame) -> bool:
+    """Return whether a frame is a line of the user's own code."""
+    is_source = frame.is_python and not frame.file.startswith("<")
+    return is_source and not package_of(frame.file) and not frame.file.endswith(_STEP_CLOCK)
+
+
+def is_engine_clock(stack: Sequence[Frame]) -> bool:
+    """Return whether a stack of physics is in the clock that the engine reads in each step."""
+    return any(_CLOCK.search(frame.file) for frame in _libraries_at_end(stack)[:2])
+
+
+def is_step_clock(frame: Frame) -> bool:
+    """Return whether a frame is of the step clock, which stands for a function of the engine."""
+    return frame.is_python and frame.file.endswith(f"program/hook/{_STEP_CLOCK}")

@@ -1,0 +1,141 @@
+"""Measure what remedies save: run the program with and without each, in turns."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mjbench.errors import InputError, MjbenchError
+from mjbench.instrument import stats
+from mjbench.loop import lint_fixes
+from mjbench.program import launch
+from mjbench.program.hook import step_clock
+from mjbench.program.launch import Program
+from mjbench.program.remedies import Confirmed, Remedy, RemedyKind
+from mjbench.program.step_times import StepTimes
+
+# Runs of each kind: the interval of a median needs six at least.
+ROUNDS = 8
+# Seconds of stepping of a run.
+RUN_S = 2.0
+
+_CHANGES = {
+    RemedyKind.CLOCK: step_clock.NO_ENGINE_CLOCK,
+    RemedyKind.COLLECTION: step_clock.NO_COLLECTION,
+}
+
+# Runs a program once; returns its steps. Arguments: change, and the file to run in its place.
+Run = Callable[[str, Path | None], Sequence[StepTimes]]
+Advance = Callable[[int, str, float], None]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way of running the program.
+
+    Attributes:
+      change: that the step clock applies; "" for none.
+      source: file that is run in the program's place; None for its own.
+    """
+
+    change: str = ""
+    source: Path | None = None
+
+
+def confirm(
+    program: Program, remedies: Sequence[Remedy], advance: Advance, run: Run | None = None
+) -> list[Remedy]:
+    """Return the remedies, with what those saved that can be applied without the user.
+
+    Args:
+      program: that was observed.
+      remedies: of its loop.
+      advance: told before each run: how many were done, what runs, and a share of 0.
+      run: runs the program once; None for `launch.time_steps`.
+    """
+
+    def run_program(change: str, source: Path | None) -> Sequence[StepTimes]:
+        return launch.time_steps(program, RUN_S, change, source)
+
+    with tempfile.TemporaryDirectory(prefix="mjbench-fixed-") as name:
+        original, fixed = _sources(program, Path(name))
+        trials = [_trial(remedy, program, original, fixed) for remedy in remedies]
+        unchanged = Trial(source=original)
+        distinct = list(dict.fromkeys([unchanged, *(trial for trial in trials if trial)]))
+        if len(distinct) == 1:
+            return list(remedies)
+        seconds = _seconds_per_step(distinct, run or run_program, advance)
+    return [
+        remedy
+        if trial is None or not len(seconds[trial]) == ROUNDS == len(seconds[unchanged])
+        else replace(remedy, confirmed=_confirmed(seconds[unchanged], seconds[trial]))
+        for remedy, trial in zip(remedies, trials, strict=True)
+    ]
+
+
+def runs_of(program: Program, remedies: Sequence[Remedy]) -> int:
+    """Return how often `confirm` runs a program, at most."""
+    kinds = {remedy.kind for remedy in remedies if remedy.kind in _CHANGES}
+    has_fixes = any(remedy.code and remedy.gain is not None for remedy in remedies)
+    return ROUNDS * (1 + len(kinds) + has_fixes)
+
+
+def _sources(program: Program, folder: Path) -> tuple[Path | None, Path | None]:
+    """Return the program's file, and one with lint's fixes; None where there is none."""
+    file = Path(program.arguments[0])
+    if program.arguments[0] == "-m" or not file.is_file():
+        return None, None
+    try:
+        result = lint_fixes.fix(str(file))
+    except InputError:
+        return file, None
+    if not result.fixed:
+        return file, None
+    fixed = folder / file.name
+    fixed.write_bytes(result.after.data)
+    return file, fixed
+
+
+def _trial(
+    remedy: Remedy, program: Program, original: Path | None, fixed: Path | None
+) -> Trial | None:
+    """Return how the program runs with a remedy; None where mjbench cannot apply it."""
+    if remedy.kind in _CHANGES:
+        return Trial(_CHANGES[remedy.kind], original)
+    is_own = remedy.place is not None and Path(remedy.place.file).name == program.name
+    if remedy.code and remedy.gain is not None and is_own and fixed is not None:
+        return Trial(source=fixed)
+    return None
+
+
+def _seconds_per_step(
+    trials: Sequence[Trial], run: Run, advance: Advance
+) -> dict[Trial, list[float]]:
+    """Return the seconds of a step in each round, by trial; fewer rounds where one failed."""
+    seconds: dict[Trial, list[float]] = {trial: [] for trial in trials}
+    for number in range(ROUNDS):
+        # every other round goes backward: a drift of the machine favours none
+        for i, trial in enumerate(trials if number % 2 == 0 else trials[::-1]):
+            advance(number * len(trials) + i, trial.change or "the program again", 0.0)
+            if len(seconds[trial]) < number:
+                continue  # it has failed
+            try:
+                steps = run(trial.change, trial.source)
+            except MjbenchError:
+                continue
+            rate = sum(each.steps_per_s or 0.0 for each in steps)
+            if rate > 0:
+                seconds[trial].append(1 / rate)
+    return seconds
+
+
+def _confirmed(unchanged_s: Sequence[float], changed_s: Sequence[float]) -> Confirmed:
+    """Return what a remedy saves of a step, from the same rounds."""
+    speedup = stats.speedup(unchanged_s, changed_s)
+    assert speedup.low is not None and speedup.high is not None, "there are enough rounds"
+    return Confirmed(
+        gain=1 - 1 / speedup.median,
+        low=1 - 1 / speedup.low,
+        high=1 - 1 / speedup.high,
+        runs=len(changed_s),
+    )

@@ -1,0 +1,45 @@
+"""Python imports this at start, before the user's program, where its folder is on PYTHONPATH.
+
+It starts the step clock, and then imports the `sitecustomize` that Python would have found
+otherwise. Whatever goes wrong here must not reach the program.
+"""
+
+import importlib
+import importlib.util
+import os
+import sys
+
+
+def _start() -> None:
+    """Start the step clock, in the folder that `mjbench run` names."""
+    here = os.path.dirname(os.path.abspath(__file__))
+    sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
+    folder = os.environ.get("MJBENCH_STEP_CLOCK")
+    if folder:
+        path = os.path.join(here, "step_clock.py")
+        spec = importlib.util.spec_from_file_location("mjbench_step_clock", path)
+        if spec is not None and spec.loader is not None:
+            module = importlib.util.module_from_spec(spec)
+            sys.modules["mjbench_step_clock"] = module
+            spec.loader.exec_module(module)
+            module.start(folder, os.environ.get("MJBENCH_CHANGE", ""))
+
+
+def _import_next() -> None:
+    """Import the user's own `sitecustomize`, if there is one."""
+    own = sys.modules.pop("sitecustomize", None)
+    try:
+        importlib.import_module("sitecustomize")
+    except ModuleNotFoundError as error:
+        if error.name != "sitecustomize":
+            raise
+        if own is not None:
+            sys.modules["sitecustomize"] = own
+
+
+if __name__ == "sitecustomize":
+    try:
+        _start()
+    except Exception as error:
+        print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
+    _import_next()

@@ -1,0 +1,490 @@
+"""The step clock: when the user's program calls the engine, and for how long.
+
+It replaces `mujoco.mj_step`, `mj_step1` and `mj_step2` by functions that note when each call begins
+and ends, once the program has imported MuJoCo. It also notes when an environment begins a step, and
+how long garbage collections take. Records go into a file that is mapped into memory, one for each
+process, so they survive any end of the program.
+
+The clock must cost little. It times bursts of calls; between them, calls pass through. Where even
+that would cost too much, it takes its functions away until the program resets a simulation.
+
+This module runs in the user's program, in any environment: it needs the standard library alone.
+`mjbench.program.step_times` reads the files.
+"""
+
+import atexit
+import gc
+import importlib.abc
+import importlib.machinery
+import itertools
+import json
+import mmap
+import os
+import struct
+import sys
+import time
+from _thread import get_ident
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any
+
+# A record: kind, thread, begin and end in ns, steps, timestep in ns.
+RECORD = struct.Struct("<6q")
+# What stands before the records, as `Header` names it.
+HEADER = struct.Struct("<13q")
+# Seconds by the engine's timers, as sums over bursts.
+MAX_TIMERS = 32
+TIMERS = struct.Struct(f"<{MAX_TIMERS}d")
+FIRST_RECORD = HEADER.size + TIMERS.size
+CAPACITY = 1 << 19  # records of a process; 25 MB, of which a file takes what is written
+
+# What `mjbench run --confirm` has the clock change, to see what it saves.
+NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
+
+# Kinds of records.
+STEP, ITERATION, COLLECTION, BURST = 1, 2, 3, 4
+
+# Calls of a burst; what timing them may cost of the program's time. To pass calls through costs a
+# little more, which cannot be spared.
+BURST_CALLS, MAX_COST_SHARE = 200, 0.01
+# What it may cost in any case, so that a fast loop is timed for more than a moment.
+FREE_COST_NS = 20_000_000
+# Calls that follow each other faster are left alone for most of the time: even to pass them through
+# would cost more than `MAX_COST_SHARE`.
+FASTEST_PASSED_NS = 2_500
+# Shorter garbage collections have no record of their own; all are in the totals.
+LEAST_COLLECTION_NS = 1_000_000
+CALIBRATION_CALLS = 2000
+
+_STEPPING = ("mj_step", "mj_step1", "mj_step2")
+_RESETS = ("mj_resetData", "mj_resetDataKeyframe")
+# Methods that begin a step of an environment: module, class, method.
+_ENVIRONMENTS = (
+    ("gymnasium.envs.mujoco.mujoco_env", "MujocoEnv", "do_simulation"),
+    ("dm_control.rl.control", "Environment", "step"),
+    ("dm_control.composer.environment", "Environment", "step"),
+    ("robosuite.environments.base", "MujocoEnv", "step"),
+)
+
+_now_ns = time.perf_counter_ns
+# Of a thread's identifier, so that it fits a record.
+_THREAD_BITS = 2**63 - 1
+
+
+class StepFile:
+    """The file of one process.
+
+    Attributes:
+      used: number of records.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
+        self.open()
+
+    def open(self) -> None:
+        """Begin the file of this process; a forked process begins its own."""
+        path = os.path.join(self._folder, f"{os.getpid()}.steps")
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
+        try:
+            os.ftruncate(descriptor, FIRST_RECORD + CAPACITY * RECORD.size)
+            self._map = mmap.mmap(descriptor, 0)
+        finally:
+            os.close(descriptor)
+        self._next = itertools.count().__next__
+        self.timers = [0.0] * MAX_TIMERS
+
+    def write(self, kind: int, begin_ns: int, end_ns: int, nstep: int, timestep_ns: int) -> int:
+        """Write a record; return how many there are now."""
+        slot = self._next()
+        if slot < CAPACITY:
+            RECORD.pack_into(
+                self._map,
+                FIRST_RECORD + slot * RECORD.size,
+                kind,
+                get_ident() & _THREAD_BITS,
+                begin_ns,
+                end_ns,
+                nstep,
+                timestep_ns,
+            )
+        return slot + 1
+
+    def write_header(self, *values: int) -> None:
+        """Write what stands before the records, in the order of `step_times.Header`."""
+        HEADER.pack_into(self._map, 0, *values)
+
+    def add_timers(self, seconds: Sequence[float]) -> None:
+        """Add seconds by the engine's timers to their sums."""
+        for i, value in enumerate(seconds[:MAX_TIMERS]):
+            self.timers[i] += value
+        TIMERS.pack_into(self._map, HEADER.size, *self.timers)
+
+
+class StepClock:
+    """Times the engine's calls of this process in bursts."""
+
+    def __init__(self, folder: str, change: str = "", now_ns: Callable[[], int] = _now_ns) -> None:
+        """Begin the process's file.
+
+        Args:
+          folder: for the file.
+          change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
+          now_ns: the clock.
+        """
+        self._folder, self._change, self._now_ns = folder, change, now_ns
+        self._file = StepFile(folder)
+        self._originals: dict[str, Any] = {}
+        self._timed: dict[str, Any] = {}
+        self._module: ModuleType | None = None
+        self._timestep_ns = 0  # of the model that the burst steps
+        self.timed_ns = self.passed_ns = 0  # what a call costs, timed and passed through
+        self._reset_totals()
+
+    def _reset_totals(self) -> None:
+        """Begin to count: in a new process, everything begins at 0."""
+        self._start_ns = self._now_ns()
+        self._first_ns = self._last_ns = 0
+        self._calls_timed = self._calls_passed = 0
+        self._to_pass = self._planned_to_pass = 0
+        self._burst_begin_ns = 0
+        self._burst_calls = 0
+        self._burst_timers: list[float] | None = None
+        self._is_away = self._was_away = False
+        self._collections = self._collections_ns = self._longest_collection_ns = 0
+        self._collection_begin_ns = 0
+        self._write_header()
+
+    def begin_process(self) -> None:
+        """Begin anew in a process that was forked."""
+        self._file.open()
+        self._reset_totals()
+        self._come_back()
+
+    # MuJoCo
+
+    def install(self, module: ModuleType) -> None:
+        """Replace the engine's functions in the module `mujoco`, which was just imported."""
+        self._module = module
+        self._write_engine(module)
+        if self._change == NO_ENGINE_CLOCK:
+            from mjbench.simulation.engine_clock import engine_clock
+
+            engine_clock(False)
+            self._note_change()
+        for name in _STEPPING:
+            self._originals[name] = getattr(module, name)
+            self._timed[name] = self._timing(self._originals[name], is_step=name != "mj_step1")
+        self._calibrate()
+        for name in _STEPPING:
+            setattr(module, name, self._timed[name])
+        for name in _RESETS:
+            setattr(module, name, self._returning(getattr(module, name)))
+
+    def _note_change(self) -> None:
+        """Leave a note that the change was applied."""
+        with open(os.path.join(self._folder, self._change), "w", encoding="utf-8"):
+            pass
+
+    def _write_engine(self, module: ModuleType) -> None:
+        """Write the release and the names of its timers, for those who read the sums."""
+        timer = getattr(module, "mjtTimer", None)
+        members = getattr(timer, "__members__", {})
+        names = {name.removeprefix("mjTIMER_"): int(value) for name, value in members.items()}
+        engine = {"version": getattr(module, "__version__", ""), "timers": names}
+        path = os.path.join(self._folder, "engine.json")
+        with open(path, "w", encoding="utf-8") as file:
+            json.dump(engine, file)
+
+    def _timing(self, function: Any, is_step: bool = True) -> Any:
+        """Return what stands for a function of the engine: it notes when it begins and ends.
+
+        Where `is_step` is False, it is the first part of a step, and counts as none.
+        """
+        now_ns, write, one = self._now_ns, self._file.write, int(is_step)
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            if self._to_pass:
+                self._to_pass -= 1
+                return function(*args, **kwargs)
+            if not self._burst_calls:
+                self._begin_burst(args)
+            begin_ns = now_ns()
+            result = function(*args, **kwargs)
+            end_ns = now_ns()
+            nstep = args[2] if len(args) > 2 else kwargs.get("nstep", one)
+            used = write(STEP, begin_ns, end_ns, nstep, self._timestep_ns)
+            self._burst_calls += 1
+            if self._burst_calls == BURST_CALLS:
+                self._end_burst(args, end_ns, used)
+            return result
+
+        return _like(call, function)
+
+    def _begin_burst(self, args: Sequence[Any]) -> None:
+        """Begin a burst: read what must not be read in each call."""
+        self._calls_passed, self._planned_to_pass = self._passed(), 0
+        self._timestep_ns = _timestep_ns(args)
+        self._burst_timers = _timers(args)
+        self._burst_begin_ns = self._now_ns()
+        if not self._first_ns:
+            self._first_ns = self._burst_begin_ns
+            self._collections = self._collections_ns = self._longest_collection_ns = 0
+            self._write_header()
+            if self._change == NO_COLLECTION:
+                gc.collect()
+                gc.freeze()
+                gc.disable()
+                self._note_change()
+        self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
+
+    def _end_burst(self, args: Sequence[Any], end_ns: int, used: int) -> None:
+        """End a burst: decide how many calls to pass through until the next one."""
+        if self._burst_timers is not None and (timers := _timers(args)) is not None:
+            seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
+            if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
+                self._file.add_timers(seconds)
+        self._calls_timed += self._burst_calls
+        self._last_ns = end_ns
+        period_ns = max(1, (end_ns - self._burst_begin_ns) // self._burst_calls)
+        self._burst_calls = 0
+        owed_ns = max(0, self._calls_timed * self.timed_ns - FREE_COST_NS)
+        debt_ns = owed_ns / MAX_COST_SHARE - (end_ns - self._start_ns)
+        by_cost = int(debt_ns / period_ns) if debt_ns > 0 else 0
+        # the fuller the file, the fewer calls have a record: it never overflows
+        by_space = BURST_CALLS * used // max(1, CAPACITY - 2 * BURST_CALLS - used)
+        self._to_pass = max(by_cost, by_space if used > CAPACITY // 2 else 0)
+        if used > CAPACITY - 2 * BURST_CALLS:
+            self._to_pass = sys.maxsize
+        self._planned_to_pass = self._to_pass
+        if self._to_pass and period_ns < FASTEST_PASSED_NS:
+            self._go_away()
+        self._write_header()
+
+    def _passed(self) -> int:
+        """Return how many calls were passed through until now."""
+        return self._calls_passed + self._planned_to_pass - self._to_pass
+
+    def _cost_ns(self) -> int:
+        return self._calls_timed * self.timed_ns + self._passed() * self.passed_ns
+
+    def _go_away(self) -> None:
+        """Give the program the engine's own functions, until it resets a simulation."""
+        self._is_away = self._was_away = True
+        self._to_pass = self._planned_to_pass = 0
+        assert self._module is not None
+        for name, function in self._originals.items():
+            if getattr(self._module, name) is self._timed[name]:
+                setattr(self._module, name, function)
+
+    def _come_back(self) -> None:
+        """Time a burst again, where the last one went away."""
+        if self._is_away and self._module is not None:
+            self._is_away = False
+            for name, function in self._originals.items():
+                if getattr(self._module, name) is function:
+                    setattr(self._module, name, self._timed[name])
+
+    def _returning(self, function: Any) -> Any:
+        """Return what stands for a function that resets a simulation."""
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            if self._is_away:
+                elapsed_ns = self._now_ns() - self._start_ns
+                if self._cost_ns() - FREE_COST_NS < MAX_COST_SHARE * elapsed_ns:
+                    self._come_back()
+            return function(*args, **kwargs)
+
+        return _like(call, function)
+
+    def _calibrate(self) -> None:
+        """Measure what a call costs that is timed, and one that is passed through."""
+
+        def nothing(*args: Any, **kwargs: Any) -> None:
+            return None
+
+        call, costs = self._timing(nothing), []
+        # a burst of its own never ends: it begins beyond its last call
+        for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
+            blocks = []
+            for _ in range(5):
+                self._to_pass, self._burst_calls = to_pass, calls
+                begin_ns = self._now_ns()
+                for _ in range(CALIBRATION_CALLS // 5):
+                    call(None, None)
+                middle_ns = self._now_ns()
+                for _ in range(CALIBRATION_CALLS // 5):
+                    nothing(None, None)
+                end_ns = self._now_ns()
+                blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
+            costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
+        self.timed_ns, self.passed_ns = costs
+        self._to_pass = self._burst_calls = 0
+        self._file.open()  # without the records of the calibration
+        self._start_ns = self._now_ns()
+        self._write_header()
+
+    # Environments and garbage collection
+
+    def install_environment(self, module: ModuleType, class_name: str, method: str) -> None:
+        """Note when an environment begins a step."""
+        owner = getattr(module, class_name, None)
+        original = getattr(owner, method, None)
+        if owner is None or original is None:
+            return
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            if self._burst_calls:
+                begin_ns = self._now_ns()
+                self._file.write(ITERATION, begin_ns, begin_ns, 0, 0)
+            return original(*args, **kwargs)
+
+        setattr(owner, method, _like(call, original))
+
+    def note_collection(self, phase: str, info: Any) -> None:
+        """Note how long a garbage collection takes; Python calls this at its start and stop."""
+        now_ns = self._now_ns()
+        if phase == "start":
+            self._collection_begin_ns = now_ns
+            return
+        duration_ns = now_ns - self._collection_begin_ns
+        self._collections += 1
+        self._collections_ns += duration_ns
+        self._longest_collection_ns = max(self._longest_collection_ns, duration_ns)
+        if duration_ns >= LEAST_COLLECTION_NS:
+            self._file.write(COLLECTION, self._collection_begin_ns, now_ns, 0, 0)
+            self._write_header()
+
+    def _write_header(self) -> None:
+        self._file.write_header(
+            os.getpid(),
+            os.getppid(),
+            self._start_ns,
+            self._first_ns,
+            self._last_ns,
+            self._calls_timed,
+            self._calls_passed,
+            self._was_away,
+            self._cost_ns(),
+            self.timed_ns,
+            self._collections,
+            self._collections_ns,
+            self._longest_collection_ns,
+        )
+
+    def end(self) -> None:
+        """Write what the last burst left; called when the process ends by itself."""
+        if self._burst_calls or self._is_away:
+            self._last_ns = self._now_ns()
+            self._calls_timed += self._burst_calls
+            self._burst_calls = 0
+        self._write_header()
+
+
+def _like(call: Any, function: Any) -> Any:
+    """Give a replacement the name and documentation of what it stands for."""
+    for name in ("__name__", "__qualname__", "__doc__", "__module__"):
+        value = getattr(function, name, None)
+        if value is not None:
+            setattr(call, name, value)
+    call.__wrapped__ = function
+    return call
+
+
+def _timestep_ns(args: Sequence[Any]) -> int:
+    """Return the timestep of the model that a call steps; 0 where there is none."""
+    try:
+        return int(1e9 * args[0].opt.timestep)
+    except (AttributeError, IndexError, TypeError):
+        return 0
+
+
+def _timers(args: Sequence[Any]) -> list[float] | None:
+    """Return the seconds by the engine's timers of the data that a call steps."""
+    try:
+        return [float(value) for value in args[1].timer.duration]
+    except (AttributeError, IndexError, TypeError):
+        return None
+
+
+class _AfterImport(importlib.abc.MetaPathFinder):
+    """Calls a function with a module of a certain name, once that was imported."""
+
+    def __init__(self, actions: dict[str, Callable[[ModuleType], None]]) -> None:
+        self._actions = actions
+
+    def find_spec(
+        self, fullname: str, path: Any, target: Any = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """Return another finder's module, whose loader calls the function afterwards."""
+        action = self._actions.pop(fullname, None)
+        if action is None:
+            return None
+        for finder in sys.meta_path:
+            if finder is self or not hasattr(finder, "find_spec"):
+                continue
+            spec = finder.find_spec(fullname, path, target)
+            if spec is not None:
+                _call_after(spec, action)
+                return spec
+        return None
+
+
+def _call_after(spec: importlib.machinery.ModuleSpec, action: Callable[[ModuleType], None]) -> None:
+    """Let the loader of a module call a function once the module was executed."""
+    loader = spec.loader
+    execute = getattr(loader, "exec_module", None)
+    if execute is None:
+        return
+
+    def exec_module(module: ModuleType) -> None:
+        execute(module)
+        try:
+            action(module)
+        except Exception as error:
+            print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
+
+    try:
+        loader.exec_module = exec_module  # type: ignore[union-attr, method-assign]
+    except AttributeError:  # a loader that takes no attributes
+        return
+
+
+def _hide_from_tracebacks() -> None:
+    """Let what an uncaught exception prints leave out the clock's own frames."""
+    earlier = sys.excepthook
+
+    def report(kind: type[BaseException], error: BaseException, frames: Any) -> None:
+        earlier(kind, error, _without_own(frames))
+
+    sys.excepthook = report
+
+
+def _without_own(frames: Any) -> Any:
+    """Return a traceback without the frames of this file."""
+    if frames is None:
+        return None
+    rest = _without_own(frames.tb_next)
+    if frames.tb_frame.f_code.co_filename == __file__:
+        return rest
+    frames.tb_next = rest
+    return frames
+
+
+def start(folder: str, change: str = "") -> StepClock:
+    """Start the clock of this process, and of those that it forks; see `StepClock`."""
+    clock = StepClock(folder, change)
+
+    def environment(class_name: str, method: str) -> Callable[[ModuleType], None]:
+        return lambda module: clock.install_environment(module, class_name, method)
+
+    actions: dict[str, Callable[[ModuleType], None]] = {"mujoco": clock.install}
+    for module_name, class_name, method in _ENVIRONMENTS:
+        actions[module_name] = environment(class_name, method)
+    sys.meta_path.insert(0, _AfterImport(actions))
+    gc.callbacks.append(clock.note_collection)
+    _hide_from_tracebacks()
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=clock.begin_process)
+    atexit.register(clock.end)
+    return clock

@@ -1,0 +1,436 @@
+"""Run the user's program as it is, with the step clock inside and the sampling profiler beside it.
+
+Standard input, output and error, the arguments, the folder and the exit code are the program's own;
+so are Ctrl-C and other signals, which reach it as they would without mjbench. The environment has
+two more variables.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import FrameType
+
+from mjbench.errors import InputError, MachineError, shown
+from mjbench.program import sampler, samples, step_times
+from mjbench.program.hook import step_clock
+from mjbench.program.samples import ThreadSamples
+from mjbench.program.step_times import Header, StepTimes
+
+# Seconds between looks at the program: each also sees whether the profiler has stopped it.
+_LOOK_S = 0.01
+# Seconds for the step clock to begin its file, which Python does before the program.
+_START_S = 10.0
+# Seconds for the program to end after Ctrl-C, and again after SIGTERM.
+_END_S = 10.0
+# Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
+LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.02
+# Fewer samples per second tell too little, whatever they cost.
+LEAST_RATE_HZ = 5
+# Seconds after the first step from which its pauses count: before, the profiler reads libraries.
+_CALM_S = 1.0
+# The state of a process that a profiler has stopped.
+_TRACED = b"t"
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+_HOOK = Path(__file__).with_name("hook")
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program to run.
+
+    Attributes:
+      arguments: what follows the interpreter: a file or `-m` and a module, and its arguments.
+      interpreter: Python that runs it.
+    """
+
+    arguments: Sequence[str]
+    interpreter: str = sys.executable
+
+    @property
+    def name(self) -> str:
+        """The file's name, or the module."""
+        return self.arguments[1] if self.arguments[0] == "-m" else Path(self.arguments[0]).name
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What was seen of a program.
+
+    Attributes:
+      exit_code: of the program; 128 and the number of the signal that ended it.
+      was_ended: whether mjbench ended it, since its seconds were over.
+      wall_s: from its start to its end.
+      pid: its first process.
+      threads: samples of its threads, and those of its child processes.
+      steps: what the step clock of each process noted.
+      rate_hz: samples per second.
+      paused_share: share of time for which the profiler stopped the program; None where that
+        cannot be seen.
+      problem: why there are no samples, in one line; empty where there are.
+    """
+
+    exit_code: int
+    was_ended: bool
+    wall_s: float
+    pid: int
+    threads: Sequence[ThreadSamples]
+    steps: Sequence[StepTimes]
+    rate_hz: int
+    paused_share: float | None
+    problem: str = ""
+
+
+@dataclass
+class Profiling:
+    """The profiler beside a program, and what it costs.
+
+    The profiler stops the program for each sample, for the longer the more threads and libraries
+    the program has. Where that costs too much, it starts again at a lower rate.
+
+    Attributes:
+      pid: the program's process.
+      folder: for the profiler's files.
+      rate_hz: samples per second.
+      adapts: whether the rate may be lowered.
+      sampler: the profiler.
+      looks: how often the program was looked at.
+      paused: how often the profiler had stopped it then.
+      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
+        before that.
+      earlier: samples at the first rate.
+    """
+
+    pid: int
+    folder: Path
+    rate_hz: int
+    adapts: bool
+    sampler: sampler.Sampler
+    looks: int = 0
+    paused: int = 0
+    begin_s: float | None = None
+    earlier: Sequence[ThreadSamples] = ()
+
+    @classmethod
+    def begin(cls, pid: int, folder: Path, rate_hz: int | None) -> "Profiling":
+        """Start the profiler; without a rate, at the usual one, which may be lowered."""
+        rate = rate_hz or sampler.DEFAULT_RATE_HZ
+        return cls(pid, folder, rate, rate_hz is None, sampler.start(pid, folder, rate))
+
+    def look(self) -> None:
+        """See whether the profiler has begun."""
+        if self.begin_s is None and self.sampler.has_begun:
+            self.begin_s = time.monotonic()
+
+    def look_for_pause(self) -> None:
+        """See whether the profiler has stopped the program at this moment (Linux)."""
+        state = process_state(self.pid)
+        if state is None:
+            return
+        self.looks += 1
+        self.paused += state == _TRACED
+        if self.adapts and self.looks == LOOKS_TO_ADAPT:
+            self._adapt()
+
+    def _adapt(self) -> None:
+        """Start again at a lower rate where the profiler costs too much."""
+        self.adapts = False
+        share = self.paused / self.looks
+        if share > MAX_PAUSED_SHARE and self.sampler.process.poll() is None:
+            end_s = time.monotonic()
+            self.sampler.stop()
+            self.earlier = self._read(end_s)
+            self.begin_s = None
+            self.rate_hz = max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share))
+            self.sampler = sampler.start(self.pid, self.folder, self.rate_hz)
+            self.looks = self.paused = 0
+
+    @property
+    def paused_share(self) -> float | None:
+        """Share of time for which the program was stopped; None where that cannot be seen."""
+        return self.paused / self.looks if self.looks else None
+
+    def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
+        """Return the samples until `end_s`; or why there are none."""
+        seen = [*self.earlier, *self._read(end_s)]
+        return seen, "" if seen else self.sampler.problem()
+
+    def _read(self, end_s: float) -> Sequence[ThreadSamples]:
+        """Return the samples of the profiler that ran last; none where it wrote no file."""
+        file = self.sampler.file
+        if not file.is_file():
+            return []
+        seen = samples.read(file)
+        file.unlink()
+        return seen if self.begin_s is None else samples.spread_over(seen, end_s - self.begin_s)
+
+
+@dataclass
+class _Signals:
+    """Signals that came for mjbench while the program ran."""
+
+    forward: Callable[[int], None] = field(default=lambda number: None)
+
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """Pass a signal on, unless the terminal has sent it to the program, too."""
+        if not (number == signal.SIGINT and _is_foreground()):
+            self.forward(number)
+
+
+def check(program: Program) -> None:
+    """Refuse a program that is not there, before anything is started.
+
+    Raises:
+      InputError: there is no such file.
+      UnavailableError: the profiler is not installed.
+    """
+    first = program.arguments[0]
+    if first != "-m" and not Path(first).exists():
+        raise InputError(f"{shown(first)}: no such file")
+    sampler.program()
+
+
+def run(program: Program, seconds: float | None = None, rate_hz: int | None = None) -> Observation:
+    """Run a program to its end, and return what was seen.
+
+    Args:
+      program: to run.
+      seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
+        it run.
+      rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
+
+    Raises:
+      MachineError: the program could not be started.
+    """
+    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
+        return _run(program, Path(name), seconds, rate_hz)
+
+
+def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
+    """Sample a program that runs already; it runs on afterwards.
+
+    Args:
+      pid: its process.
+      seconds: to sample for.
+      rate_hz: samples per second, as of `run`.
+
+    Raises:
+      InputError: there is no such process.
+    """
+    if not _exists(pid):
+        raise InputError(f"--attach {pid}: no such process")
+    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
+        begin_s = time.monotonic()
+        profiling = Profiling.begin(pid, Path(name), rate_hz)
+        with contextlib.suppress(KeyboardInterrupt):
+            while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
+                profiling.look()
+                profiling.look_for_pause()
+                time.sleep(_LOOK_S)
+        end_s = time.monotonic()
+        profiling.sampler.stop()
+        return _observation(profiling, pid, begin_s, end_s)
+
+
+def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | None) -> Observation:
+    with _passing_on() as signals:
+        begin_s = time.monotonic()
+        process = _start(program, folder)
+        signals.forward = lambda number: _send(process, number)
+        was_ended = has_begun = False
+        profiling = _start_profiler(process, folder, rate_hz)
+        while process.poll() is None:
+            time.sleep(_LOOK_S)
+            if profiling is not None:
+                profiling.look()
+                if has_begun := has_begun or _has_stepped(folder, _CALM_S):
+                    profiling.look_for_pause()
+            if seconds is not None and not was_ended and _has_stepped(folder, seconds):
+                was_ended = True
+                _end(process)
+        end_s = time.monotonic()
+        if profiling is not None:
+            profiling.sampler.wait()
+        seen = _observation(profiling, process.pid, begin_s, end_s)
+        return replace(
+            seen,
+            exit_code=_exit_code(process.returncode),
+            was_ended=was_ended,
+            steps=step_times.read_all(folder),
+        )
+
+
+def _observation(
+    profiling: Profiling | None, pid: int, begin_s: float, end_s: float
+) -> Observation:
+    """Return what the profiler saw of a process."""
+    threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples(end_s)
+    return Observation(
+        exit_code=0,
+        was_ended=False,
+        wall_s=end_s - begin_s,
+        pid=pid,
+        threads=threads,
+        steps=(),
+        rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
+        paused_share=None if profiling is None else profiling.paused_share,
+        problem=problem,
+    )
+
+
+def time_steps(
+    program: Program, seconds: float, change: str = "", source: Path | None = None
+) -> list[StepTimes]:
+    """Run a program again without the profiler; return the steps of its processes.
+
+    Its output goes nowhere, and it has no input.
+
+    Args:
+      program: to run.
+      seconds: after its first step, for which it runs at most.
+      change: that the step clock applies: `step_clock.NO_ENGINE_CLOCK` or `NO_COLLECTION`.
+      source: file that is run in the program's place; None for its own.
+
+    Raises:
+      MachineError: the program could not be started, did not step, or the change did not apply.
+    """
+    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
+        folder = Path(name)
+        process = _start(program, folder, change, source, quiet=True)
+        try:
+            while process.poll() is None:
+                time.sleep(_LOOK_S)
+                if _has_stepped(folder, seconds):
+                    _end(process)
+        finally:
+            _send(process, signal.SIGKILL)
+        steps = [each for each in step_times.read_all(folder) if each.step is not None]
+        if not steps:
+            raise MachineError("the program did not step when it ran again")
+        if change and not (folder / change).exists():
+            raise MachineError("the change could not be applied")
+        return steps
+
+
+def _start(
+    program: Program,
+    folder: Path,
+    change: str = "",
+    source: Path | None = None,
+    quiet: bool = False,
+) -> "subprocess.Popen[bytes]":
+    """Start the program; the step clock starts with it."""
+    path = os.pathsep.join(filter(None, [str(_HOOK), os.environ.get("PYTHONPATH")]))
+    environment = {**os.environ, "PYTHONPATH": path, "MJBENCH_STEP_CLOCK": str(folder)}
+    if change:
+        environment["MJBENCH_CHANGE"] = change
+    runner = [str(_HOOK / "run_source.py"), str(source)] if source is not None else []
+    stream = subprocess.DEVNULL if quiet else None
+    try:
+        return subprocess.Popen(
+            [program.interpreter, *runner, *program.arguments],
+            env=environment,
+            stdin=stream,
+            stdout=stream,
+            stderr=stream,
+        )
+    except OSError as error:
+        raise MachineError(
+            f"cannot start {shown(program.interpreter)}: {error.strerror}"
+        ) from error
+
+
+def _start_profiler(
+    process: "subprocess.Popen[bytes]", folder: Path, rate_hz: int | None
+) -> Profiling | None:
+    """Start the profiler once Python runs; None where the program ends before."""
+    file, begin_s = folder / f"{process.pid}.steps", time.monotonic()
+    while not file.exists() and time.monotonic() - begin_s < _START_S:
+        if process.poll() is not None:
+            return None
+        time.sleep(_LOOK_S)
+    return Profiling.begin(process.pid, folder, rate_hz)
+
+
+def _has_stepped(folder: Path, seconds: float) -> bool:
+    """Return whether the program, or a process of it, has stepped for so many seconds."""
+    now_ns = time.perf_counter_ns()
+    for file in folder.glob("*.steps"):
+        with file.open("rb") as stream:
+            head = stream.read(step_clock.HEADER.size)
+        if len(head) == step_clock.HEADER.size:
+            header = Header(*step_clock.HEADER.unpack(head))
+            if header.first_ns and now_ns - header.first_ns > 1e9 * seconds:
+                return True
+    return False
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    """End the program and what it started as Ctrl-C does; by force where that does not do."""
+    for number, seconds in ((signal.SIGINT, _END_S), (signal.SIGTERM, _END_S)):
+        _send(process, number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(seconds)
+            return
+    _send(process, signal.SIGKILL)
+
+
+def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
+    """Send a signal to the program and to all that it started, as a terminal does."""
+    import psutil
+
+    with contextlib.suppress(psutil.NoSuchProcess):
+        for child in psutil.Process(process.pid).children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                child.send_signal(number)
+    with contextlib.suppress(ProcessLookupError):
+        process.send_signal(number)
+
+
+@contextlib.contextmanager
+def _passing_on() -> Iterator[_Signals]:
+    """While the block runs, signals are the program's: mjbench passes them on."""
+    signals = _Signals()
+    numbers = [number for name in _SIGNALS if (number := getattr(signal, name, None)) is not None]
+    earlier = {number: signal.getsignal(number) for number in numbers}
+    try:
+        for number in numbers:
+            if earlier[number] != signal.SIG_IGN:
+                signal.signal(number, signals.handle)
+        yield signals
+    finally:
+        for number, handler in earlier.items():
+            signal.signal(number, handler)
+
+
+def _is_foreground() -> bool:
+    """Return whether a terminal sends Ctrl-C to this process and to the program alike."""
+    with contextlib.suppress(OSError):
+        return os.isatty(0) and os.tcgetpgrp(0) == os.getpgrp()
+    return False
+
+
+def process_state(pid: int) -> bytes | None:
+    """Return the letter of a process's state, as in proc(5); None where there is none to read."""
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:  # noqa: PTH123 - cheaper
+            return file.read().rpartition(b")")[2][1:2]
+    except OSError:
+        return None
+
+
+def _exists(pid: int) -> bool:
+    import psutil
+
+    return psutil.pid_exists(pid)
+
+
+def _exit_code(returncode: int) -> int:
+    """Return a program's exit code as a shell gives it."""
+    return returncode if returncode >= 0 else 128 - returncode

@@ -1,0 +1,92 @@
+"""What the run file and `mjbench run --json` hold for one program."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from mjbench.program import attribution, remedies
+from mjbench.program.attribution import LoopTime
+from mjbench.program.launch import Observation
+from mjbench.program.remedies import Remedy
+from mjbench.program.step_times import StepTimes
+from mjbench.status import Status
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """A loop, and what to do about it.
+
+    Attributes:
+      time: where the loop's time goes.
+      remedies: what to do, the most important first.
+    """
+
+    time: LoopTime
+    remedies: Sequence[Remedy]
+
+
+@dataclass(frozen=True)
+class ProgramRow:
+    """Where a program's time goes.
+
+    Attributes:
+      program: name of the file or module; of a process, its number.
+      status: `ok`; `unavailable` where the profiler could take no samples.
+      detail: why not, in one line; empty when ok.
+      exit_code: of the program.
+      was_ended: whether mjbench ended it, since its seconds were over.
+      wall_s: from its start to its end, or for which it was sampled.
+      rate_hz: samples per second.
+      samples: taken of all threads.
+      paused_share: share of time for which the profiler stopped the program; None where that
+        cannot be seen.
+      loops: that step, or wait for processes that do; the program's own first.
+      steps: of each process that stepped.
+    """
+
+    record_type: ClassVar[str] = "program"
+    program: str
+    status: Status
+    detail: str
+    exit_code: int
+    was_ended: bool
+    wall_s: float
+    rate_hz: int
+    samples: int
+    paused_share: float | None
+    loops: Sequence[LoopReport]
+    steps: Sequence[StepTimes]
+
+    @classmethod
+    def of(cls, name: str, seen: Observation) -> "ProgramRow":
+        """Return the row of a program that was observed."""
+        steps = [step for step in seen.steps if step.step is not None]
+        pids = {step.pid for step in steps}
+        times = attribution.loop_times(seen.threads, seen.pid, pids)
+        return cls(
+            program=name,
+            status=Status.UNAVAILABLE if seen.problem else Status.OK,
+            detail=seen.problem,
+            exit_code=seen.exit_code,
+            was_ended=seen.was_ended,
+            wall_s=seen.wall_s,
+            rate_hz=seen.rate_hz,
+            samples=sum(len(thread.stacks) for thread in seen.threads),
+            paused_share=seen.paused_share,
+            loops=[
+                LoopReport(time, remedies.remedies(time, steps, time.own_files)) for time in times
+            ],
+            steps=steps,
+        )
+
+    def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":
+        """Return the row with other remedies of its first loop; the certain ones come first."""
+        ordered = sorted(confirmed, key=lambda remedy: remedy.rank)
+        first = replace(self.loops[0], remedies=ordered)
+        return replace(self, loops=[first, *self.loops[1:]])
+
+    @property
+    def cost_share(self) -> float:
+        """What observing cost the program, as a share of its time: pauses and the step clock."""
+        clock = max((step.cost_share for step in self.steps), default=0.0)
+        return (self.paused_share or 0.0) + clock

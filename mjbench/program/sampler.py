@@ -1,0 +1,117 @@
+"""py-spy, the sampling profiler: a program of its own that reads the stacks of another."""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.errors import UnavailableError, one_line
+from mjbench.instrument import extras
+
+# Samples per second. Each stops the program for about half a millisecond (docs/method/run.md).
+DEFAULT_RATE_HZ = 20
+# Seconds that the profiler may take to write its file, once the program has ended.
+WRITING_S = 60.0
+# Why there are no samples of a program that is over before the profiler has read it.
+TOO_SHORT = "it ended before it could be sampled"
+# Why the profiler is not allowed to read a process, and what helps.
+_REFUSED = ("permission", "operation not permitted", "access denied", "requires root")
+
+
+@dataclass
+class Sampler:
+    """A profiler that samples a process.
+
+    Attributes:
+      process: of the profiler.
+      file: that it writes when it ends.
+      log: what it prints.
+    """
+
+    process: subprocess.Popen[bytes]
+    file: Path
+    log: Path
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the profiler has not ended."""
+        return self.process.poll() is None
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the profiler takes samples: it says so first."""
+        return self.log.stat().st_size > 0
+
+    def stop(self) -> None:
+        """Let the profiler write its file, and end."""
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(signal.SIGINT)
+        self.wait()
+
+    def wait(self) -> None:
+        """Wait until the profiler has written its file; it ends with the program."""
+        try:
+            self.process.wait(WRITING_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+    def problem(self) -> str:
+        """Return why there are no samples, in one line."""
+        text = self.log.read_text(encoding="utf-8", errors="replace")
+        if not any(word in text.lower() for word in _REFUSED):
+            return TOO_SHORT
+        lines = [line for line in text.splitlines() if line.startswith(("Error:", "Reason:"))]
+        return one_line(" ".join(lines) or "not permitted", 200) + (
+            "; a container needs the capability SYS_PTRACE (docker run --cap-add SYS_PTRACE),"
+            " elsewhere kernel.yama.ptrace_scope must be 0 or 1"
+        )
+
+
+def program() -> str:
+    """Return the path of the profiler.
+
+    Raises:
+      UnavailableError: it is not installed.
+    """
+    beside = Path(sysconfig.get_path("scripts")) / ("py-spy.exe" if os.name == "nt" else "py-spy")
+    path = str(beside) if beside.is_file() else shutil.which("py-spy")
+    if path is None:
+        raise UnavailableError(
+            f"py-spy is not installed; install it with {extras.install_command('run')}"
+        )
+    return path
+
+
+def has_native() -> bool:
+    """Return whether the profiler can read the stacks of libraries on this platform."""
+    return sys.platform == "linux" and os.uname().machine in ("x86_64", "armv7l")
+
+
+def start(pid: int, folder: Path, rate_hz: int) -> Sampler:
+    """Sample a process and those that it starts, until it ends or `Sampler.stop`.
+
+    Args:
+      pid: the process.
+      folder: for the profiler's files.
+      rate_hz: samples per second.
+
+    Raises:
+      UnavailableError: the profiler is not installed.
+    """
+    file, log = folder / "samples.json", folder / "sampler.log"
+    command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]
+    command += ["--format", "speedscope", "--output", str(file)]
+    command += ["--threads", "--idle", "--full-filenames", "--subprocesses"]
+    command += ["--native"] if has_native() else []
+    with log.open("wb") as output:
+        # in a session of its own: Ctrl-C is for the program
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
+        )
+    return Sampler(process, file, log)

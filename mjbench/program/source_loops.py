@@ -1,0 +1,94 @@
+"""The loops of Python files: which lines belong to which outermost loop."""
+
+import ast
+import tokenize
+from dataclasses import dataclass
+from functools import cache
+
+_LOOPS = (
+    ast.For,
+    ast.AsyncFor,
+    ast.While,
+    ast.ListComp,
+    ast.SetComp,
+    ast.DictComp,
+    ast.GeneratorExp,
+)
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+# Larger files are generated; nobody's loop is in them.
+_MAX_BYTES = 5_000_000
+
+
+@dataclass(frozen=True)
+class SourceLoop:
+    """A loop of a Python file.
+
+    Attributes:
+      file: path of the file.
+      first: its first line, from 1.
+      last: its last line.
+    """
+
+    file: str
+    first: int
+    last: int
+
+
+def outermost_loop(file: str, line: int) -> SourceLoop | None:
+    """Return the outermost loop of a function, or of a module, that runs a line of it.
+
+    Args:
+      file: path of the file.
+      line: from 1.
+
+    Returns:
+      The loop; None where the line is in none, or the file cannot be read.
+    """
+    holding = [loop for loop in _loops(file) if loop.first <= line <= loop.last]
+    return min(holding, key=lambda loop: (loop.first, -loop.last)) if holding else None
+
+
+@cache
+def source_line(file: str, line: int) -> str:
+    """Return a line of a file, without the spaces around it; nothing where there is none."""
+    lines = _text(file).splitlines()
+    return lines[line - 1].strip() if 0 < line <= len(lines) else ""
+
+
+@cache
+def _loops(file: str) -> tuple[SourceLoop, ...]:
+    try:
+        tree = ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ()
+    return tuple(
+        SourceLoop(file, node.lineno, node.end_lineno or node.lineno) for node in _outermost(tree)
+    )
+
+
+def _outermost(scope: ast.AST) -> list[ast.stmt | ast.expr]:
+    """Return the outermost loops of a scope and of the functions in it."""
+    loops: list[ast.stmt | ast.expr] = []
+    for node in ast.iter_child_nodes(scope):
+        if isinstance(node, _LOOPS):
+            loops.append(node)
+            loops += [inner for function in _functions(node) for inner in _outermost(function)]
+        else:
+            loops += _outermost(node)
+    return loops
+
+
+def _functions(loop: ast.AST) -> list[ast.AST]:
+    """Return the functions that are defined inside a loop: their lines run when they are called."""
+    return [node for node in ast.walk(loop) if isinstance(node, _FUNCTIONS)]
+
+
+@cache
+def _text(file: str) -> str:
+    """Return a file's text; nothing where it cannot be read."""
+    try:
+        with tokenize.open(file) as stream:
+            text = stream.read(_MAX_BYTES + 1)
+    except (OSError, SyntaxError, ValueError):
+        return ""
+    return text if len(text) <= _MAX_BYTES else ""

@@ -1,0 +1,249 @@
+"""What the step clock noted: how long steps and iterations take, and what the clock cost.
+
+`hook/step_clock.py` writes the files, and defines their format.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mjbench.errors import InputError
+from mjbench.loop import engine_stages
+from mjbench.program.hook import step_clock
+
+_RECORDS = np.dtype([(name, "<i8") for name in ("kind", "thread", "begin", "end", "nstep", "dt")])
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands before the records, in the order of the file.
+
+    Attributes:
+      pid: process.
+      parent_pid: process that started it.
+      start_ns: when the clock started, on the clock of `time.perf_counter_ns`.
+      first_ns: when the first call began; 0 before it.
+      last_ns: when the last call ended that is known.
+      calls_timed: calls that have a record.
+      calls_passed: calls that were passed through without one.
+      was_away: 1 if calls were made while the clock was away; they are not counted.
+      cost_ns: what the clock cost the program, as calibrated.
+      timed_ns: what it cost for each call that has a record.
+      collections: garbage collections, from the first call on.
+      collections_ns: time of all of them.
+      longest_collection_ns: time of the longest.
+    """
+
+    pid: int
+    parent_pid: int
+    start_ns: int
+    first_ns: int
+    last_ns: int
+    calls_timed: int
+    calls_passed: int
+    was_away: int
+    cost_ns: int
+    timed_ns: int
+    collections: int
+    collections_ns: int
+    longest_collection_ns: int
+
+
+@dataclass(frozen=True)
+class Durations:
+    """How long something takes, in ns.
+
+    Attributes:
+      count: how many were timed.
+      p50_ns: the median.
+      p99_ns: what 99 % do not exceed.
+      max_ns: the longest.
+    """
+
+    count: int
+    p50_ns: float
+    p99_ns: float
+    max_ns: float
+
+    @classmethod
+    def of(cls, durations_ns: np.ndarray) -> "Durations | None":
+        """Return the quantiles of (count,) ns; None of nothing."""
+        if not len(durations_ns):
+            return None
+        p50, p99 = np.quantile(durations_ns, [0.5, 0.99], method="higher")
+        return cls(len(durations_ns), float(p50), float(p99), float(durations_ns.max()))
+
+
+@dataclass(frozen=True)
+class StepTimes:
+    """The steps of one process.
+
+    Attributes:
+      pid: the process.
+      parent_pid: process that started it.
+      span_s: seconds from the first call of the engine to the last.
+      nstep: steps in that time, of all threads; None where the clock was away during some.
+      steps_per_s: steps per second of wall time; None without a step.
+      real_time_factor: simulated seconds per second of wall time; None without a step.
+      step: a call of the engine, divided by its steps; None without one.
+      iteration: from the begin of one step of the environment to the next, or from one call of the
+        engine to the next; None without two of them.
+      of_environment: whether iterations are steps of an environment.
+      engine_s: seconds in the engine's functions during `span_s`, as far as timed calls tell.
+      stages: share of a step by stage, from the engine's timers; empty where it has no clock.
+      cost_share: what the step clock cost, as a share of `span_s`.
+      collections: garbage collections of the process, from the first call on.
+      collections_s: seconds that they took.
+      longest_collection_s: the longest.
+    """
+
+    pid: int
+    parent_pid: int
+    span_s: float
+    nstep: int | None
+    steps_per_s: float | None
+    real_time_factor: float | None
+    step: Durations | None
+    iteration: Durations | None
+    of_environment: bool
+    engine_s: float
+    stages: Mapping[str, float]
+    cost_share: float
+    collections: int
+    collections_s: float
+    longest_collection_s: float
+
+
+def read_all(folder: Path) -> list[StepTimes]:
+    """Return the steps of all processes whose files are in a folder, by process.
+
+    Raises:
+      InputError: a file is not one of the step clock.
+    """
+    timers = _timer_names(folder / "engine.json")
+    return [read(file, timers) for file in sorted(folder.glob("*.steps"))]
+
+
+def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
+    """Return the steps of one process.
+
+    Args:
+      file: that its clock wrote.
+      timers: indices of the engine's timers, by name.
+
+    Raises:
+      InputError: the file is not one of the step clock.
+    """
+    with file.open("rb") as stream:
+        head = stream.read(step_clock.FIRST_RECORD)
+    if len(head) < step_clock.FIRST_RECORD:
+        raise InputError(f"{file.name} is not a file of the step clock")
+    header = Header(*step_clock.HEADER.unpack_from(head, 0))
+    seconds = step_clock.TIMERS.unpack_from(head, step_clock.HEADER.size)
+    stored = np.memmap(file, dtype=_RECORDS, mode="r", offset=step_clock.FIRST_RECORD)
+    return step_times(header, np.array(stored[: _used(stored)]), seconds, timers)
+
+
+def _used(records: np.ndarray) -> int:
+    """Return how many records were written: the rest of the file is zeros."""
+    return int(np.searchsorted(records["kind"] == 0, True))
+
+
+def step_times(
+    header: Header, records: np.ndarray, timer_s: Sequence[float], timers: Mapping[str, int]
+) -> StepTimes:
+    """Return what the records of a process say.
+
+    Args:
+      header: of the file.
+      records: (count,) records, in the order in which they were written.
+      timer_s: seconds by the engine's timers.
+      timers: indices of the engine's timers, by name.
+    """
+    burst = np.cumsum(records["kind"] == step_clock.BURST)
+    is_step = records["kind"] == step_clock.STEP
+    steps, step_burst = records[is_step], burst[is_step]
+    is_iteration = records["kind"] == step_clock.ITERATION
+    of_environment = bool(is_iteration.any())
+    turns = is_iteration if of_environment else is_step & (records["nstep"] > 0)
+    last_ns = max(header.last_ns, int(steps["end"].max(initial=0)))
+    span_ns = max(0, last_ns - header.first_ns) if len(steps) else 0
+    timed = int(steps["nstep"].sum())
+    whole = 1.0  # calls per timed call
+    if len(steps):
+        whole = max(1.0, (header.calls_passed + len(steps)) / len(steps))
+    simulated_ns = float((steps["nstep"] * steps["dt"]).sum())
+    per_s = _steps_per_s(header, steps, step_burst, timed * whole, span_ns)
+    engine_ns = float((steps["end"] - steps["begin"]).sum()) * whole
+    return StepTimes(
+        pid=header.pid,
+        parent_pid=header.parent_pid,
+        span_s=span_ns * 1e-9,
+        nstep=None if header.was_away else round(timed * whole),
+        steps_per_s=per_s,
+        real_time_factor=per_s * simulated_ns * 1e-9 / timed if per_s and timed else None,
+        step=Durations.of(_step_ns(steps)),
+        iteration=Durations.of(_intervals_ns(header, records[turns], burst[turns])),
+        of_environment=of_environment,
+        engine_s=min(engine_ns, span_ns) * 1e-9,
+        stages=_stages(timer_s, timers),
+        cost_share=min(1.0, header.cost_ns / span_ns) if span_ns else 0.0,
+        collections=header.collections,
+        collections_s=header.collections_ns * 1e-9,
+        longest_collection_s=header.longest_collection_ns * 1e-9,
+    )
+
+
+def _steps_per_s(
+    header: Header, steps: np.ndarray, burst: np.ndarray, nstep: float, span_ns: int
+) -> float | None:
+    """Return steps per second of wall time; from bursts alone where the clock was away."""
+    if not header.was_away:
+        return 1e9 * nstep / span_ns if span_ns else None
+    is_last = np.append(burst[1:] != burst[:-1], True)
+    is_first = np.append(True, burst[1:] != burst[:-1])
+    within_ns = int(steps["begin"][is_last].sum() - steps["begin"][is_first].sum())
+    within_ns -= header.timed_ns * int((~is_last).sum())
+    return 1e9 * float(steps["nstep"][~is_last].sum()) / within_ns if within_ns > 0 else None
+
+
+def _step_ns(steps: np.ndarray) -> np.ndarray:
+    """Return (count,) ns of a step of each call; a first part adds to the call that follows it."""
+    duration_ns = (steps["end"] - steps["begin"]).astype(float)
+    is_part = steps["nstep"] == 0
+    following = np.flatnonzero(is_part[:-1] & ~is_part[1:])
+    duration_ns[following + 1] += duration_ns[following]
+    return np.asarray(duration_ns[~is_part] / steps["nstep"][~is_part])
+
+
+def _intervals_ns(header: Header, records: np.ndarray, burst: np.ndarray) -> np.ndarray:
+    """Return (count,) ns between the begins of records of one burst and one thread.
+
+    What the clock costs for a record is subtracted.
+    """
+    intervals = []
+    for thread in np.unique(records["thread"]):
+        of_thread = records["thread"] == thread
+        begin, number = records["begin"][of_thread], burst[of_thread]
+        intervals.append(np.diff(begin)[np.diff(number) == 0] - header.timed_ns)
+    return np.maximum(np.concatenate(intervals), 0) if intervals else np.empty(0)
+
+
+def _stages(timer_s: Sequence[float], timers: Mapping[str, int]) -> dict[str, float]:
+    """Return the share of a step by stage; nothing where the engine's timers stand at 0."""
+    seconds = {name: timer_s[i] for name, i in timers.items() if i < len(timer_s)}
+    if not math.fsum(seconds.values()) > 0:
+        return {}
+    return engine_stages.shares(seconds)
+
+
+def _timer_names(file: Path) -> Mapping[str, int]:
+    """Return the indices of the engine's timers by name; none where MuJoCo was not imported."""
+    if not file.is_file():
+        return {}
+    names: Mapping[str, int] = json.loads(file.read_text(encoding="utf-8"))["timers"]
+    return names

@@ -1,0 +1,225 @@
+"""What `mjbench run` prints: what to do first, and where the program's time goes."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+
+from mjbench.program.activities import Activity
+from mjbench.program.attribution import LineTime, LoopTime
+from mjbench.program.records import LoopReport, ProgramRow
+from mjbench.program.remedies import Remedy
+from mjbench.program.step_times import Durations, StepTimes
+from mjbench.report import tables
+from mjbench.status import Status
+
+_WIDTH = 30
+# Lines and remedies that are printed; the JSON document has all.
+_MOST_LINES, _MOST_REMEDIES = 8, 6
+_MOST_TEXT = 60
+# Observing should cost no more; beyond it, the report says how to make it cost less.
+MAX_COST = 0.03
+# Fewer samples tell little.
+FEW_SAMPLES = 100
+
+
+def print_program(out: Console, row: ProgramRow) -> None:
+    """Print where a program's time goes."""
+    out.print(tables.headed(f"\n{row.program}", f": {conclusion(row)}"), soft_wrap=True)
+    for report in row.loops:
+        _print_loop(out, report)
+    for steps in _most_steps(row.steps):
+        _print_steps(out, steps, len(row.steps))
+    _print_cost(out, row)
+
+
+@dataclass(frozen=True)
+class ActivityRow:
+    """An activity in a loop, for tables of a whole run.
+
+    Attributes:
+      program: name of the program.
+      loop: file and lines of the loop.
+      activity: what took the time.
+      share: of the loop's time.
+      share_error: its standard error.
+      seconds: in the loop.
+    """
+
+    program: str
+    loop: str
+    activity: Activity
+    share: float
+    share_error: float
+    seconds: float
+
+
+def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
+    """Yield the activities of a program's loops."""
+    for report in row.loops:
+        time = report.time
+        for activity, share in time.activities.items():
+            yield ActivityRow(
+                program=row.program,
+                loop=where(time),
+                activity=activity,
+                share=share,
+                share_error=time.error(share),
+                seconds=share * time.seconds,
+            )
+
+
+def conclusion(row: ProgramRow) -> str:
+    """Return the most important thing about a program, in one sentence."""
+    if row.status != Status.OK:
+        return f"no samples were taken: {row.detail}"
+    if not row.loops:
+        if row.steps:
+            return "it stepped too briefly to be sampled; run it for longer"
+        return "no loop was seen that steps MuJoCo"
+    loop = row.loops[0]
+    if not loop.remedies:
+        return (
+            f"physics takes {percent(loop.time.activities.get(Activity.PHYSICS, 0.0))} of the loop"
+            " in " + where(loop.time) + "; nothing else is worth a change in Python"
+        )
+    return "first, " + _first(loop.time, loop.remedies[0])
+
+
+def _first(time: LoopTime, remedy: Remedy) -> str:
+    place = f" at {remedy.place}" if remedy.place is not None else ""
+    if remedy.gain is None:
+        return f"correct a wrong result{place}: {remedy.text}"
+    if remedy.activity == Activity.PHYSICS:
+        return f"the engine's own clock takes {percent(remedy.gain)} of the loop: {remedy.text}"
+    return f"{remedy.activity}{place}: {percent(remedy.gain)} of the loop in {where(time)}"
+
+
+def where(time: LoopTime) -> str:
+    """Return the file and the lines of a loop."""
+    loop = time.loop
+    lines = f"{loop.first}" if loop.first == loop.last else f"{loop.first}–{loop.last}"
+    return f"{loop.file}:{lines}"
+
+
+def _print_loop(out: Console, report: LoopReport) -> None:
+    time = report.time
+    by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
+    out.print(
+        tables.headed(
+            f"\nThe loop in {where(time)}",
+            f": {tables.plain(time.seconds, 3)} s{by}, {time.samples:,} samples",
+        ),
+        soft_wrap=True,
+    )
+    if time.samples < FEW_SAMPLES:
+        out.print("Few samples: shares are rough; let the program run for longer.")
+    _print_remedies(out, report.remedies)
+    table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
+    for activity, share in time.activities.items():
+        bar = "█" * round(_WIDTH * share)
+        table.add_row(str(activity), percent(share), percent(time.error(share)), bar)
+        if activity == Activity.PYTHON:
+            for package, of_package in time.packages.items():
+                if of_package >= 0.01:
+                    table.add_row(f"  {package or 'your code'}", percent(of_package), "", "")
+    out.print(table)
+    _print_lines(out, time)
+
+
+def _print_remedies(out: Console, remedies: Sequence[Remedy]) -> None:
+    if not remedies:
+        return
+    out.print("What to do first, and what it saves of the loop at most:")
+    table = tables.plain_table(["", "saves", "where", "what"], right=(0, 1))
+    for number, remedy in enumerate(remedies[:_MOST_REMEDIES], 1):
+        code = f" ({remedy.code})" if remedy.code else ""
+        place = str(remedy.place) if remedy.place is not None else "the loop"
+        table.add_row(str(number), saving(remedy), place, f"{_subject(remedy)}{remedy.text}{code}")
+    out.print(table)
+
+
+def _subject(remedy: Remedy) -> str:
+    return f"{remedy.activity}: " if remedy.activity is not None and not remedy.code else ""
+
+
+def saving(remedy: Remedy) -> str:
+    """Return what a remedy saves, in a few words."""
+    if remedy.confirmed is not None:
+        sure = remedy.confirmed
+        if not sure.is_certain:
+            return f"not confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
+        return f"{percent(sure.gain)}, confirmed"
+    if remedy.gain is None:
+        return "wrong result"
+    return percent(remedy.gain)
+
+
+def _print_lines(out: Console, time: LoopTime) -> None:
+    _print_line_table(out, "line of your code", time.lines)
+    _print_line_table(out, "function of a package", time.inner_functions)
+
+
+def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> None:
+    if not lines:
+        return
+    table = tables.plain_table([heading, "share", "mostly", ""], right=(1,))
+    for line in lines[:_MOST_LINES]:
+        text = line.place.text
+        shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
+        table.add_row(str(line.place), percent(line.share), str(line.main_activity), shown)
+    out.print(table)
+
+
+def _most_steps(steps: Sequence[StepTimes]) -> Sequence[StepTimes]:
+    """Return the process with most steps: others that do the same would repeat it."""
+    return sorted(steps, key=lambda each: -(each.nstep or 0))[:1]
+
+
+def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
+    of = f" in each of {processes} processes" if processes > 1 else ""
+    if steps.steps_per_s is not None and steps.real_time_factor is not None:
+        out.print(
+            f"\nSteps{of}: {steps.steps_per_s:,.0f} per second,"
+            f" {tables.plain(steps.real_time_factor, 3)} × real time",
+            soft_wrap=True,
+        )
+    table = tables.plain_table(["", "timed", "p50", "p99", "max"], right=range(1, 5))
+    iteration = "step of the environment" if steps.of_environment else "iteration"
+    for name, durations in (("engine's step", steps.step), (iteration, steps.iteration)):
+        if durations is not None:
+            table.add_row(name, f"{durations.count:,}", *_quantiles(durations))
+    out.print(table)
+    if steps.stages:
+        largest = sorted(steps.stages.items(), key=lambda item: -item[1])
+        parts = [f"{name} {percent(share)}" for name, share in largest if share >= 0.03]
+        out.print(f"Stages of the engine: {', '.join(parts)}", soft_wrap=True)
+
+
+def _quantiles(durations: Durations) -> list[str]:
+    return [_time(ns) for ns in (durations.p50_ns, durations.p99_ns, durations.max_ns)]
+
+
+def _print_cost(out: Console, row: ProgramRow) -> None:
+    if row.status != Status.OK:
+        return
+    line = f"\nObserving took {percent(row.cost_share, 1)} of the program's time."
+    if row.cost_share > MAX_COST:
+        line += f" --rate {max(1, row.rate_hz // 2)} makes it less."
+    out.print(line, soft_wrap=True)
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share as people write it."""
+    return f"{100 * share:.{digits}f} %"
+
+
+def _signed(share: float) -> str:
+    return f"{100 * share:+.1f} %"
+
+
+def _time(ns: float) -> str:
+    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
+        if ns >= size:
+            return f"{tables.plain(ns / size, 3)} {unit}"
+    return f"{ns:.0f} ns"

@@ -1,0 +1,127 @@
+"""Controls of the user's own: a file with one sequence of controls, or with several.
+
+The array is called `ctrl` or `actions`, or is the only one of an .npy file. Its shape is (ncontrol,
+nu), a sequence that every simulation takes, or (nsequence, ncontrol, nu). Each row is one control
+in the actuators' units, held for `hold` steps. Simulations begin with the first row.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import InputError, one_line, shown
+from mjbench.simulation import capture_header
+
+# What the array may be called; the first is taken where both are there.
+_NAMES = ("ctrl", "actions")
+
+
+@dataclass(frozen=True, eq=False)
+class GivenControls:
+    """The controls of a file.
+
+    Attributes:
+      sequences: (nsequence, ncontrol, nu).
+      name: of the file, for messages.
+    """
+
+    sequences: np.ndarray
+    name: str
+
+    def most_nstep(self, hold: int) -> int:
+        """Return for how many steps there are controls."""
+        return int(self.sequences.shape[1]) * hold
+
+    def check(self, nstep: int, hold: int) -> None:
+        """Refuse more steps than there are controls for.
+
+        Raises:
+          InputError: there are fewer.
+        """
+        most = self.most_nstep(hold)
+        if nstep > most:
+            count = self.sequences.shape[1]
+            held = f", each held for {hold} steps," if hold > 1 else ""
+            raise InputError(
+                f"{self.name} has {count} controls{held} and not for {nstep} steps: give --nstep"
+                f" {most} at most"
+            )
+
+    def of_simulations(self, nbatch: int, ncontrol: int) -> np.ndarray:
+        """Return (nbatch, ncontrol, nu): simulation i takes sequence i, from the first on again."""
+        return self._of(np.arange(nbatch), ncontrol)
+
+    def of_states(self, rows: np.ndarray, nrow: int, ncontrol: int) -> np.ndarray:
+        """Return (nbatch, ncontrol, nu) controls of simulations that start from rows of a file.
+
+        Where there is a sequence for each of the file's `nrow` states, a simulation takes that of
+        its state; otherwise as `of_simulations`.
+
+        Args:
+          rows: (nbatch,) from which simulations start.
+          nrow: rows of the file.
+          ncontrol: controls of each simulation.
+        """
+        if len(self.sequences) == nrow:
+            return self._of(rows, ncontrol)
+        return self.of_simulations(len(rows), ncontrol)
+
+    def _of(self, numbers: np.ndarray, ncontrol: int) -> np.ndarray:
+        controls = self.sequences[numbers % len(self.sequences), :ncontrol]
+        return np.ascontiguousarray(controls)
+
+
+def read(file: Path, model: mujoco.MjModel) -> GivenControls:
+    """Return the controls of a file.
+
+    Raises:
+      InputError: it cannot be read, or does not fit the model.
+    """
+    name = shown(file.name)
+    values = _read_array(file, name)
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"{name} does not hold numbers")
+    if values.ndim not in (2, 3):
+        raise InputError(
+            f"{name} has controls of shape {values.shape}; expected (ncontrol, nu), or"
+            " (nsequence, ncontrol, nu)"
+        )
+    if values.shape[-1] != model.nu or model.nu == 0:
+        raise InputError(
+            f"{name}: the model has {model.nu} controls, the file's have {values.shape[-1]} numbers"
+        )
+    if values.size == 0:
+        raise InputError(f"{name} holds no controls")
+    sequences = values.reshape(-1, *values.shape[-2:]).astype(float)
+    if not np.isfinite(sequences).all():
+        raise InputError(f"{name} holds controls that are not finite")
+    return GivenControls(sequences, name)
+
+
+def _read_array(file: Path, name: str) -> np.ndarray:
+    """Return the array of controls of a file.
+
+    Raises:
+      InputError: it cannot be read, or has no such array.
+    """
+    try:
+        with file.open("rb") as stream:
+            loaded = np.load(stream, allow_pickle=False)
+            if isinstance(loaded, np.ndarray):
+                return loaded
+            names = list(loaded.files)
+            found = next((n for n in _NAMES if n in names), None)
+            if found is not None and capture_header.ARRAY not in names:
+                return np.asarray(loaded[found])
+    except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
+        raise InputError(
+            f"cannot read controls from {name}: {one_line(error)}; numpy.savez writes such files"
+        ) from error
+    if found is not None:
+        raise InputError(
+            f"{name} holds captured states: give it to --states, which replays its controls"
+        )
+    has = shown(", ".join(names[:8])) if names else "nothing"
+    raise InputError(f"{name} has neither ctrl nor actions; it has {has}")

@@ -1,0 +1,264 @@
+"""Compare two functions of this process: blocks of calls in turns, until the answer is certain.
+
+Calls run in quads, ABBA or BAAB at random (A is the baseline), as in paired comparisons, so that
+drift and the order of turns hit both functions alike. Some quads are a round; their log ratio (see
+`stats.paired_log_ratio`) is a sample of an anytime-valid interval, which is looked at after each.
+
+Closures cannot be sent to fresh processes, and where memory happens to lie makes one of two
+identical functions faster for as long as a process lasts. So the interval also allows for
+PROCESS_SPREAD, which no number of rounds makes smaller.
+"""
+
+import contextlib
+import functools
+import itertools
+import math
+import random
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mjbench.instrument import anytime, stats, timing
+from mjbench.instrument.anytime import Interval
+from mjbench.instrument.timing import Clock
+from mjbench.testing.answer import Answer, SpeedCheck, margin, of_interval
+
+# Seconds of a block, at least, and of a round. Where a core has other work, Linux lets a process
+# run for some milliseconds at a time: most pairs of blocks that are much shorter are undisturbed.
+BLOCK_S, ROUND_S = 0.0002, 0.1
+# Quads of a round, at most.
+MOST_QUADS = 100
+# No time is shorter, in seconds: a clock may not tell two readings apart.
+_SHORTEST_S = 1e-9
+# Fewer rounds give no answer, however clear: see `paired.judgement.MIN_LAUNCHES`.
+LEAST_ROUNDS = 8
+# How often the calls of a block are timed to count them, unless they take longer than any pause.
+_TRIALS, _LONG_S = 5, 0.1
+# Calls of a block, at most: a call that takes no time must not make the calibration endless.
+MOST_CALLS = 1_000_000
+# Standard deviation, from process to process, of the log ratio of identical functions
+# (docs/python.md).
+PROCESS_SPREAD = 0.02
+
+Function = Callable[[], object]
+
+
+def _nothing() -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of two functions.
+
+    Attributes:
+      max_slowdown: how much slower the candidate may be, as a share of the baseline's time.
+      confidence: of the answer, such as 0.99.
+      time_limit_s: seconds after which no round begins.
+    """
+
+    max_slowdown: float
+    confidence: float
+    time_limit_s: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two functions to compare.
+
+    Attributes:
+      baseline: the reference.
+      candidate: the one that is judged.
+      setup: called before each block, untimed, to give both functions the same start.
+    """
+
+    baseline: Function
+    candidate: Function
+    setup: Function = _nothing
+
+
+def least_slowdown(confidence: float) -> float:
+    """Return the smallest slowdown that one process can decide, as a share."""
+    return math.expm1(margin(confidence, PROCESS_SPREAD))
+
+
+def compare(
+    pair: Pair,
+    question: Question,
+    clock: Clock = time.perf_counter,
+    rng: random.Random | None = None,
+) -> SpeedCheck:
+    """Return whether a function is slower than a baseline.
+
+    Args:
+      pair: the two functions.
+      question: what is asked.
+      clock: returns seconds.
+      rng: draws the order of each quad; None for one that differs in every process.
+    """
+    with untraced():
+        return _compare(pair, question, clock, rng or random.Random())
+
+
+def _compare(pair: Pair, question: Question, clock: Clock, rng: random.Random) -> SpeedCheck:
+    begin = clock()
+    calls = min(
+        calls_per_block(function, pair.setup, clock) for function in (pair.baseline, pair.candidate)
+    )
+    rounds: list[_Round] = []
+    log_ratios: list[float] = []
+    while True:
+        rounds.append(_time_round(pair, calls, clock, rng))
+        log_ratios.append(rounds[-1].log_ratio)
+        here = anytime.anytime_interval(log_ratios, question.confidence)
+        judged = _judge(here, question)
+        if judged.is_final:
+            return _check(question, judged, here, rounds, calls)
+        spent_s = clock() - begin
+        if spent_s * (1 + 1 / len(log_ratios)) > question.time_limit_s:
+            detail = f"not certain within {question.time_limit_s:g} s (time_limit_s)"
+            if len(log_ratios) < LEAST_ROUNDS:
+                detail = (
+                    f"only {len(log_ratios)} of {LEAST_ROUNDS} rounds fit into"
+                    f" {question.time_limit_s:g} s (time_limit_s)"
+                )
+            return _check(question, replace(judged, detail=detail), here, rounds, calls)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What rounds show: the interval of the log ratio, and whether more rounds could change it."""
+
+    low: float
+    high: float
+    answer: Answer = Answer.INCONCLUSIVE
+    is_final: bool = False
+    detail: str = ""
+
+
+def _judge(here: Interval, question: Question) -> _Judged:
+    """Return what rounds show.
+
+    Args:
+      here: the interval of the log ratio in this process.
+      question: what is asked.
+    """
+    between = margin(question.confidence, PROCESS_SPREAD)
+    half_width = math.hypot(here.half_width, between)
+    low, high = here.mean - half_width, here.mean + half_width
+    if here.count < LEAST_ROUNDS:
+        return _Judged(low, high)
+    answer = of_interval(low, high, question.max_slowdown)
+    if answer != Answer.INCONCLUSIVE:
+        return _Judged(low, high, answer, is_final=True)
+    limit = math.log1p(question.max_slowdown)
+    if limit - between < here.low and here.high <= limit + between:
+        detail = (
+            "identical functions can differ by that much from process to process: allow more"
+            " (max_slowdown), or repeat it"
+        )
+        return _Judged(low, high, is_final=True, detail=detail)
+    return _Judged(low, high)
+
+
+@contextlib.contextmanager
+def untraced() -> Iterator[None]:
+    """Pause what traces every line of this thread, such as a debugger, while the block runs."""
+    trace = sys.gettrace()
+    sys.settrace(None)
+    try:
+        yield
+    finally:
+        sys.settrace(trace)
+
+
+def calls_per_block(function: Function, setup: Function, clock: Clock) -> int:
+    """Return how many calls of a function last as long as a block.
+
+    It has been called before its calls are counted, so what it does only once is done. A pause of
+    the process must not pass for a call that takes long, so the shortest of some times counts.
+    """
+    function()
+    calls = 1
+    while calls < MOST_CALLS:
+        seconds = math.inf
+        for _ in range(_TRIALS):
+            setup()
+            seconds = min(seconds, block_s(function, calls, clock))
+            if not BLOCK_S <= seconds < _LONG_S:
+                break
+        if seconds >= BLOCK_S:
+            break
+        growth = min(10.0, BLOCK_S / seconds) if seconds > 0 else 10.0
+        calls = min(MOST_CALLS, max(calls + 1, math.ceil(calls * growth)))
+    return calls
+
+
+def repeat(function: Function, calls: int) -> None:
+    """Call a function some times."""
+    for _ in itertools.repeat(None, calls):
+        function()
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Some quads: their orders, and (quads, 4) seconds of blocks."""
+
+    orders: Sequence[str]
+    seconds: np.ndarray
+
+    @property
+    def log_ratio(self) -> float:
+        """See `stats.paired_log_ratio`."""
+        return stats.paired_log_ratio(self.orders, self.seconds)
+
+    def block_s(self, letter: str) -> float:
+        """Return the median seconds of the baseline's blocks (A), or of the candidate's (B)."""
+        is_of = np.array([[each == letter for each in order] for order in self.orders])
+        return float(np.median(self.seconds[is_of]))
+
+
+def block_s(function: Function, calls: int, clock: Clock = time.perf_counter) -> float:
+    """Return the seconds of some calls of a function."""
+    return timing.block_s(timing.Contender(functools.partial(repeat, function, calls)), clock)
+
+
+def _time_round(pair: Pair, calls: int, clock: Clock, rng: random.Random) -> _Round:
+    """Time as many quads as a round needs."""
+    blocks = (
+        functools.partial(repeat, pair.baseline, calls),
+        functools.partial(repeat, pair.candidate, calls),
+    )
+    orders, times, spent_s = list[str](), list[list[float]](), 0.0
+    while spent_s < ROUND_S and len(orders) < MOST_QUADS:
+        drawn = timing.draw_orders(1, rng)
+        times += timing.block_times(*blocks, drawn, clock, pair.setup)
+        orders += drawn
+        spent_s += sum(times[-1])
+    return _Round(orders, np.maximum(times, _SHORTEST_S))
+
+
+def _check(
+    question: Question,
+    judged: _Judged,
+    here: Interval,
+    rounds: Sequence[_Round],
+    calls: int,
+) -> SpeedCheck:
+    has_interval = math.isfinite(judged.high)
+    return SpeedCheck(
+        judged.answer,
+        question.max_slowdown,
+        question.confidence,
+        ratio=math.exp(here.mean),
+        low=math.exp(judged.low) if has_interval else None,
+        high=math.exp(judged.high) if has_interval else None,
+        candidate_s=statistics.median(each.block_s("B") for each in rounds) / calls,
+        baseline_s=statistics.median(each.block_s("A") for each in rounds) / calls,
+        rounds=len(rounds),
+        detail=judged.detail,
+    )

@@ -1,0 +1,54 @@
+"""The examples of docs/python.md run, with shorter limits."""
+
+import functools
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import ROOT
+from pytest_runs import run_pytest
+
+import mjbench
+from mjbench.instrument import runs
+
+PAGE = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.M | re.S)
+
+
+def test_the_examples_of_a_program_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sizes: dict[str, Any] = {"nbatch": 2, "nstep": 4, "threads": 1, "paths": "rollout"}
+    compare, versions = mjbench.compare, mjbench.versions
+
+    def briefly(*models: Any, **options: Any) -> Any:
+        return compare(*models, **{**options, **sizes, "budget_s": 0.0, "confirm": False})
+
+    def installed(*releases: str, **options: Any) -> Any:
+        options |= {"models": "cartpole", "time_limit_s": 0.1, "as_shipped": True}
+        return versions(*["installed"] * len(releases), **options)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(mjbench, "compare", briefly)
+    monkeypatch.setattr(mjbench, "versions", installed)
+    monkeypatch.setattr(mjbench, "latency", functools.partial(mjbench.latency, nstep=100))
+    names: dict[str, Any] = {}
+    for block in BLOCKS:
+        if not block.startswith("# test_"):
+            exec(block, names)
+    printed = capsys.readouterr().out
+    assert "humanoid: 2 simulations × 4 steps" in printed
+    assert "no model 'humanoit' (did you mean humanoid?)" in printed
+    assert "1,000 steps" in printed
+    assert names["table"] == names["comparison"].rows()
+    assert runs.latest(Path("results/runs")) == names["file"]
+
+
+def test_the_examples_of_tests_run(tmp_path: Path) -> None:
+    tests = [block for block in BLOCKS if block.startswith("# test_")]
+    assert len(tests) == 2
+    for block in tests:
+        done = run_pytest(tmp_path, block, "--benchmark-save=main")
+        assert done.returncode == 0, done.stdout
+        assert "1 passed" in done.stdout or "1 skipped" in done.stdout

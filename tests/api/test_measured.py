@@ -1,0 +1,164 @@
+"""What a measurement in a program returns shows itself, and is what the command would store."""
+
+import json
+import re
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from commands import ROOT
+from example_records import measurement, model_record
+from step_profiles import step_profile
+
+import mjbench
+from mjbench.api.compare import Comparison
+from mjbench.api.profile import Profile
+from mjbench.api.versions import ReleaseComparison
+from mjbench.instrument import machine, runs
+from mjbench.instrument.runs import Run, RunHeader
+from mjbench.loop.profile import ProfileRow
+from mjbench.pages import fragment
+from mjbench.pages.content import Tone
+from mjbench.paired.outcomes import Verdict
+from mjbench.paired.records import Ratio, TargetRow, VerdictRecord
+from mjbench.report.documents import RECORD_TYPES
+from mjbench.status import Status
+
+HOSTILE = "<img src=x onerror=alert(1)>&\x1b[31m"
+
+
+def run(command: str, *records: Any, **arguments: Any) -> Run:
+    header = RunHeader(runs.SCHEMA, command, machine.describe(), arguments)
+    return Run(header, tuple(records))
+
+
+def verdict(model: str = "humanoid") -> VerdictRecord:
+    target = TargetRow("3.3.0", model, "python_loop", {}, {})
+    return VerdictRecord(
+        model=model,
+        path="python_loop",
+        old="3.3.0",
+        new="4.0.0",
+        sides=(target, target),
+        status=Status.OK,
+        verdict=Verdict.SLOWER,
+        ratio=Ratio(1.05, 1.04, 1.06),
+        e_slower=1e6,
+        e_faster=0.0,
+        changed_work=False,
+        launches=8,
+        pairs=80,
+        seconds=3.0,
+    )
+
+
+def comparison(model: str = "m") -> Comparison:
+    fast = measurement(path="rollout", model=model, samples_s=[0.5] * 20)
+    base = measurement(model=model, samples_s=[1.0] * 20)
+    return Comparison(run("compare", model_record(model=model), base, fast))
+
+
+def release_comparison(model: str = "humanoid", *notes: str) -> ReleaseComparison:
+    return ReleaseComparison(run("versions", verdict(model), confidence=0.95), notes)
+
+
+def profile() -> Profile:
+    return Profile(run("profile", ProfileRow.measured(step_profile())))
+
+
+EXAMPLES = {"compare": comparison, "versions": release_comparison, "profile": profile}
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_a_saved_value_is_a_run_file_that_shows_the_same(command: str, tmp_path: Path) -> None:
+    value = EXAMPLES[command]()
+    file = value.save(tmp_path / "runs")
+    again = type(value)(runs.load(file, RECORD_TYPES))
+    assert str(again) == str(value)
+    assert repr(again) == repr(value)
+    assert again._repr_html_() == value._repr_html_()
+    assert mjbench.load(file) == value.rows()
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_a_value_as_a_dictionary_is_the_document_of_the_command(command: str) -> None:
+    document = EXAMPLES[command]().to_dict()
+    schema = json.loads((ROOT / "mjbench/schemas" / f"{command}.json").read_text())
+    jsonschema.Draft202012Validator(schema).validate(json.loads(json.dumps(document)))
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_a_value_is_frozen_and_its_repr_is_one_line_with_the_conclusion(command: str) -> None:
+    value = EXAMPLES[command]()
+    with pytest.raises(FrozenInstanceError):
+        value.run = None  # type: ignore[misc, assignment]
+    assert "\n" not in repr(value)
+    assert value.report().conclusions[0].text[:40] in repr(value)
+
+
+def test_the_verdict_comes_first_in_a_notebook_then_a_table() -> None:
+    html = release_comparison()._repr_html_()
+    assert html.index("slower by 5 %") < html.index("<table") < html.index("<td")
+    assert "✗" in html
+
+
+def test_notes_are_shown_in_every_form() -> None:
+    value = release_comparison("humanoid", "The host took 20 %.")
+    assert "The host took 20 %." in str(value)
+    assert "The host took 20 %." in value._repr_html_()
+
+
+@pytest.mark.parametrize("example", [comparison, release_comparison])
+def test_names_of_others_are_escaped(example: Any) -> None:
+    value = example(HOSTILE)
+    assert "<img" not in value._repr_html_()
+    assert "&lt;img" in value._repr_html_()
+    assert "\x1b" not in str(value) + repr(value) + value._repr_html_()
+
+
+def test_the_family_of_verdicts_has_the_confidence_that_was_asked_for() -> None:
+    value = release_comparison()
+    assert value.confidence == 0.95
+    assert [row.model for row in value.family.slower] == ["humanoid"]
+
+
+def test_a_comparison_without_fresh_processes_advises_the_plain_loop() -> None:
+    value = comparison()
+    assert {advice.path for advice in value.advice} == {"python_loop"}
+    assert [result.path for result in value.results] == ["python_loop", "rollout"]
+    assert value.results[1].speedup.median == pytest.approx(2.0)
+    assert "--code" not in str(value)
+
+
+def test_ipython_shows_the_table_in_a_terminal() -> None:
+    class Printer:
+        shown = ""
+
+        def text(self, text: str) -> None:
+            self.shown += text
+
+    printer = Printer()
+    profile()._repr_pretty_(printer, cycle=False)
+    assert printer.shown == str(profile())
+    assert "kinematics" in printer.shown
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of a colour (WCAG 2)."""
+    parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return sum(w * p for w, p in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+@pytest.mark.parametrize("tone", [tone for tone in Tone if tone != Tone.NEUTRAL])
+@pytest.mark.parametrize("page", ["#ffffff", "#111111"])
+def test_colours_can_be_told_from_light_and_from_dark_pages(tone: Tone, page: str) -> None:
+    bright, dark = sorted(map(luminance, (fragment.COLOURS[tone], page)), reverse=True)
+    assert (bright + 0.05) / (dark + 0.05) >= 3.0
+
+
+def test_a_fragment_sets_no_colour_of_text_or_page() -> None:
+    html = comparison()._repr_html_()
+    assert not re.search(r"background|[^-]color:(?!inherit|#)", html)

@@ -1,0 +1,197 @@
+"""`mjbench run` finds what was planted in programs, and leaves the programs as they are."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from commands import PYTHONPATH, ROOT, check_document, mjbench
+
+PLANTED = ROOT / "tests" / "program" / "planted"
+HUMANOID = str(ROOT / "models" / "humanoid.xml")
+
+
+def run(tmp_path, *arguments, env=None, timeout=120):
+    """Run `mjbench run`; return the finished process and the row of its document."""
+    document = tmp_path / "run.json"
+    command = [sys.executable, "-m", "mjbench", "run", "--json", str(document)]
+    done = subprocess.run(
+        [*command, *map(str, arguments)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH, **(env or {})},
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    if not document.exists():
+        return done, None
+    check_document("run", document.read_text())
+    (row,) = json.loads(document.read_text())["results"]
+    if row["status"] == "unavailable" and "SYS_PTRACE" in row["detail"]:
+        pytest.skip(f"no profiler here: {row['detail']}")
+    return done, row
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "activity", "code"),
+    [
+        ("slow_observation.py", ["30000"], "Python", 7),
+        ("collector.py", ["6000"], "garbage collection", 0),
+        ("vector_env.py", ["4000", "fork"], "waiting for other processes", 0),
+    ],
+)
+def test_the_planted_cause_comes_first(tmp_path, program, arguments, activity, code):
+    done, row = run(tmp_path, PLANTED / program, HUMANOID, *arguments)
+    assert done.returncode == code, done.stderr
+    first = row["loops"][0]["remedies"][0]
+    assert first["activity"] == activity
+    assert first["gain"] > 0.3
+    conclusion = next(line for line in done.stderr.splitlines() if line.startswith(program))
+    assert f"first, {activity}" in conclusion
+    shares = row["loops"][0]["time"]["activities"].values()
+    assert sum(shares) == pytest.approx(1.0)
+
+
+def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
+    done, row = run(tmp_path, PLANTED / "stored_views.py", HUMANOID, "40000")
+    assert done.stdout == "40000\n"
+    assert row["loops"][0]["remedies"][0]["code"] == "MJB001"
+    assert "correct a wrong result" in done.stderr
+
+
+def test_rendering_comes_first(tmp_path):
+    done, row = run(
+        tmp_path,
+        *("--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
+        env={"MUJOCO_GL": "egl"},
+    )
+    if row is None or not row["steps"]:
+        pytest.skip(f"no rendering here: {done.stderr.splitlines()[-1:]}")
+    assert row["was_ended"]
+    assert done.returncode == 0
+    assert row["loops"][0]["remedies"][0]["activity"] == "rendering"
+
+
+def test_a_policy_comes_first(tmp_path):
+    pytest.importorskip("torch", reason="PyTorch is not installed")
+    _, row = run(tmp_path, PLANTED / "policy.py", HUMANOID, "20000")
+    assert row["loops"][0]["remedies"][0]["activity"] == "policy"
+
+
+def test_output_input_arguments_and_exit_code_are_the_programs(tmp_path):
+    program = tmp_path / "talk.py"
+    program.write_text(
+        "import sys\nprint(sys.argv[1:], input())\nprint('to stderr', file=sys.stderr)\nsys.exit(5)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "mjbench", "run", str(program), "--seconds", "-m", "--help"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        input="typed\n",
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 5
+    assert done.stdout == "['--seconds', '-m', '--help'] typed\n"
+    assert "to stderr" in done.stderr
+
+
+def test_a_module_runs_with_its_arguments(tmp_path):
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "train.py").write_text("import sys\nprint(__name__, sys.argv[1:])")
+    done, row = run(tmp_path, "-m", "package.train", "--json", "x")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "__main__ ['--json', 'x']\n"
+    assert row["program"] == "package.train"
+
+
+def test_an_exception_is_shown_as_python_shows_it(tmp_path):
+    program = tmp_path / "broken.py"
+    program.write_text("raise RuntimeError('mine')")
+    plain = subprocess.run(
+        [sys.executable, str(program)], capture_output=True, text=True, check=False
+    )
+    done, row = run(tmp_path, program)
+    assert done.returncode == 1
+    assert plain.stderr in done.stderr
+    assert row["exit_code"] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give a program"),
+        (["missing.py"], "no such file"),
+        (["--attach", "1", "x.py"], "give a program"),
+        (["--attach", "999999999"], "no such process"),
+        (["--confirm", "--attach", "1"], "--confirm"),
+        (["--rate", "0", "x.py"], "--rate"),
+    ],
+)
+def test_bad_usage_is_one_line(tmp_path, arguments, message):
+    done, _ = run(tmp_path, *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_json_on_standard_output_is_refused():
+    done = mjbench("run", "--json", "-", "x.py")
+    assert done.returncode == 2
+    assert "standard output is the program's own" in done.stderr
+
+
+def test_a_missing_profiler_is_named_with_what_installs_it(tmp_path, monkeypatch):
+    from mjbench.errors import UnavailableError
+    from mjbench.program import sampler
+
+    monkeypatch.setattr(sampler.sysconfig, "get_path", lambda name: str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(UnavailableError, match="pip install"):
+        sampler.program()
+
+
+def test_a_signal_reaches_the_program_and_the_report_comes(tmp_path):
+    if sys.platform == "win32":
+        pytest.skip("no signals on this platform")
+    program = tmp_path / "patient.py"
+    program.write_text(
+        "import pathlib, time\npathlib.Path('ready').touch()\n"
+        "try:\n    while True: time.sleep(0.01)\n"
+        "except KeyboardInterrupt:\n    print('cleaned up')\n    raise SystemExit(9)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mjbench", "run", "--json", "run.json", str(program)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not Path(tmp_path / "ready").exists():
+        assert process.poll() is None and time.monotonic() < deadline
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 9, errors
+    assert output == "cleaned up\n"
+    assert (tmp_path / "run.json").exists()
+
+
+def test_a_stored_run_is_shown_and_reported(tmp_path):
+    run(tmp_path, PLANTED / "collector.py", HUMANOID, "3000")
+    (file,) = (tmp_path / "results" / "runs").glob("*.jsonl")
+    shown = mjbench("show", str(file), "--json", "-")
+    assert json.loads(shown.stdout)["results"][0]["program"] == "collector.py"
+    page = tmp_path / "report.html"
+    assert mjbench("report", str(file), "-o", str(page)).returncode == 0
+    assert "garbage collection" in page.read_text()

@@ -1,0 +1,77 @@
+"""Loops that start from many states of a file, in turns, with their controls held."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import mjbench
+from mjbench.errors import InputError
+from mjbench.loop import overhead, profile
+from mjbench.loop.loop_starts import NSTART, LoopStarts
+from mjbench.simulation import models
+
+CARTPOLE = models.load(models.resolve("cartpole"))
+
+
+@pytest.fixture
+def captured(tmp_path: Path) -> Path:
+    """Return a file of captured states; the control of a state is its time."""
+    data, file = mujoco.MjData(CARTPOLE), tmp_path / "states.npz"
+    with mjbench.capture(file):
+        for i in range(1000):
+            data.ctrl[:] = 1e-3 * i
+            mujoco.mj_step(CARTPOLE, data)
+    return file
+
+
+def test_starts_are_restored_in_turn_with_the_control_that_follows(captured: Path) -> None:
+    starts, data = LoopStarts(CARTPOLE, captured, nstep=7), mujoco.MjData(CARTPOLE)
+    assert starts.starts.file == "states.npz"
+    assert starts.observation.healthy.sum() == NSTART
+    start, times = starts.in_turn(repeats=2), []
+    for _ in range(2 * NSTART + 2):
+        start(CARTPOLE, data)
+        step = round(data.time / CARTPOLE.opt.timestep)
+        assert data.ctrl[0] == pytest.approx(1e-3 * step)
+        times.append(data.time)
+    assert times[0::2] == times[1::2]
+    assert len(set(times)) == NSTART
+    assert times[-1] == times[0]
+
+
+def test_a_run_is_short_but_not_too_short(captured: Path) -> None:
+    assert LoopStarts(CARTPOLE, captured).nstep >= 5
+
+
+def test_a_profile_of_captured_states_says_so(captured: Path) -> None:
+    source = models.resolve("cartpole")
+    steps = profile.measure(source, states_file=captured).steps
+    assert steps.starts is not None and steps.starts.file == "states.npz"
+    assert steps.run_nstep is not None and steps.run_nstep >= 5
+    assert sum(steps.stages.values()) == pytest.approx(1.0)
+
+
+def test_habits_cost_something_from_captured_states(captured: Path) -> None:
+    table = overhead.measure(models.resolve("cartpole"), launches=1, states_file=captured)
+    assert table.starts is not None and table.starts.file == "states.npz"
+    assert table.bare_ns > 0
+
+
+def test_a_file_that_does_not_fit_is_bad_input(captured: Path) -> None:
+    for measure in (profile.measure, overhead.measure):
+        with pytest.raises(InputError, match="holds states of another model, cartpole"):
+            measure(models.resolve("humanoid"), states_file=captured)
+
+
+def test_states_without_controls_get_random_ones(tmp_path: Path) -> None:
+    file = tmp_path / "states.npz"
+    np.savez(file, qpos=np.zeros((5, 2)))
+    starts, data = LoopStarts(CARTPOLE, file, nstep=3), mujoco.MjData(CARTPOLE)
+    start, controls = starts.in_turn(), set()
+    for _ in range(20):
+        start(CARTPOLE, data)
+        controls.add(float(data.ctrl[0]))
+    assert starts.starts.controls_file is None
+    assert len(controls) == 20

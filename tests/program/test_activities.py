@@ -1,0 +1,103 @@
+"""What stacks show, from the libraries and files in them."""
+
+import sysconfig
+
+import pytest
+
+from mjbench.program import activities
+from mjbench.program.activities import Activity
+from mjbench.program.samples import Frame
+
+STANDARD = sysconfig.get_paths()["stdlib"]
+SITE = "/env/lib/python3.11/site-packages"
+OWN = Frame("main", "/home/user/train.py", 10)
+CLOCK = Frame("call", "/anywhere/mjbench/program/hook/step_clock.py", 100)
+ENGINE = f"{SITE}/mujoco/libmujoco.so.4.0.0"
+LIBC = "/usr/lib/libc.so.6"
+NUMPY = f"{SITE}/numpy/_core/_multiarray_umath.cpython-311-x86_64-linux-gnu.so"
+
+
+def library(function, file):
+    return Frame(function, file, 0)
+
+
+@pytest.mark.parametrize(
+    ("frames", "activity"),
+    [
+        ([library("mj_solPrimal", ENGINE)], Activity.PHYSICS),
+        ([CLOCK, library("mj_collision", ENGINE)], Activity.PHYSICS),
+        ([CLOCK, library("memcpy", LIBC)], Activity.PHYSICS),
+        ([CLOCK], Activity.BINDINGS),
+        ([library("mjCModel::Compile", ENGINE)], Activity.LOADING),
+        ([library("0x7f", f"{SITE}/mujoco/_structs.cpython-311.so")], Activity.BINDINGS),
+        ([Frame("rollout", f"{SITE}/mujoco/rollout.py", 5)], Activity.PHYSICS),
+        ([library("array_concatenate", NUMPY)], Activity.NUMPY),
+        (
+            [library("array_zeros", NUMPY), library("PyArray_NewFromDescr_int", NUMPY)],
+            Activity.ALLOCATION,
+        ),
+        ([Frame("forward", f"{SITE}/torch/nn/modules/linear.py", 5)], Activity.POLICY),
+        (
+            [Frame("render", f"{SITE}/mujoco/rendering/classic/renderer.py", 200)],
+            Activity.RENDERING,
+        ),
+        ([library("0x1", "/usr/lib/libgallium-24.so")], Activity.RENDERING),
+        ([Frame("emit", f"{STANDARD}/logging/__init__.py", 1100)], Activity.LOGGING),
+        ([library("write", LIBC)], Activity.LOGGING),
+        (
+            [
+                Frame("_recv", f"{STANDARD}/multiprocessing/connection.py", 384),
+                library("read", LIBC),
+            ],
+            Activity.PROCESSES,
+        ),
+        ([Frame("wait", f"{STANDARD}/threading.py", 320)], Activity.THREADS),
+        ([library("clock_nanosleep", LIBC)], Activity.SLEEPING),
+        ([library("gc_collect_main", "/usr/lib/libpython3.11.so.1.0")], Activity.COLLECTION),
+        ([Frame("_load", "<frozen importlib._bootstrap>", 690)], Activity.IMPORT),
+        ([library("list_sort", "/usr/lib/libpython3.11.so.1.0")], Activity.PYTHON),
+        ([], Activity.PYTHON),
+        ([library("memcpy", LIBC)], None),
+    ],
+)
+def test_activity_of_a_stack(frames, activity):
+    assert activities.activity([OWN, *frames]) == activity
+
+
+def test_collection_counts_wherever_it_happens():
+    stack = [OWN, Frame("forward", f"{SITE}/torch/x.py", 5), library("gc_collect_main", "python")]
+    assert activities.activity(stack) == Activity.COLLECTION
+
+
+def test_the_engines_clock_is_seen():
+    stack = [OWN, CLOCK, library("0x7f", "[vdso]")]
+    assert activities.activity(stack) == Activity.PHYSICS
+    assert activities.is_engine_clock(stack)
+    assert not activities.is_engine_clock([OWN, CLOCK, library("mj_step", ENGINE)])
+
+
+@pytest.mark.parametrize(
+    ("file", "package"),
+    [
+        ("/home/user/train.py", ""),
+        (f"{SITE}/gymnasium/core.py", "gymnasium"),
+        (f"{SITE}/six.py", "six"),
+        (f"{STANDARD}/json/decoder.py", activities.STANDARD_LIBRARY),
+    ],
+)
+def test_package_of_a_file(file, package):
+    assert activities.package_of(file) == package
+    assert activities.is_own(Frame("f", file, 1)) == (package == "")
+
+
+def test_paths_are_shown_short(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    activities.shown_path.cache_clear()
+    assert activities.shown_path(str(tmp_path / "a" / "train.py")) == "a/train.py"
+    assert activities.shown_path(f"{SITE}/gymnasium/core.py") == "gymnasium/core.py"
+    assert activities.shown_path(f"{STANDARD}/json/decoder.py") == "json/decoder.py"
+    assert activities.shown_path("/elsewhere/train.py") == "/elsewhere/train.py"
+
+
+def test_lines_of_compiled_sources_are_no_python():
+    assert not Frame("f", "Modules/_struct.c", 12).is_python

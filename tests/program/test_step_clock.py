@@ -1,0 +1,306 @@
+"""The step clock times calls in bursts, costs little, and changes nothing of what is called."""
+
+import gc
+import itertools
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mjbench.program import step_times
+from mjbench.program.hook import step_clock
+
+CALL_NS, BETWEEN_NS = 40_000, 10_000
+
+
+class FakeClock:
+    """A clock that only a call of the engine, or `spend`, moves."""
+
+    def __init__(self):
+        self.now_ns = 1_000
+
+    def __call__(self):
+        return self.now_ns
+
+    def spend(self, ns):
+        self.now_ns += ns
+
+
+def engine(clock, calls):
+    """Return a module that looks like mujoco; its functions take time on the clock."""
+    module = ModuleType("mujoco")
+
+    def function(name):
+        def call(*args, **kwargs):
+            calls.append((name, args, kwargs))
+            clock.spend(CALL_NS)
+            return name
+
+        call.__name__ = name
+        return call
+
+    for name in ("mj_step", "mj_step1", "mj_step2", "mj_resetData", "mj_resetDataKeyframe"):
+        setattr(module, name, function(name))
+    return module
+
+
+def simulation():
+    model = SimpleNamespace(opt=SimpleNamespace(timestep=0.002))
+    data = SimpleNamespace(timer=SimpleNamespace(duration=np.zeros(3)))
+    return model, data
+
+
+@pytest.fixture
+def started(tmp_path):
+    """Return a step clock, the fake clock, the module, and the calls that reached the engine."""
+    fake, calls = FakeClock(), []
+    clock = step_clock.StepClock(str(tmp_path), now_ns=fake)
+    module = engine(fake, calls)
+    clock.install(module)
+    clock.timed_ns = clock.passed_ns = 0
+    return SimpleNamespace(clock=clock, fake=fake, module=module, calls=calls, folder=tmp_path)
+
+
+def read(started):
+    started.clock.end()
+    (steps,) = step_times.read_all(started.folder)
+    return steps
+
+
+def test_calls_reach_the_engine_unchanged(started):
+    model, data = simulation()
+    assert started.module.mj_step(model, data, nstep=4) == "mj_step"
+    assert started.calls == [("mj_step", (model, data), {"nstep": 4})]
+    assert started.module.mj_step.__name__ == "mj_step"
+
+
+def test_steps_and_iterations_are_timed(started):
+    model, data = simulation()
+    for _ in range(300):
+        started.module.mj_step(model, data, 2)
+        started.fake.spend(BETWEEN_NS)
+    steps = read(started)
+    assert steps.nstep == 600
+    assert steps.step.count == 300
+    assert steps.step.p50_ns == steps.step.max_ns == CALL_NS / 2
+    assert steps.iteration.p50_ns == CALL_NS + BETWEEN_NS
+    assert steps.steps_per_s == pytest.approx(2e9 / (CALL_NS + BETWEEN_NS), rel=0.01)
+    assert steps.real_time_factor == pytest.approx(0.002 * steps.steps_per_s)
+    assert not steps.of_environment
+
+
+def test_both_parts_of_a_step_count_as_one(started):
+    model, data = simulation()
+    for _ in range(50):
+        started.module.mj_step1(model, data)
+        started.module.mj_step2(model, data)
+    steps = read(started)
+    assert steps.nstep == 50
+    assert steps.step.p50_ns == 2 * CALL_NS
+
+
+def test_bursts_cost_no_more_than_their_share(started):
+    model, data = simulation()
+    started.clock.timed_ns = CALL_NS  # as much as the call itself
+    count = 200_000
+    for _ in range(count):
+        started.module.mj_step(model, data)
+    steps = read(started)
+    assert len(started.calls) == count
+    assert steps.nstep == pytest.approx(count, rel=0.05)
+    limit = step_clock.MAX_COST_SHARE + step_clock.FREE_COST_NS / (count * CALL_NS)
+    assert 0 < steps.cost_share <= 1.1 * limit
+
+
+def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
+    monkeypatch.setattr(step_clock, "FASTEST_PASSED_NS", 2 * CALL_NS)
+    monkeypatch.setattr(step_clock, "FREE_COST_NS", 0)
+    model, data = simulation()
+    started.clock.timed_ns = CALL_NS
+    original = started.clock._originals["mj_step"]
+    for _ in range(step_clock.BURST_CALLS):
+        started.module.mj_step(model, data)
+        started.fake.spend(CALL_NS // 2)
+    assert started.module.mj_step is original
+    started.module.mj_resetData(model, data)
+    assert started.module.mj_step is original, "its cost is not earned back yet"
+    started.fake.spend(200 * step_clock.BURST_CALLS * CALL_NS)
+    started.module.mj_resetData(model, data)
+    assert started.module.mj_step is not original
+    steps = read(started)
+    assert steps.nstep is None
+    # without what the clock itself costs
+    assert steps.steps_per_s == pytest.approx(1e9 / (CALL_NS / 2))
+
+
+def test_the_engines_timers_give_stages(started):
+    model, data = simulation()
+    names = {"STEP": 0, "POS_KINEMATICS": 1, "CONSTRAINT": 2}
+    for _ in range(step_clock.BURST_CALLS):
+        started.module.mj_step(model, data)
+        data.timer.duration += (4.0, 1.0, 2.0)
+    started.clock.end()
+    (file,) = started.folder.glob("*.steps")
+    stages = step_times.read(file, names).stages
+    assert stages["kinematics"] == pytest.approx(0.25)
+    assert stages["constraint solver"] == pytest.approx(0.5)
+    assert sum(stages.values()) == pytest.approx(1.0)
+
+
+def test_timers_that_the_program_resets_are_left_out(started):
+    model, data = simulation()
+    data.timer.duration += 5.0
+    for _ in range(step_clock.BURST_CALLS):
+        started.module.mj_step(model, data)
+        data.timer.duration[:] = 0.0
+    assert read(started).stages == {}
+
+
+def test_steps_of_an_environment_are_iterations(started):
+    model, data = simulation()
+    module = ModuleType("environments")
+
+    class Environment:
+        def step(self, action):
+            for _ in range(5):
+                started.module.mj_step(model, data)
+            started.fake.spend(BETWEEN_NS)
+            return action
+
+    module.Environment = Environment
+    started.clock.install_environment(module, "Environment", "step")
+    started.clock.install_environment(module, "Missing", "step")
+    environment = Environment()
+    assert [environment.step(i) for i in range(30)] == list(range(30))
+    steps = read(started)
+    assert steps.of_environment
+    assert steps.iteration.p50_ns == 5 * CALL_NS + BETWEEN_NS
+
+
+def test_collections_count_from_the_first_step(started):
+    model, data = simulation()
+    note = started.clock.note_collection
+    for begin in (True, False):
+        note("start", {})
+        started.fake.spend(3_000_000)
+        note("stop", {})
+        if begin:
+            started.module.mj_step(model, data)
+    steps = read(started)
+    assert steps.collections == 1
+    assert steps.collections_s == steps.longest_collection_s == pytest.approx(0.003)
+
+
+def test_the_file_never_overflows(started, monkeypatch):
+    monkeypatch.setattr(step_clock, "CAPACITY", 4 * step_clock.BURST_CALLS)
+    model, data = simulation()
+    for _ in range(20 * step_clock.BURST_CALLS):
+        started.module.mj_step(model, data)
+    steps = read(started)
+    assert 0 < steps.step.count <= 4 * step_clock.BURST_CALLS
+
+
+def test_a_thread_has_iterations_of_its_own():
+    header = step_times.Header(1, 0, 0, 1, 0, 4, 0, 0, 0, 0, 0, 0, 0)
+    rows = [(step_clock.BURST, 1, 0, 0, 0, 0)]
+    rows += [
+        (step_clock.STEP, thread, begin, begin + 10, 1, 0)
+        for begin, thread in zip(range(0, 400, 100), itertools.cycle((1, 2)), strict=False)
+    ]
+    records = np.array(rows, dtype=step_times._RECORDS)
+    times = step_times.step_times(header, records, (), {})
+    assert times.iteration.count == 2
+    assert times.iteration.p50_ns == 200
+
+
+def test_a_file_that_is_cut_short_is_refused(tmp_path):
+    (tmp_path / "1.steps").write_bytes(b"short")
+    with pytest.raises(step_times.InputError, match="step clock"):
+        step_times.read_all(tmp_path)
+
+
+def program(tmp_path, text, **environment):
+    """Run a program under the hook; return what it printed and the steps of its processes."""
+    file, folder = tmp_path / "program.py", tmp_path / "clock"
+    file.write_text(text)
+    folder.mkdir()
+    hook = Path(step_clock.__file__).parent
+    done = subprocess.run(
+        [sys.executable, str(file)],
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(hook), *environment.pop("path", [])]),
+            "MJBENCH_STEP_CLOCK": str(folder),
+            **environment,
+        },
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done, step_times.read_all(folder)
+
+
+STEPS = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco/>")
+data = mujoco.MjData(model)
+for _ in range(10):
+    mujoco.mj_step(model, data)
+"""
+
+
+def test_a_program_is_timed_in_each_process_that_it_forks(tmp_path):
+    if not hasattr(os, "fork"):
+        pytest.skip("no fork on this platform")
+    done, steps = program(tmp_path, f"import os\npid = os.fork()\n{STEPS}\nif pid: os.wait()")
+    assert done.stderr == ""
+    assert [each.nstep for each in steps if each.step is not None] == [10, 10]
+
+
+def test_tracebacks_do_not_show_the_clock(tmp_path):
+    done, _ = program(tmp_path, STEPS + "\nmujoco.mj_step(1)")
+    assert done.returncode == 1
+    assert "TypeError" in done.stderr
+    assert "step_clock" not in done.stderr
+
+
+def test_the_users_own_sitecustomize_runs(tmp_path):
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "sitecustomize.py").write_text("print('mine')")
+    done, _ = program(
+        tmp_path, "import sitecustomize; print(sitecustomize.__file__)", path=[str(own)]
+    )
+    assert done.stdout.splitlines() == ["mine", str(own / "sitecustomize.py")]
+
+
+def test_random_streams_and_the_module_path_are_as_without_the_clock(tmp_path):
+    text = "import sys, random\nrandom.seed(3)\nprint(random.random(), len(sys.path), sys.argv)"
+    file = tmp_path / "program.py"
+    file.write_text(text)
+    plain = subprocess.run([sys.executable, str(file)], capture_output=True, text=True)
+    done, steps = program(tmp_path, text)
+    assert done.stdout == plain.stdout
+    assert done.stderr == ""
+    assert all(each.step is None for each in steps)
+
+
+def test_changes_are_applied_and_noted(tmp_path):
+    text = STEPS + "\nimport gc\nprint(gc.isenabled(), mujoco.get_mjcb_time() is None)"
+    for change, printed in (("no-collection", "False True"), ("no-engine-clock", "True False")):
+        folder = tmp_path / change
+        folder.mkdir()
+        done, _ = program(folder, text, MJBENCH_CHANGE=change)
+        assert done.stdout.strip() == printed, done.stderr
+        assert (folder / "clock" / change).exists()
+
+
+def test_the_names_of_timers_are_written(started):
+    stored = json.loads((started.folder / "engine.json").read_text())
+    assert stored == {"version": "", "timers": {}}
+    assert gc.isenabled()
