@@ -5,7 +5,7 @@
 runs a loop around `mj_step`, with a small observation, alone and under `mjbench run`, in turns. The
 loop says how many steps it did in so many seconds. The table has, for each model, what observing
 costs with its 95 % interval, what `mjbench run` itself says that it costs, and the time of the
-samples as a share of the loop's.
+samples of the loop as a share of the loop's own.
 """
 
 import argparse
