@@ -14,7 +14,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import mj_forward
+from mujoco import mj_rnePostConstraint
 
 XML = """
 <mujoco>
@@ -65,7 +65,7 @@ class Env:
         rng = np.random.default_rng(seed)
         mujoco.mj_resetData(self.model, self.data)
         self.data.qvel[:] = 0.1 * rng.standard_normal(self.model.nv)
-        mj_forward(self.model, self.data)
+        mujoco.mj_forward(self.model, self.data)
         self.count = 0
         return self._get_obs(), {}
 
@@ -80,7 +80,7 @@ class Env:
     def do_simulation(self, action: np.ndarray) -> None:
         self.data.ctrl[:] = action
         mujoco.mj_step(self.model, self.data, nstep=FRAME_SKIP)
-        mj_forward(self.model, self.data)
+        mj_rnePostConstraint(self.model, self.data)
 
     def _get_obs(self) -> np.ndarray:
         return np.concatenate([self.data.qpos, self.data.qvel])

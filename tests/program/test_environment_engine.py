@@ -12,7 +12,9 @@ def test_names_bound_by_an_import_are_found() -> None:
     names = environment_engine.function_names()
     assert {"mj_step", "mj_step1", "mj_forward"} <= set(names)
     found = [b for b in environment_engine.bindings(names) if b.module is examples]
-    assert [(b.attribute, b.function) for b in found] == [("mj_forward", "mj_forward")]
+    assert [(b.attribute, b.function) for b in found] == [
+        ("mj_rnePostConstraint", "mj_rnePostConstraint")
+    ]
 
 
 def test_calls_reach_the_replacement_and_later_ones_do_not() -> None:
@@ -28,14 +30,14 @@ def test_calls_reach_the_replacement_and_later_ones_do_not() -> None:
 
         return wrap
 
-    names = ["mj_step", "mj_forward", "mj_not_in_this_release"]
-    original = mujoco.mj_step, examples.mj_forward
+    names = ["mj_step", "mj_rnePostConstraint", "mj_not_in_this_release"]
+    original = mujoco.mj_step, examples.mj_rnePostConstraint
     environment = examples.make()
     environment.reset(seed=0)
     wrappers = {name: noting(name) for name in names}
     with environment_engine.replaced(wrappers, environment_engine.bindings(names)):
         environment.step([0.0])
-    assert calls == ["mj_step", "mj_forward"]
+    assert calls == ["mj_step", "mj_rnePostConstraint"]
     environment.step([0.0])
-    assert calls == ["mj_step", "mj_forward"]
-    assert (mujoco.mj_step, examples.mj_forward) == original
+    assert calls == ["mj_step", "mj_rnePostConstraint"]
+    assert (mujoco.mj_step, examples.mj_rnePostConstraint) == original

@@ -53,7 +53,7 @@ def test_an_environment_that_ignores_its_seed_does_not_repeat() -> None:
                 (Layer.REST, "lines of Env.step, with info"): 1,
                 (Layer.STEPPING, "do_simulation"): 1,
                 (Layer.PHYSICS, "mj_step"): 1,
-                (Layer.ENGINE, "mj_forward"): 1,
+                (Layer.ENGINE, "mj_rnePostConstraint"): 1,
                 (Layer.OBSERVATION, "_get_obs"): 1,
                 (Layer.REWARD, "score"): 1,
                 (Layer.INFO, "doubled"): 1,
