@@ -231,11 +231,12 @@ def program(tmp_path, text, **environment):
     file.write_text(text)
     folder.mkdir()
     hook = Path(step_clock.__file__).parent
+    inherited = filter(None, [os.environ.get("PYTHONPATH")])
     done = subprocess.run(
         [sys.executable, str(file)],
         env={
             **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(hook), *environment.pop("path", [])]),
+            "PYTHONPATH": os.pathsep.join([str(hook), *environment.pop("path", []), *inherited]),
             "MJBENCH_STEP_CLOCK": str(folder),
             **environment,
         },
