@@ -79,9 +79,10 @@ def conclusion(row: ProgramRow) -> str:
             return "no loop was seen that steps MuJoCo, although it steps; run it for longer"
         return "no loop was seen that steps MuJoCo"
     loop = row.loops[0]
-    if loop.time.samples < FEW_SAMPLES:
-        return f"{loop.time.samples} samples are too few to say what comes first; run it for longer"
     remedy = remedies.first(loop.remedies)
+    is_wrong = remedy is not None and remedy.gain is None  # whatever samples say
+    if loop.time.samples < FEW_SAMPLES and not is_wrong:
+        return f"{loop.time.samples} samples are too few to say what comes first; run it for longer"
     if remedy is None:
         return (
             f"physics takes {percent(loop.time.activities.get(Activity.PHYSICS, 0.0))} of the loop"

@@ -42,11 +42,12 @@ def run(tmp_path, *arguments, env=None, timeout=120):
     [
         ("slow_observation.py", ["30000"], "Python", 7),
         ("collector.py", ["6000"], "garbage collection", 0),
-        ("vector_env.py", ["4000", "fork"], "waiting for other processes", 0),
+        ("vector_env.py", ["8000", "fork"], "waiting for other processes", 0),
     ],
 )
 def test_the_planted_cause_comes_first(tmp_path, program, arguments, activity, code):
-    done, row = run(tmp_path, PLANTED / program, HUMANOID, *arguments)
+    # more samples than usual, so that short programs have enough
+    done, row = run(tmp_path, "--rate", "100", PLANTED / program, HUMANOID, *arguments)
     assert done.returncode == code, done.stderr
     first = row["loops"][0]["remedies"][0]
     assert first["activity"] == activity
@@ -67,7 +68,7 @@ def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
 def test_rendering_comes_first(tmp_path):
     done, row = run(
         tmp_path,
-        *("--seconds", "3", PLANTED / "rendering.py", HUMANOID, "100000"),
+        *("--rate", "20", "--seconds", "5", PLANTED / "rendering.py", HUMANOID, "100000"),
         env={"MUJOCO_GL": "egl"},
     )
     if row is None or not row["steps"]:
@@ -79,7 +80,7 @@ def test_rendering_comes_first(tmp_path):
 
 def test_a_policy_comes_first(tmp_path):
     pytest.importorskip("torch", reason="PyTorch is not installed")
-    _, row = run(tmp_path, PLANTED / "policy.py", HUMANOID, "20000")
+    _, row = run(tmp_path, "--rate", "100", PLANTED / "policy.py", HUMANOID, "20000")
     assert row["loops"][0]["remedies"][0]["activity"] == "policy"
 
 
