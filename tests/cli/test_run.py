@@ -59,7 +59,7 @@ def test_the_planted_cause_comes_first(tmp_path, program, arguments, activity, c
 
 
 def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
-    done, row = run(tmp_path, PLANTED / "stored_views.py", HUMANOID, "40000")
+    done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "40000")
     assert done.stdout == "40000\n"
     assert row["loops"][0]["remedies"][0]["code"] == "MJB001"
     assert "correct a wrong result" in done.stderr
@@ -189,7 +189,7 @@ def test_a_signal_reaches_the_program_and_the_report_comes(tmp_path):
 
 
 def test_a_stored_run_is_shown_and_reported(tmp_path):
-    run(tmp_path, PLANTED / "collector.py", HUMANOID, "3000")
+    run(tmp_path, "--rate", "100", PLANTED / "collector.py", HUMANOID, "6000")
     (file,) = (tmp_path / "results" / "runs").glob("*.jsonl")
     shown = mjbench("show", str(file), "--json", "-")
     assert json.loads(shown.stdout)["results"][0]["program"] == "collector.py"
