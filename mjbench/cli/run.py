@@ -11,6 +11,7 @@ from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
 from mjbench.cli.shared import JSON, RESULTS, WAIT, Seconds, with_options
 from mjbench.errors import InputError
+from mjbench.status import ExitCode
 
 if TYPE_CHECKING:
     from mjbench.program.launch import Program
@@ -46,7 +47,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
         return row
     remedies = row.loops[0].remedies
     try:
-        with context.progress(confirm.runs_of(program, remedies)) as advance:
+        with context.progress(confirm.most_runs(remedies)) as advance:
             confirmed = confirm.confirm(program, remedies, advance)
     except KeyboardInterrupt:
         context.interrupt()
@@ -147,4 +148,6 @@ def run(
         print_program(context.out, row)
         context.record(row)
         context.write(ProgramDocument(machine=context.machine, results=[row]))
-    sys.exit(0 if row.was_ended else row.exit_code)
+    if context.interrupted:
+        sys.exit(ExitCode.INTERRUPTED)
+    sys.exit(ExitCode.OK if row.was_ended else row.exit_code)

@@ -4,7 +4,7 @@ import contextlib
 import enum
 import re
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -113,6 +113,8 @@ _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
 _STEP_CLOCK = "step_clock.py"
+# Lines of multiprocessing between its functions and the call that waits.
+_NEAR = 4
 
 
 def activity(stack: Sequence[Frame]) -> Activity | None:
@@ -124,7 +126,7 @@ def activity(stack: Sequence[Frame]) -> Activity | None:
     python = [frame for frame in stack if frame.is_python]
     library = _libraries_at_end(stack)
     return (
-        _by_engine(library)
+        _by_engine(python, library)
         or _by_caller(python, library)
         or _by_library(library)
         or _by_python(python, library)
@@ -148,10 +150,15 @@ def _libraries_at_end(stack: Sequence[Frame]) -> list[Frame]:
     return frames
 
 
-def _by_engine(library: Sequence[Frame]) -> Activity | None:
-    """Return what MuJoCo does, whoever called it; None where it is not on top of the stack."""
+def _by_engine(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
+    """Return what MuJoCo does for any caller; None where it is not on top of the stack.
+
+    A renderer is the exception: what it calls of the engine draws.
+    """
     if library and _LOCKS.match(library[0].function):
         return None
+    if any(_DRAWING_FILE.search(frame.file) for frame in _called_by_own(python)):
+        return Activity.RENDERING
     for frame in library:
         if _DRAWS.match(frame.function):
             return Activity.RENDERING
@@ -162,6 +169,14 @@ def _by_engine(library: Sequence[Frame]) -> Activity | None:
     return None
 
 
+def _called_by_own(python: Sequence[Frame]) -> Iterator[Frame]:
+    """Yield the lines that the innermost line of the user's code has called, innermost first."""
+    for frame in reversed(python):
+        if is_own(frame):
+            return
+        yield frame
+
+
 def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | None:
     """Return the activity of what is one whole, whatever it calls.
 
@@ -169,12 +184,8 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
     """
     if any(_COLLECTS.match(frame.function) for frame in library):
         return Activity.COLLECTION
-    for frame in reversed(python):
-        if is_own(frame):
-            return None
+    for frame in _called_by_own(python):
         file = frame.file
-        if _DRAWING_FILE.search(file):
-            return Activity.RENDERING
         if _POLICY_FILE.search(file):
             return Activity.POLICY
         if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(standard_name(file)):
@@ -209,9 +220,9 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
     """Return the activity by the innermost lines of Python."""
     if not python:
         return None
-    names = [standard_name(frame.file) for frame in reversed(python)]
+    names = [standard_name(frame.file) for frame in reversed(python)][:_NEAR]
     waits = any(_WAITS.match(frame.function) for frame in library)
-    if any(_STANDARD_PROCESSES.match(name) for name in names[:4]) and (
+    if any(_STANDARD_PROCESSES.match(name) for name in names) and (
         waits or _STANDARD_WAITING.match(names[0]) or names[0].startswith("multiprocessing/conn")
     ):
         return Activity.PROCESSES

@@ -13,13 +13,14 @@ from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
 # Fewer samples tell little.
 FEW_SAMPLES = 30
-# Its `_bootstrap` begins a process, which may be a fork.
-_PROCESS_MODULE = "multiprocessing/process.py"
-_Key = TypeVar("_Key")
 # Lines with a smaller share of a loop are left out.
 LEAST_LINE_SHARE = 0.005
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
+# The `_bootstrap` of this module begins a process, which may be a fork.
+_PROCESS_MODULE = "multiprocessing/process.py"
+
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class LoopTime:
     engine_clock: float
 
     @property
-    def steps(self) -> bool:
+    def has_physics(self) -> bool:
         """Whether the engine was seen in it."""
         return Activity.PHYSICS in self.activities
 
@@ -131,7 +132,7 @@ def loop_times(
 
 def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
     """Return the loops that step, but short ones; with those that wait while other processes do."""
-    stepping = [time for time in times if time.steps]
+    stepping = [time for time in times if time.has_physics]
     seen = {pid for time in stepping for pid in time.pids}
     for pid in sorted(set(pids) - seen):
         of_process = [time for time in times if pid in time.pids]
@@ -142,7 +143,10 @@ def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime
     waiting = [
         time
         for time in times
-        if not time.steps and elsewhere and Activity.PROCESSES in time.activities and time.in_main
+        if not time.has_physics
+        and elsewhere
+        and Activity.PROCESSES in time.activities
+        and time.in_main
     ]
     total_s = sum(time.seconds for time in stepping + waiting)
     return [time for time in stepping + waiting if time.seconds >= LEAST_LOOP_SHARE * total_s]

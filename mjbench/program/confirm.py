@@ -50,7 +50,7 @@ def confirm(
     Args:
       program: that was observed.
       remedies: of its loop.
-      advance: told before each run: how many were done, what runs, and a share of 0.
+      advance: called before each run with the number of runs done, what runs, and a share of 0.
       run: runs the program once; None for `launch.time_steps`.
     """
 
@@ -73,7 +73,7 @@ def confirm(
     ]
 
 
-def runs_of(program: Program, remedies: Sequence[Remedy]) -> int:
+def most_runs(remedies: Sequence[Remedy]) -> int:
     """Return how often `confirm` runs a program, at most."""
     kinds = {remedy.kind for remedy in remedies if remedy.kind in _CHANGES}
     has_fixes = any(remedy.code and remedy.gain is not None for remedy in remedies)

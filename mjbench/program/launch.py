@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
@@ -71,8 +71,8 @@ class Observation:
       threads: samples of its threads, and those of its child processes.
       steps: what the step clock of each process noted.
       rate_hz: samples per second.
-      paused_share: share of time for which the profiler stopped the program; None where that
-        cannot be seen.
+      paused_share: share of time for which the profiler stopped a process of the program, summed
+        over processes; None where that cannot be seen.
       problem: why there are no samples, in one line; empty where there are.
     """
 
@@ -150,7 +150,7 @@ class Profiling:
         """Start again at a lower rate where the profiler costs too much."""
         self.adapts = False
         share = self.paused / self.looks
-        if share > MAX_PAUSED_SHARE and self.sampler.process.poll() is None:
+        if share > MAX_PAUSED_SHARE and self.sampler.is_running:
             end_s = time.monotonic()
             self.sampler.stop()
             self.earlier = self._read(end_s)
@@ -161,7 +161,7 @@ class Profiling:
 
     @property
     def paused_share(self) -> float | None:
-        """Share of time for which the program was stopped; None where that cannot be seen."""
+        """Share of time for which a process was stopped, summed over processes; None if unseen."""
         return self.paused / self.looks if self.looks else None
 
     def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
@@ -252,7 +252,18 @@ def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
                 time.sleep(_LOOK_S)
         end_s = time.monotonic()
         profiling.sampler.stop()
-        return _observation(profiling, pid, begin_s, end_s)
+        threads, problem = profiling.samples(end_s)
+        return Observation(
+            exit_code=0,
+            was_ended=False,
+            wall_s=end_s - begin_s,
+            pid=pid,
+            threads=threads,
+            steps=(),
+            rate_hz=profiling.rate_hz,
+            paused_share=profiling.paused_share,
+            problem=problem,
+        )
 
 
 def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | None) -> Observation:
@@ -274,27 +285,14 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
     end_s = time.monotonic()
     if profiling is not None:
         profiling.sampler.finish()
-    seen = _observation(profiling, process.pid, begin_s, end_s)
-    return replace(
-        seen,
-        exit_code=_exit_code(process.returncode),
-        was_ended=was_ended,
-        steps=step_times.read_all(folder),
-    )
-
-
-def _observation(
-    profiling: Profiling | None, pid: int, begin_s: float, end_s: float
-) -> Observation:
-    """Return what the profiler saw of a process."""
     threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples(end_s)
     return Observation(
-        exit_code=0,
-        was_ended=False,
+        exit_code=_exit_code(process.returncode),
+        was_ended=was_ended,
         wall_s=end_s - begin_s,
-        pid=pid,
+        pid=process.pid,
         threads=threads,
-        steps=(),
+        steps=step_times.read_all(folder),
         rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
         paused_share=None if profiling is None else profiling.paused_share,
         problem=problem,

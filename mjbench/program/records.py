@@ -38,8 +38,8 @@ class ProgramRow:
       wall_s: from its start to its end, or for which it was sampled.
       rate_hz: samples per second.
       samples: taken of all threads.
-      paused_share: share of time for which the profiler stopped the program; None where that
-        cannot be seen.
+      paused_share: share of time for which the profiler stopped a process of the program, summed
+        over processes; None where that cannot be seen.
       loops: that step, or wait for processes that do; the program's own first.
       steps: of each process that stepped.
     """
@@ -73,9 +73,7 @@ class ProgramRow:
             rate_hz=seen.rate_hz,
             samples=sum(len(thread.stacks) for thread in seen.threads),
             paused_share=seen.paused_share,
-            loops=[
-                LoopReport(time, remedies.remedies(time, steps, time.own_files)) for time in times
-            ],
+            loops=[LoopReport(time, remedies.remedies(time, steps)) for time in times],
             steps=steps,
         )
 

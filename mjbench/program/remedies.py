@@ -36,8 +36,6 @@ class RemedyKind(enum.StrEnum):
     """Python's garbage collector."""
     ACTIVITY = "activity"
     """An activity as a whole."""
-    PROCESSES = "processes"
-    """How work is divided among processes."""
 
 
 @dataclass(frozen=True)
@@ -120,35 +118,22 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
 }
-# Activities that are one thing to change, whichever lines they are in.
-_WHOLE = {
-    Activity.POLICY,
-    Activity.RENDERING,
-    Activity.LOGGING,
-    Activity.PROCESSES,
-    Activity.THREADS,
-    Activity.SLEEPING,
-    Activity.COLLECTION,
-    Activity.LOADING,
-    Activity.IMPORT,
-}
-_KINDS = {
-    Activity.PROCESSES: RemedyKind.PROCESSES,
-    Activity.COLLECTION: RemedyKind.COLLECTION,
-}
+# Activities that are changed line by line; each of the others, but physics, is one thing to change.
+_OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
 _STEP_ADVICE = "call mj_step(model, data, nstep) where nothing happens between steps"
 _CLOCK_ADVICE = "turn the engine's own clock off: mjbench.engine_clock(False)"
 
 
-def remedies(loop: LoopTime, steps: Sequence[StepTimes], files: Sequence[str] = ()) -> list[Remedy]:
+def remedies(loop: LoopTime, steps: Sequence[StepTimes]) -> list[Remedy]:
     """Return what to do about a loop: wrong results first, then by gain.
+
+    Lint checks the user's own files that run in the loop.
 
     Args:
       loop: where its time goes.
       steps: of all processes.
-      files: of the user's own code that run in the loop, which lint checks.
     """
-    findings = _findings(files)
+    findings = _findings(loop.own_files)
     listed = [*_wrong(findings), *_savings(loop, steps, findings)]
     worthwhile = [each for each in listed if each.gain is None or each.gain >= LEAST_GAIN]
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
@@ -189,10 +174,9 @@ def _savings(
         yield _remedy(loop, RemedyKind.CLOCK, Activity.PHYSICS, None, _CLOCK_ADVICE, share)
     if Activity.COLLECTION not in loop.activities:
         yield from _collections(loop, steps)
-    unexplained = dict(loop.activities)
-    for activity in [each for each in unexplained if each in _WHOLE]:
-        if (share := unexplained.pop(activity)) >= LEAST_GAIN:
-            yield _of_activity(loop, activity, share)
+    unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
+    for activity in loop.activities.keys() - _OF_LINES - {Activity.PHYSICS}:
+        yield _of_activity(loop, activity)
     for lines in _functions(loop):
         if not _avoidable(lines[0]):
             continue
@@ -203,21 +187,20 @@ def _savings(
             for line in lines:
                 yield _of_line(loop, line, findings.get((line.place.file, line.place.line)))
         for line in lines:
-            for activity in line.activities.keys() - _WHOLE:
+            for activity in line.activities.keys() & _OF_LINES:
                 unexplained[activity] -= line.activities[activity]
     for activity, share in unexplained.items():
-        if activity != Activity.PHYSICS and share >= LEAST_GAIN:
-            kind = _KINDS.get(activity, RemedyKind.ACTIVITY)
-            yield _remedy(loop, kind, activity, None, _ADVICE[activity], share)
+        yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
 
 
-def _of_activity(loop: LoopTime, activity: Activity, share: float) -> Remedy:
+def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
     """Return what to do about an activity as a whole, at the line where most of it is."""
     lines = [line for line in loop.lines if activity in line.activities]
     most = max(lines, key=lambda line: line.activities[activity], default=None)
-    kind = _KINDS.get(activity, RemedyKind.ACTIVITY)
+    is_collection = activity == Activity.COLLECTION
+    kind = RemedyKind.COLLECTION if is_collection else RemedyKind.ACTIVITY
     place = None if most is None else most.place
-    return _remedy(loop, kind, activity, place, _ADVICE[activity], share)
+    return _remedy(loop, kind, activity, place, _ADVICE[activity], loop.activities[activity])
 
 
 def _functions(loop: LoopTime) -> Iterator[list[LineTime]]:
@@ -243,11 +226,7 @@ def _is_spread(loop: LoopTime, lines: Sequence[LineTime]) -> bool:
 
 def _avoidable(line: LineTime) -> float:
     """Return the share of a line that is its own to save."""
-    return sum(
-        share
-        for activity, share in line.activities.items()
-        if activity != Activity.PHYSICS and activity not in _WHOLE
-    )
+    return sum(share for activity, share in line.activities.items() if activity in _OF_LINES)
 
 
 def _main_cost(lines: Sequence[LineTime]) -> Activity:
@@ -255,7 +234,7 @@ def _main_cost(lines: Sequence[LineTime]) -> Activity:
     total: dict[Activity, float] = defaultdict(float)
     for line in lines:
         for activity, share in line.activities.items():
-            if activity != Activity.PHYSICS and activity not in _WHOLE:
+            if activity in _OF_LINES:
                 total[activity] += share
     return max(total, key=lambda activity: total[activity], default=Activity.PYTHON)
 
@@ -273,8 +252,7 @@ def _of_line(loop: LoopTime, line: LineTime, finding: Finding | None) -> Remedy:
             text = f"{text} beside physics; `mjbench env` takes an environment apart"
     elif line.main_activity == Activity.PHYSICS and activity == Activity.BINDINGS:
         text = _STEP_ADVICE
-    kind = _KINDS.get(activity, RemedyKind.LINE)
-    return _remedy(loop, kind, activity, line.place, text, share)
+    return _remedy(loop, RemedyKind.LINE, activity, line.place, text, share)
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

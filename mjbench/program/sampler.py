@@ -54,7 +54,7 @@ class Sampler:
         """Let the profiler write its file, and end."""
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGINT)
-        self.wait()
+        self._wait()
 
     def finish(self) -> None:
         """Wait until the profiler has written its file; it ends with the program.
@@ -66,7 +66,7 @@ class Sampler:
         except subprocess.TimeoutExpired:
             self.stop()
 
-    def wait(self) -> None:
+    def _wait(self) -> None:
         """Wait until the profiler has written its file."""
         try:
             self.process.wait(WRITING_S)

@@ -5,7 +5,6 @@
 
 import contextlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,10 @@ from mjbench.errors import InputError
 from mjbench.loop import engine_stages
 from mjbench.program.hook import step_clock
 
+# The longest of the engine's timers, as a share of the time of the same steps. The program may have
+# reset the timers in some of them.
+LEAST_TIMER_SHARE, MOST_TIMER_SHARE = 1e-3, 1.1
+
 _RECORDS = np.dtype([(name, "<i8") for name in ("kind", "thread", "begin", "end", "nstep", "dt")])
 
 
@@ -25,11 +28,8 @@ class Header:
 
     Attributes:
       pid: process.
-      parent_pid: process that started it.
-      start_ns: when the clock started, on the clock of `time.perf_counter_ns`.
-      first_ns: when the first call began; 0 before it.
+      first_ns: when the first call began, on the clock of `time.perf_counter_ns`; 0 before it.
       last_ns: when the last call ended that is known.
-      calls_timed: calls that have a record.
       calls_passed: calls that were passed through without one.
       was_away: 1 if calls were made while the clock was away; they are not counted.
       cost_ns: what the clock cost the program, as calibrated.
@@ -40,11 +40,8 @@ class Header:
     """
 
     pid: int
-    parent_pid: int
-    start_ns: int
     first_ns: int
     last_ns: int
-    calls_timed: int
     calls_passed: int
     was_away: int
     cost_ns: int
@@ -85,7 +82,6 @@ class StepTimes:
 
     Attributes:
       pid: the process.
-      parent_pid: process that started it.
       span_s: seconds from the first call of the engine to the last.
       nstep: steps in that time, of all threads; None where the clock was away during some.
       steps_per_s: steps per second of wall time; None without a step.
@@ -94,7 +90,6 @@ class StepTimes:
       iteration: from the begin of one step of the environment to the next, or from one call of the
         engine to the next; None without two of them.
       of_environment: whether iterations are steps of an environment.
-      engine_s: seconds in the engine's functions during `span_s`, as far as timed calls tell.
       stages: share of a step by stage, from the engine's timers; empty where it has no clock.
       cost_share: what the step clock cost, as a share of `span_s`.
       collections: garbage collections of the process, from the first call on.
@@ -103,7 +98,6 @@ class StepTimes:
     """
 
     pid: int
-    parent_pid: int
     span_s: float
     nstep: int | None
     steps_per_s: float | None
@@ -111,7 +105,6 @@ class StepTimes:
     step: Durations | None
     iteration: Durations | None
     of_environment: bool
-    engine_s: float
     stages: Mapping[str, float]
     cost_share: float
     collections: int
@@ -182,10 +175,8 @@ def step_times(
         whole = max(1.0, (header.calls_passed + len(steps)) / len(steps))
     simulated_ns = float((steps["nstep"] * steps["dt"]).sum())
     per_s = _steps_per_s(header, steps, step_burst, timed * whole, span_ns)
-    engine_ns = float((steps["end"] - steps["begin"]).sum()) * whole
     return StepTimes(
         pid=header.pid,
-        parent_pid=header.parent_pid,
         span_s=span_ns * 1e-9,
         nstep=None if header.was_away else round(timed * whole),
         steps_per_s=per_s,
@@ -193,8 +184,7 @@ def step_times(
         step=Durations.of(_step_ns(steps)),
         iteration=Durations.of(_intervals_ns(header, records[turns], burst[turns])),
         of_environment=of_environment,
-        engine_s=min(engine_ns, span_ns) * 1e-9,
-        stages=_stages(timer_s, timers),
+        stages=_stages(timer_s, timers, 1e-9 * float(np.sum(steps["end"] - steps["begin"]))),
         cost_share=min(1.0, header.cost_ns / span_ns) if span_ns else 0.0,
         collections=header.collections,
         collections_s=header.collections_ns * 1e-9,
@@ -237,10 +227,19 @@ def _intervals_ns(header: Header, records: np.ndarray, burst: np.ndarray) -> np.
     return np.maximum(np.concatenate(intervals), 0) if intervals else np.empty(0)
 
 
-def _stages(timer_s: Sequence[float], timers: Mapping[str, int]) -> dict[str, float]:
-    """Return the share of a step by stage; nothing where the engine's timers stand at 0."""
+def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) -> dict[str, float]:
+    """Return the share of a step by stage; nothing where the engine's timers hold no times.
+
+    Without the engine's clock they hold anything.
+
+    Args:
+      timer_s: seconds by the engine's timers.
+      timers: indices of the engine's timers, by name.
+      step_s: seconds of the same steps, by the step clock.
+    """
     seconds = {name: timer_s[i] for name, i in timers.items() if i < len(timer_s)}
-    if not math.fsum(seconds.values()) > 0:
+    longest_s = max(seconds.values(), default=0.0)
+    if not LEAST_TIMER_SHARE * step_s < longest_s < MOST_TIMER_SHARE * step_s:
         return {}
     return engine_stages.shares(seconds)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
+from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
 from mjbench.program.activities import Activity
 from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
@@ -116,8 +117,8 @@ def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
     out.print(
         tables.headed(
             f"\nThe loop in {where(time)}",
-            f": {tables.plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
-            f" {tables.plain(wall_s, 3)} s",
+            f": {plain(time.seconds, 3)} s{by}, {time.samples:,} samples; the program took"
+            f" {plain(wall_s, 3)} s",
         ),
         soft_wrap=True,
     )
@@ -191,7 +192,7 @@ def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
     if steps.steps_per_s is not None and steps.real_time_factor is not None:
         out.print(
             f"\nSteps{of}: {steps.steps_per_s:,.0f} per second{while_stepping},"
-            f" {tables.plain(steps.real_time_factor, 3)} × real time",
+            f" {plain(steps.real_time_factor, 3)} × real time",
             soft_wrap=True,
         )
     table = tables.plain_table(["", "timed", "p50", "p99", "max"], right=range(1, 5))
@@ -207,7 +208,7 @@ def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
 
 
 def _quantiles(durations: Durations) -> list[str]:
-    return [_time(ns) for ns in (durations.p50_ns, durations.p99_ns, durations.max_ns)]
+    return [duration(ns) for ns in (durations.p50_ns, durations.p99_ns, durations.max_ns)]
 
 
 def _print_cost(out: Console, row: ProgramRow) -> None:
@@ -229,10 +230,3 @@ def percent(share: float, digits: int = 0) -> str:
 
 def _signed(share: float) -> str:
     return f"{100 * share:+.1f} %"
-
-
-def _time(ns: float) -> str:
-    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
-        if ns >= size:
-            return f"{tables.plain(ns / size, 3)} {unit}"
-    return f"{ns:.0f} ns"

@@ -42,6 +42,21 @@ def library(function, file):
             Activity.RENDERING,
         ),
         ([library("0x1", "/usr/lib/libgallium-24.so")], Activity.RENDERING),
+        (
+            [
+                Frame("render", f"{SITE}/mujoco/rendering/classic/renderer.py", 200),
+                library("renderGeom", ENGINE),
+            ],
+            Activity.RENDERING,
+        ),
+        (
+            [
+                Frame("step", f"{SITE}/torchrl/envs/common.py", 5),
+                Frame("call", f"{SITE}/torch/autograd/grad_mode.py", 5),
+                library("mj_collision", ENGINE),
+            ],
+            Activity.PHYSICS,
+        ),
         ([Frame("emit", f"{STANDARD}/logging/__init__.py", 1100)], Activity.LOGGING),
         ([library("write", LIBC)], Activity.LOGGING),
         (
@@ -67,6 +82,14 @@ def test_activity_of_a_stack(frames, activity):
 def test_collection_counts_wherever_it_happens():
     stack = [OWN, Frame("forward", f"{SITE}/torch/x.py", 5), library("gc_collect_main", "python")]
     assert activities.activity(stack) == Activity.COLLECTION
+
+
+def test_callers_of_the_users_own_line_do_not_count():
+    decorator = Frame("call", f"{SITE}/torch/autograd/grad_mode.py", 5)
+    assert activities.activity([decorator, OWN]) == Activity.PYTHON
+    assert activities.activity([Frame("_load", "<frozen importlib._bootstrap>", 690), OWN]) == (
+        Activity.PYTHON
+    )
 
 
 def test_the_engines_clock_is_seen():

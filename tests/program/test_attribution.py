@@ -94,7 +94,7 @@ def test_a_loop_without_physics_is_left_out(file):
 
 def test_a_process_that_is_known_to_step_has_its_longest_loop(file):
     (time,) = attribution.loop_times([samples([stacks(file)["observe"]] * 30)], 1, {1})
-    assert not time.steps
+    assert not time.has_physics
     few = [samples([stacks(file)["observe"]] * 29)]
     assert attribution.loop_times(few, 1, {1}) == []
 

@@ -1,5 +1,7 @@
 """What to do first follows from where the time goes."""
 
+from dataclasses import replace
+
 import pytest
 
 from mjbench.program import confirm, remedies
@@ -43,14 +45,12 @@ def steps(**values):
     times = {"collections": 0, "collections_s": 0.0, "steps_per_s": 1000.0, **values}
     return StepTimes(
         pid=1,
-        parent_pid=0,
         span_s=10.0,
         nstep=10_000,
         real_time_factor=2.0,
         step=Durations(10, 1.0, 2.0, 3.0),
         iteration=None,
         of_environment=False,
-        engine_s=5.0,
         stages={},
         cost_share=0.01,
         longest_collection_s=0.0,
@@ -106,7 +106,7 @@ def test_lint_findings_are_merged_by_line(tmp_path, monkeypatch):
         "    x = data.body('torso').xpos[2]\n    log.append(data.qpos)\n"
     )
     time = loop(line(6, {PHYSICS: 0.9}), line(7, {BINDINGS: 0.1}))
-    wrong, named = remedies.remedies(time, [], ["train.py", "missing.py"])
+    wrong, named = remedies.remedies(replace(time, own_files=["train.py", "missing.py"]), [])
     assert (wrong.kind, wrong.place.line, wrong.gain) == (RemedyKind.RESULT, 8, None)
     assert (named.place.line, named.code, named.gain) == (7, "MJB002", 0.1)
 
@@ -132,7 +132,7 @@ def test_what_can_be_applied_is_confirmed_by_runs_in_turns(tmp_path):
     assert confirmed.confirmed.is_certain
     assert confirmed.confirmed.runs == confirm.ROUNDS
     assert order[:4] == ["", "no-engine-clock", "no-engine-clock", ""]
-    assert len(order) == confirm.runs_of(program, [clock, activity])
+    assert len(order) == confirm.most_runs([clock, activity])
 
 
 def test_a_change_that_fails_once_is_not_confirmed(tmp_path):

@@ -35,7 +35,7 @@ class FakeSampler:
     """A profiler that never ends by itself."""
 
     def __init__(self, folder):
-        self.process = SimpleNamespace(poll=lambda: None)
+        self.is_running = True
         self.file = folder / "samples.json"
         self.has_begun = True
 

@@ -143,13 +143,24 @@ def test_the_engines_timers_give_stages(started):
     names = {"STEP": 0, "POS_KINEMATICS": 1, "CONSTRAINT": 2}
     for _ in range(step_clock.BURST_CALLS):
         started.module.mj_step(model, data)
-        data.timer.duration += (4.0, 1.0, 2.0)
+        data.timer.duration += np.array([1.0, 0.25, 0.5]) * 1e-9 * CALL_NS
     started.clock.end()
     (file,) = started.folder.glob("*.steps")
     stages = step_times.read(file, names).stages
     assert stages["kinematics"] == pytest.approx(0.25)
     assert stages["constraint solver"] == pytest.approx(0.5)
     assert sum(stages.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("share", [2.0, 1e-6])
+def test_timers_without_a_clock_give_no_stages(started, share):
+    model, data = simulation()
+    for _ in range(step_clock.BURST_CALLS):
+        started.module.mj_step(model, data)
+        data.timer.duration += share * 1e-9 * CALL_NS
+    started.clock.end()
+    (file,) = started.folder.glob("*.steps")
+    assert step_times.read(file, {"STEP": 0, "POS_KINEMATICS": 1}).stages == {}
 
 
 def test_timers_that_the_program_resets_are_left_out(started):
@@ -186,9 +197,9 @@ def test_collections_count_from_the_first_step(started):
     model, data = simulation()
     note = started.clock.note_collection
     for begin in (True, False):
-        note("start", {})
+        note("start", {"generation": 2})
         started.fake.spend(3_000_000)
-        note("stop", {})
+        note("stop", {"generation": 2})
         if begin:
             started.module.mj_step(model, data)
     steps = read(started)
@@ -206,7 +217,7 @@ def test_the_file_never_overflows(started, monkeypatch):
 
 
 def test_a_thread_has_iterations_of_its_own():
-    header = step_times.Header(1, 0, 0, 1, 0, 4, 0, 0, 0, 0, 0, 0, 0)
+    header = step_times.Header(1, 1, 0, 0, 0, 0, 0, 0, 0, 0)
     rows = [(step_clock.BURST, 1, 0, 0, 0, 0)]
     rows += [
         (step_clock.STEP, thread, begin, begin + 10, 1, 0)

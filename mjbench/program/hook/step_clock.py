@@ -31,7 +31,7 @@ from typing import Any
 # A record: kind, thread, begin and end in ns, steps, timestep in ns.
 RECORD = struct.Struct("<6q")
 # What stands before the records, as `Header` names it.
-HEADER = struct.Struct("<13q")
+HEADER = struct.Struct("<10q")
 # Seconds by the engine's timers, as sums over bursts.
 MAX_TIMERS = 32
 TIMERS = struct.Struct(f"<{MAX_TIMERS}d")
@@ -42,7 +42,7 @@ CAPACITY = 1 << 17  # records of a process: 6 MB
 NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
 
 # Kinds of records.
-STEP, ITERATION, COLLECTION, BURST = 1, 2, 3, 4
+STEP, ITERATION, BURST = 1, 2, 3
 
 # Calls of a burst; what timing them may cost of the program's time. To pass calls through costs a
 # little more, which cannot be spared.
@@ -52,8 +52,6 @@ FREE_COST_NS = 20_000_000
 # Calls that follow each other faster are left alone for most of the time: even to pass them through
 # would cost more than `MAX_COST_SHARE`.
 FASTEST_PASSED_NS = 2_500
-# Shorter garbage collections have no record of their own; all are in the totals.
-LEAST_COLLECTION_NS = 1_000_000
 CALIBRATION_CALLS = 2000
 
 _STEPPING = ("mj_step", "mj_step1", "mj_step2")
@@ -72,11 +70,7 @@ _THREAD_BITS = 2**63 - 1
 
 
 class StepFile:
-    """The file of one process.
-
-    Attributes:
-      used: number of records.
-    """
+    """The file of one process."""
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
@@ -96,7 +90,7 @@ class StepFile:
         finally:
             os.close(descriptor)
         self._next = itertools.count().__next__
-        self.timers = [0.0] * MAX_TIMERS
+        self._timers = [0.0] * MAX_TIMERS
 
     def close(self) -> None:
         """Write no more records."""
@@ -126,8 +120,8 @@ class StepFile:
     def add_timers(self, seconds: Sequence[float]) -> None:
         """Add seconds by the engine's timers to their sums."""
         for i, value in enumerate(seconds[:MAX_TIMERS]):
-            self.timers[i] += value
-        TIMERS.pack_into(self._map, HEADER.size, *self.timers)
+            self._timers[i] += value
+        TIMERS.pack_into(self._map, HEADER.size, *self._timers)
 
 
 class StepClock:
@@ -335,7 +329,7 @@ class StepClock:
             return None
 
         call, costs = self._timing(nothing), []
-        # a burst of its own never ends: it begins beyond its last call
+        # one call more than a burst has: none ends while calls are calibrated
         for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
             blocks = []
             for _ in range(5):
@@ -382,18 +376,14 @@ class StepClock:
         self._collections += 1
         self._collections_ns += duration_ns
         self._longest_collection_ns = max(self._longest_collection_ns, duration_ns)
-        if duration_ns >= LEAST_COLLECTION_NS:
-            self._file.write(COLLECTION, self._collection_begin_ns, now_ns, 0, 0)
+        if info.get("generation") == 2:  # the slow ones
             self._write_header()
 
     def _write_header(self) -> None:
         self._file.write_header(
             os.getpid(),
-            os.getppid(),
-            self._start_ns,
             self._first_ns,
             self._last_ns,
-            self._calls_timed,
             self._calls_passed,
             self._was_away,
             self._cost_ns(),

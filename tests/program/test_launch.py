@@ -1,0 +1,62 @@
+"""Programs run again for a change, and end when their seconds are over, whatever they ignore."""
+
+import pytest
+
+from mjbench.errors import InputError, MachineError
+from mjbench.program import launch
+from mjbench.program.hook import step_clock
+from mjbench.program.launch import Program
+
+STEPS = """
+import mujoco, signal
+signal.signal(signal.SIGINT, signal.{handler})
+signal.signal(signal.SIGTERM, signal.{handler})
+model = mujoco.MjModel.from_xml_string("<mujoco/>")
+data = mujoco.MjData(model)
+while True:
+    mujoco.mj_step(model, data)
+"""
+
+
+@pytest.fixture
+def stubborn(tmp_path, monkeypatch):
+    """Return a program that steps for ever, and ignores Ctrl-C and SIGTERM."""
+    monkeypatch.setattr(launch, "_END_S", 0.2)
+    file = tmp_path / "stubborn.py"
+    file.write_text(STEPS.format(handler="SIG_IGN"))
+    return Program([str(file)])
+
+
+def test_a_program_is_ended_by_force_where_it_ignores_signals(stubborn):
+    seen = launch.run(stubborn, seconds=0.2)
+    assert seen.was_ended
+    assert seen.exit_code == 128 + 9
+    assert seen.steps[0].step.count > 0
+
+
+def test_a_change_is_applied_when_a_program_runs_again(stubborn):
+    (steps,) = launch.time_steps(stubborn, 0.1, step_clock.NO_ENGINE_CLOCK)
+    assert steps.steps_per_s > 0
+    assert steps.stages == {}  # the engine's timers stand still
+
+
+def test_a_program_that_does_not_step_confirms_nothing(tmp_path):
+    (tmp_path / "idle.py").write_text("pass")
+    with pytest.raises(MachineError, match="did not step"):
+        launch.time_steps(Program([str(tmp_path / "idle.py")]), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-m"], "name of a module"),
+        (["missing.py"], "no such file"),
+        (["x" * 5000], "no such file"),
+        (["notes.ipynb"], "notebook"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes.ipynb").write_text("{}")
+    with pytest.raises(InputError, match=message):
+        launch.check(Program(arguments))
