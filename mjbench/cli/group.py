@@ -184,6 +184,7 @@ def cli() -> None:
       mjbench compare robot.xml              which way of stepping is fastest; do all agree?
       mjbench compare humanoid --threads 1,2,4 --nbatch 256
       mjbench profile robot.xml              where does a step's time go?
+      mjbench tune robot.xml                 which settings make it faster, at what error?
       mjbench lint train.py                  what makes my loop slow, or its log wrong?
       mjbench versions 3.17.0 4.0.0 robot.xml    is the new release slower?
       mjbench explain 3.17.0 4.0.0 pile      which functions account for it?

@@ -128,9 +128,11 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         latency,
         overhead,
         planning,
+        tuning,
     )
     from mjbench.report.profile import print_profile
     from mjbench.report.program import print_program
+    from mjbench.tuning.records import TuneRecord
 
     machine = stored.header.machine
     if costs := stored.of_type(OverheadRow):
@@ -160,6 +162,10 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         for row in rows:
             environment.print_environment(run.out, row)
         run.write(documents.EnvDocument(machine=machine, results=rows))
+    elif searches := stored.of_type(TuneRecord):
+        for search in searches:
+            tuning.print_record(run.out, search)
+        run.write(documents.TuneDocument(machine=machine, results=searches))
     else:
         return False
     return True

@@ -45,6 +45,7 @@ from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.status import Status
+from mjbench.tuning.records import TuneRecord
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 
@@ -66,6 +67,7 @@ RECORD_TYPES: Mapping[str, type] = {
     StepRatioRecord.record_type: StepRatioRecord,
     OperationRatioRecord.record_type: OperationRatioRecord,
     ExplainRecord.record_type: ExplainRecord,
+    TuneRecord.record_type: TuneRecord,
 }
 
 
@@ -264,6 +266,15 @@ class EnvDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TuneDocument:
+    """What `mjbench tune --json` writes."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[TuneRecord]
+
+
+@dataclass(frozen=True, kw_only=True)
 class FallsDocument:
     """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
 
@@ -328,6 +339,7 @@ DOCUMENTS: Mapping[str, type] = {
     "overhead": OverheadDocument,
     "profile": ProfileDocument,
     "run": ProgramDocument,
+    "tune": TuneDocument,
     "latency": LatencyDocument,
     "plan": PlanDocument,
     "env": EnvDocument,

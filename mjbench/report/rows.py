@@ -21,11 +21,12 @@ from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.environment_records import EnvironmentRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import environment_results
+from mjbench.report import environment_results, tuning
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
 from mjbench.report.thread_advice import by_model
+from mjbench.tuning.records import TuneRecord
 
 # What a cell holds.
 Cell = str | float | int | bool | None
@@ -76,6 +77,8 @@ def _results(run: Run) -> Iterator[object]:
     for program in run.of_type(ProgramRow):
         yield from program_rows(program)
     yield from map(environment_results.derive, run.of_type(EnvironmentRecord))
+    for search in run.of_type(TuneRecord):
+        yield from tuning.rows(search)
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)
 

@@ -1,0 +1,151 @@
+"""`mjbench tune`: which settings make a model faster, and what they cost in accuracy."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.group import cli, report_line
+from mjbench.cli.output_file import OutputFile
+from mjbench.cli.shared import (
+    JSON,
+    LIMIT,
+    RESULTS,
+    SEED,
+    STARTS,
+    WAIT,
+    Seconds,
+    Share,
+    start_plan,
+    with_options,
+)
+from mjbench.errors import InputError
+from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.simulation.models import ModelSource
+    from mjbench.tuning.records import TuneRecord
+
+
+@cli.command()
+@click.argument("names", nargs=-1, required=True, metavar="MODEL…")
+@click.option(
+    "--only",
+    type=click.Choice(["free", "equivalent", "approximate"]),
+    default="approximate",
+    show_default=True,
+    help="The most that settings may change: nothing, no more than the solver's tolerance, or the"
+    " motion",
+)
+@click.option(
+    "--max-error",
+    type=Share(below=10.0),
+    help="The largest error of nine runs in ten, in percent of the motion  [default: that of the"
+    " present settings]",
+)
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Seconds(),
+    default="300s",
+    show_default=True,
+    help="About how long to search, for each model",
+)
+@click.option(
+    "--write",
+    "target",
+    metavar="FILE",
+    help="Write a copy of the MJCF file with the fastest settings recommended",
+)
+@with_options(SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
+def tune(
+    names: tuple[str, ...],
+    only: str,
+    max_error: float | None,
+    budget_s: float,
+    target: str | None,
+    seed: int,
+    settle_s: float | None,
+    states_file: Path | None,
+    actions_file: Path | None,
+    time_limit: float,
+    results: Path,
+    wait: bool,
+    json_file: str | None,
+) -> None:
+    """Which settings make a model faster, and what do they cost in accuracy?
+
+    Settings are tried alone and together: those that change no state come first, then those that
+    stay within the solver's tolerance, then those with an error, which is measured against the
+    model at an eighth of its timestep. What is recommended was measured again from new starts.
+
+    \b
+    Examples:
+      mjbench tune humanoid
+      mjbench tune robot.xml --only free --write tuned.xml
+      mjbench tune robot.xml --max-error 1% --budget 600s
+    """
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report.documents import TuneDocument
+    from mjbench.report.tuning import print_record
+    from mjbench.simulation import models
+    from mjbench.tuning.attempts import Effect
+    from mjbench.tuning.search import PARTS, SearchPlan
+    from mjbench.tuning.tune import tune as tune_model
+
+    sources = [models.resolve(name) for name in names]
+    starts = start_plan(settle_s, states_file, actions_file)
+    plan = SearchPlan(seed, starts, budget_s, max_error, Effect(only))
+    files = [*(source.path for source in sources), *starts.files]
+    if target is not None and len(sources) > 1:
+        raise InputError("--write takes one model")
+    written = OutputFile("--write", target, files)
+    records: list[TuneRecord] = []
+    storage = Storage(results, {"models": [source.name for source in sources], "plan": plan})
+    with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
+        _see_whether_writable(written)
+        for source in sources:
+            with run.progress(PARTS) as advance:
+                record = tune_model(pool, source, plan, time_limit, advance)
+            records.append(record)
+            run.record(record)
+            print_record(run.out, record)
+            if record.status == Status.INTERRUPTED:
+                run.interrupt()
+                break
+            if target is not None:
+                _write(run, record, source, Path(target))
+        run.write(TuneDocument(machine=run.machine, results=records))
+    run.exit(record.status for record in records)
+
+
+def _see_whether_writable(output: OutputFile) -> None:
+    """Fail now, rather than after the search, where a file cannot be written.
+
+    Raises:
+      MachineError: it cannot.
+    """
+    try:
+        output.open()
+    finally:
+        output.close()
+
+
+def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
+    """Write the MJCF file with the fastest settings that are recommended.
+
+    Raises:
+      InputError: the file cannot have them.
+      MachineError: it cannot be written.
+    """
+    from mjbench.tuning import variants
+    from mjbench.tuning.settings import edits_of
+
+    best = record.best()
+    edits = edits_of(best.settings) if best else []
+    if not edits:
+        report_line(f"{target}: not written, as no settings of the file are recommended")
+        return
+    variants.write(source, edits, target)
+    run.out.print(f"Wrote {target}", soft_wrap=True)

@@ -1,0 +1,116 @@
+"""The part of a report that `mjbench tune` gives."""
+
+from collections.abc import Iterator, Sequence
+
+from mjbench.pages import charts
+from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.report import tuning, vega
+from mjbench.status import Status
+from mjbench.tuning.records import AttemptRow, TuneRecord
+from mjbench.tuning.reference import Present
+from mjbench.tuning.settings import label
+
+_PRESENT, _TRIED, _RECOMMENDED = "present settings", "tried", "recommended"
+_COLOURS = {_PRESENT: vega.GREY, _TRIED: vega.BLUE, _RECOMMENDED: vega.ORANGE}
+
+
+def sections(records: Sequence[TuneRecord], command: str) -> Iterator[Section]:
+    """Yield a section for each model for which settings were searched."""
+    for record in records:
+        best = record.best()
+        tone = Tone.GOOD if best is not None else Tone.NEUTRAL
+        first = Conclusion(
+            tuning.conclusion(record), tone if record.status == Status.OK else Tone.BAD
+        )
+        if record.present is None:
+            yield Section(record.model, command, [first])
+            continue
+        yield Section(
+            heading=f"{record.model}: settings",
+            command=command,
+            conclusions=[first],
+            figures=[_front_figure(record, record.present)],
+            tables=[_front_table(record, record.present), _alone_table(record)],
+            notes=tuning.notes(record),
+        )
+
+
+def _front_figure(record: TuneRecord, present: Present) -> Figure:
+    """Return time against error: what was tried, and what is recommended."""
+    columns = (
+        Column("settings"),
+        Column("error, % of the motion", 3),
+        Column("time of a simulated second", 4),
+        Column("point"),
+    )
+    rows = [(label(()), 100 * present.error_bound, 1.0, _PRESENT)]
+    rows += [
+        (label(row.settings), 100 * row.accuracy.error_bound, row.time_ratio, _TRIED)
+        for row in record.attempts
+        if row.accuracy is not None and row.time_ratio is not None
+    ]
+    rows += [
+        (label(each.settings), 100 * each.error_bound, each.ratio.estimate, _RECOMMENDED)
+        for each in record.front
+    ]
+    data = DataTable("Time and error", columns, rows)
+    error, time_ratio = columns[1].title, columns[2].title
+    layer: vega.Spec = {
+        "mark": {"type": "point", "filled": True, "size": 60, "tooltip": {"content": "data"}},
+        "encoding": {
+            "x": charts.quantity(time_ratio, f"{time_ratio}, present settings = 1"),
+            "y": charts.quantity(error, error, log=all(row[1] > 0 for row in rows)),
+            "color": charts.colour("point", _COLOURS),
+        },
+    }
+    return Figure(
+        title=f"{record.model}: time and error of settings",
+        alternative=f"{len(rows)} points: the farther left, the faster; the lower, the more"
+        f" accurate. {len(record.front)} are recommended.",
+        specification=charts.chart(data, [layer], height=320),
+        data=data,
+    )
+
+
+def _front_table(record: TuneRecord, present: Present) -> DataTable:
+    """Return what is recommended."""
+    columns = (
+        Column("settings"),
+        Column("results"),
+        Column("time of a simulated second", 4),
+        Column("low", 4),
+        Column("high", 4),
+        Column("error, % of the motion", 3),
+    )
+    rows = [(label(()), "", 1.0, None, None, 100 * present.error_bound)]
+    rows += [
+        (
+            label(each.settings),
+            each.effect.value,
+            each.ratio.estimate,
+            each.ratio.low,
+            each.ratio.high,
+            100 * each.error_bound,
+        )
+        for each in record.front
+    ]
+    return DataTable("Recommended, measured again from new starts", columns, rows)
+
+
+def _alone_table(record: TuneRecord) -> DataTable:
+    """Return what each setting does alone."""
+    columns = (
+        Column("setting alone"),
+        Column("results"),
+        Column("time of a simulated second", 4),
+        Column("why it can help"),
+    )
+    alone = [row for row in record.attempts if len(row.settings) == 1]
+    return DataTable("Settings", columns, [_alone_row(row, record) for row in alone])
+
+
+def _alone_row(row: AttemptRow, record: TuneRecord) -> tuple[str, str, float | None, str]:
+    (setting,) = row.settings
+    effect = row.accuracy.effect.value if row.accuracy is not None else row.detail
+    ratio = row.ratio.estimate if row.ratio is not None else row.time_ratio
+    return setting.label, effect, ratio, tuning.why(setting, record)

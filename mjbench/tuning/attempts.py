@@ -1,0 +1,297 @@
+"""Try settings in a child process: what they do to the states, and about how fast they are.
+
+A setting may crash MuJoCo or never return, so each attempt has a process of its own. Its time is
+measured within that process, which is good for choosing what to look at again, and for no more.
+"""
+
+import enum
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjbench import paths
+from mjbench.errors import InputError, MachineError
+from mjbench.instrument import isolate, stats, timing
+from mjbench.instrument.isolate import Channel
+from mjbench.simulation import work
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.workload import Workload
+from mjbench.status import Status
+from mjbench.tuning import distance, reference, trajectories, variants
+from mjbench.tuning.distance import Distance
+from mjbench.tuning.physics import Physics, physics
+from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
+from mjbench.tuning.settings import Setting, edits_of, path_options_of
+from mjbench.tuning.trajectories import Trajectories, Trials
+
+# Seconds of a block that an attempt times, and quads of such blocks.
+BLOCK_S, QUADS = 0.002, 25
+# Controls of each run in such a block.
+BLOCK_NCONTROL = 2
+# A setting is as near to the present ones as their own solver if its distance is at most this many
+# times that of a converged solver,
+SOLVER_FACTOR = 2.0
+# or this many times that of starts that differ in the last place: a run rounds in every step.
+ROUNDING_FACTOR = 100.0
+# Seconds of silence after which a child is killed.
+SILENCE_S = 120.0
+
+
+class Effect(enum.StrEnum):
+    """What settings do to the motion, from none at all to an error of some size."""
+
+    FREE = "free"
+    """Every state is the same, to the last bit."""
+    EQUIVALENT = "equivalent"
+    """States differ by no more than the present solver's tolerance makes them differ."""
+    APPROXIMATE = "approximate"
+    """States differ by more; the error says by how much."""
+
+    @property
+    def rank(self) -> int:
+        """0 for the effect that changes least."""
+        return list(Effect).index(self)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What settings do to the motion.
+
+    Attributes:
+      effect: on the states of all runs.
+      error: distance from the reference, within the horizon.
+      error_bound: as a share of the motion, with confidence (see `distance.bound`).
+      distance: from the runs with present settings.
+      physics: of the states along the runs.
+    """
+
+    effect: Effect
+    error: Distance
+    error_bound: float
+    distance: Distance
+    physics: Physics
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """How settings did.
+
+    Attributes:
+      settings: that were tried together.
+      status: `ok`, or how it failed.
+      detail: why, in one line; empty when ok.
+      accuracy: what they do to the motion; None where they failed.
+      time_ratio: their time of a simulated second over that of the present settings, measured
+        within one process; None where they failed, or were not timed.
+      timestep_factor: their timestep over the present one.
+    """
+
+    settings: tuple[Setting, ...]
+    status: Status
+    detail: str = ""
+    accuracy: Accuracy | None = None
+    time_ratio: float | None = None
+    timestep_factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class BaselineRequest:
+    """Asks a child for the present settings' runs, and for the reference.
+
+    Attributes:
+      source: of the model.
+      plan: of the trials.
+      file: to write the pickled `Baseline` to.
+      model_file: to save the compiled model to.
+    """
+
+    source: ModelSource
+    plan: TrialPlan
+    file: Path
+    model_file: Path
+
+
+@dataclass(frozen=True)
+class AttemptRequest:
+    """Asks a child to try settings.
+
+    Attributes:
+      source: of the model.
+      baseline_file: holds the pickled `Baseline`.
+      settings: to try together.
+      model_file: to save the changed model to.
+      nrun: runs of the trials to do, the first ones; None for all.
+      quads: blocks to time, as quads; 0 to measure no time.
+    """
+
+    source: ModelSource
+    baseline_file: Path
+    settings: tuple[Setting, ...]
+    model_file: Path
+    nrun: int | None = None
+    quads: int = QUADS
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """From the child: what settings do."""
+
+    accuracy: Accuracy
+    time_ratio: float | None
+    timestep_factor: float
+
+
+def measure_baseline(request: BaselineRequest, limit_s: float = SILENCE_S) -> Present:
+    """Return what the present settings do; their runs are in the request's file.
+
+    Raises:
+      InputError: the model cannot be loaded, or diverges.
+      MachineError: the process crashed or hung.
+    """
+    messages: list[Present] = []
+    task = "mjbench.tuning.attempts:run_baseline"
+    isolate.run(task, request, messages.append, limit_s).check()
+    return messages[0]
+
+
+def attempt(request: AttemptRequest, limit_s: float = SILENCE_S) -> Attempt:
+    """Return how settings did; a crash, a hang or a divergence is a status."""
+    messages: list[_Tried] = []
+    task = "mjbench.tuning.attempts:run_attempt"
+    ended = isolate.run(task, request, messages.append, limit_s)
+    if not messages:
+        return Attempt(request.settings, ended.status, ended.detail)
+    tried = messages[0]
+    return Attempt(
+        request.settings,
+        Status.OK,
+        accuracy=tried.accuracy,
+        time_ratio=tried.time_ratio,
+        timestep_factor=tried.timestep_factor,
+    )
+
+
+def run_baseline(request: BaselineRequest, channel: Channel) -> None:
+    """Run the present settings and the reference; runs in a child."""
+    channel.doing(f"running {request.source.name} with its present settings")
+    model = variants.compiled(request.source, ())
+    baseline = reference.baseline(model, request.plan)
+    with request.file.open("wb") as stream:
+        pickle.dump(baseline, stream)
+    save(model, request.model_file)
+    channel.send(baseline.facts)
+
+
+def run_attempt(request: AttemptRequest, channel: Channel) -> None:
+    """Try settings; runs in a child."""
+    channel.doing("applying the settings")
+    baseline: Baseline = pickle.loads(request.baseline_file.read_bytes())
+    if request.nrun is not None:
+        baseline = baseline.only(request.nrun)
+    model = variants.compiled(request.source, ())
+    changed = variants.compiled(request.source, edits_of(request.settings))
+    channel.doing("running the model")
+    runs = trajectories.run(changed, baseline.trials)
+    if runs.diverged.any():
+        raise InputError(f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} runs")
+    accuracy = judged(model, baseline, runs)
+    save(changed, request.model_file)
+    channel.doing("timing the model")
+    options = path_options_of(request.settings)
+    ratio = None
+    if request.quads:
+        ratio = _time_ratio(model, changed, options, baseline, request.quads)
+    factor = float(changed.opt.timestep) / float(model.opt.timestep)
+    channel.send(_Tried(accuracy, ratio, factor))
+
+
+def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:
+    """Return what settings do to the motion.
+
+    Args:
+      model: with the present settings.
+      baseline: of that model.
+      runs: of the trials with other settings.
+    """
+    ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
+    within, present = (
+        reference.first(runs, ncontrol),
+        reference.first(baseline.present, ncontrol),
+    )
+    apart = distance.distance(model, scale, within, present)
+    if runs.is_identical(baseline.present):
+        effect = Effect.FREE
+    else:
+        facts = baseline.facts
+        nearest = max(SOLVER_FACTOR * facts.solver.share, ROUNDING_FACTOR * facts.rounding.share)
+        is_near = apart.share <= min(nearest, facts.error.share)
+        effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
+    return Accuracy(
+        effect,
+        distance.distance(model, scale, within, baseline.reference),
+        distance.bound(distance.shares(model, scale, within, baseline.reference)),
+        apart,
+        physics(model, baseline.trials.initial_state, runs.points),
+    )
+
+
+def save(model: mujoco.MjModel, file: Path) -> None:
+    """Save a compiled model.
+
+    Raises:
+      MachineError: the disk is full.
+    """
+    mujoco.mj_saveModel(model, str(file), None)
+    if not file.exists() or file.stat().st_size < mujoco.mj_sizeModel(model):
+        raise MachineError(f"cannot write {file}: is the disk full?")
+
+
+def path_of(options: dict[str, str | int]) -> str:
+    """Return the name of the path that has some options of the loop."""
+    return "python_loop_hold" if "engine_threads" in options else paths.BASE
+
+
+def _time_ratio(
+    model: mujoco.MjModel,
+    changed: mujoco.MjModel,
+    options: dict[str, str | int],
+    baseline: Baseline,
+    quads: int,
+) -> float:
+    """Return the time of a simulated second with other settings over that with present ones.
+
+    Both do the same number of steps from the same states under the same controls.
+    """
+    trials = baseline.trials
+    ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
+    run_s = ncontrol * HOLD * work.step_s(model, trials.initial_state[0])
+    nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
+    rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
+    drawn = trials.only(rows).first(ncontrol)
+    present, other = _block(model, {}, drawn), _block(changed, options, drawn)
+    for block in (present, other):
+        block()
+    orders = timing.draw_orders(quads)
+    seconds = np.array(timing.block_times(present, other, orders))
+    of_steps = float(np.exp(stats.paired_log_ratio(orders, seconds)))
+    return of_steps * float(model.opt.timestep) / float(changed.opt.timestep)
+
+
+def _block(
+    model: mujoco.MjModel, options: dict[str, str | int], trials: Trials
+) -> Callable[[], None]:
+    """Return a block that does the trials by the path that has these options.
+
+    Raises:
+      InputError: the path cannot run here.
+    """
+    drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), HOLD, 0)
+    path = paths.find(path_of(options))
+    reason = path.unavailable() or path.unsuited(drawn, options)
+    if reason:
+        raise InputError(reason)
+    return path.prepare(drawn, path.complete(options), paths.Resources(drawn)).run

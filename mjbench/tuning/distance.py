@@ -1,0 +1,172 @@
+"""How far runs of one model are from runs of another, in its own units and as a share of motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjbench.tuning.trajectories import Trajectories
+
+# Motion that is smaller, in m or rad, counts as this much: else a model at rest would have large errors.
+LEAST_MOTION = 1e-2
+# Runs of which an error is said to hold.
+SHARE = 0.9
+
+
+@dataclass(frozen=True)
+class Units:
+    """A quantity of the degrees of freedom, in the units they have; None where there are none.
+
+    Attributes:
+      m: of slides and of the positions of free bodies, in m, or in m/s.
+      rad: of hinges, balls and the orientations of free bodies, in rad, or in rad/s.
+    """
+
+    m: float | None
+    rad: float | None
+
+
+@dataclass(frozen=True)
+class Distance:
+    """How far runs are apart, as nine runs in ten are at most.
+
+    Each run counts with its largest distance at any time, a root mean square over the degrees of
+    freedom of a unit.
+
+    Attributes:
+      share: of positions, as a share of the motion; the larger of the two units.
+      position: in m and rad.
+      velocity: in m/s and rad/s.
+    """
+
+    share: float
+    position: Units
+    velocity: Units
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How far a model moves: what distances are a share of.
+
+    Attributes:
+      is_rad: (nv,) bool: which degrees of freedom are angles.
+      position: root mean square over runs of the farthest distance from the start, in m and rad.
+    """
+
+    is_rad: np.ndarray
+    position: Units
+
+
+def motion(model: mujoco.MjModel, initial_qpos: np.ndarray, runs: Trajectories) -> Motion:
+    """Return how far a model moves.
+
+    Args:
+      model: that moves.
+      initial_qpos: (nrun, nq) positions at the start.
+      runs: from there.
+    """
+    is_rad = angular(model)
+    moved = _position_errors(model, np.repeat(initial_qpos[:, None], runs.qpos.shape[1], 1), runs)
+    per_run = _of_units(_largest_rms(moved, is_rad))
+    return Motion(is_rad, Units(*(None if v is None else _rms(v) for v in per_run)))
+
+
+def angular(model: mujoco.MjModel) -> np.ndarray:
+    """Return (nv,) bool: which degrees of freedom are angles."""
+    is_rad = np.zeros(model.nv, dtype=bool)
+    for kind, address in zip(model.jnt_type, model.jnt_dofadr, strict=True):
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            is_rad[address + 3 : address + 6] = True
+        elif kind == mujoco.mjtJoint.mjJNT_BALL:
+            is_rad[address : address + 3] = True
+        elif kind == mujoco.mjtJoint.mjJNT_HINGE:
+            is_rad[address] = True
+    return is_rad
+
+
+def shares_over_time(
+    model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
+) -> np.ndarray:
+    """Return (nrun, ncontrol) distances of positions at the end of each control, as shares."""
+    errors = _position_errors(model, reference.qpos, runs)
+    return _share(scale, _rms_by_unit(errors, scale.is_rad))
+
+
+def shares(
+    model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
+) -> np.ndarray:
+    """Return (nrun,) largest distances of positions at any time, as shares of the motion."""
+    return shares_over_time(model, scale, runs, reference).max(axis=1)
+
+
+def distance(
+    model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
+) -> Distance:
+    """Return how far runs are from others with the same starts and controls."""
+    position = _largest_rms(_position_errors(model, reference.qpos, runs), scale.is_rad)
+    velocity = _largest_rms(runs.qvel - reference.qvel, scale.is_rad)
+    return Distance(
+        of_nine_in_ten(shares(model, scale, runs, reference)),
+        Units(*(None if v is None else of_nine_in_ten(v) for v in _of_units(position))),
+        Units(*(None if v is None else of_nine_in_ten(v) for v in _of_units(velocity))),
+    )
+
+
+def of_nine_in_ten(values: np.ndarray) -> float:
+    """Return the value that nine of ten do not exceed: the smallest such of those given."""
+    return float(np.quantile(values, SHARE, method="higher"))
+
+
+def bound(values: np.ndarray) -> float:
+    """Return what nine of ten values do not exceed, with 95 % confidence if there are 29 or more.
+
+    It is the largest: all of n independent values are below the quantile 0.9 with probability
+    0.9^n, less than 5 % from n = 29 on (a one-sided tolerance limit: Wilks, Annals of Mathematical
+    Statistics 12, 1941).
+    """
+    return float(np.max(values))
+
+
+def _position_errors(
+    model: mujoco.MjModel, reference_qpos: np.ndarray, runs: Trajectories
+) -> np.ndarray:
+    """Return (nrun, ncontrol, nv) differences of positions, in tangent space."""
+    errors = np.empty(runs.qvel.shape)
+    out = np.empty(model.nv)
+    for row in np.ndindex(errors.shape[:2]):
+        mujoco.mj_differentiatePos(model, out, 1.0, reference_qpos[row], runs.qpos[row])
+        errors[row] = out
+    return errors
+
+
+def _rms_by_unit(errors: np.ndarray, is_rad: np.ndarray) -> list[np.ndarray | None]:
+    """Return (nrun, ncontrol) root mean squares over the degrees of freedom in m and in rad."""
+    return [
+        np.sqrt(np.mean(errors[..., mask] ** 2, axis=-1)) if mask.any() else None
+        for mask in (~is_rad, is_rad)
+    ]
+
+
+def _largest_rms(errors: np.ndarray, is_rad: np.ndarray) -> list[np.ndarray | None]:
+    """Return (nrun,) the largest of these over time."""
+    return [None if rms is None else rms.max(axis=1) for rms in _rms_by_unit(errors, is_rad)]
+
+
+def _of_units(values: Sequence[np.ndarray | None]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    metres, radians = values
+    return metres, radians
+
+
+def _share(scale: Motion, rms: Sequence[np.ndarray | None]) -> np.ndarray:
+    """Return distances as shares of the motion: the larger of the two units."""
+    shares = [
+        values / max(moved or 0.0, LEAST_MOTION)
+        for values, moved in zip(rms, (scale.position.m, scale.position.rad), strict=True)
+        if values is not None
+    ]
+    return np.asarray(np.max(shares, axis=0))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

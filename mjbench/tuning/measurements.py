@@ -1,0 +1,163 @@
+"""What a search asks for: attempts, and paired comparisons of settings with the present ones."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from mjbench import paths
+from mjbench.paired import verdict
+from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.judgement import Judgement
+from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.targets import Target
+from mjbench.paired.verdict import VerdictPlan
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
+from mjbench.status import Status
+from mjbench.tuning import attempts
+from mjbench.tuning.attempts import Attempt, AttemptRequest, BaselineRequest
+from mjbench.tuning.reference import Present, TrialPlan
+from mjbench.tuning.settings import Setting, label, path_options_of
+
+# Smallest gain that counts, and the confidence of a comparison.
+MIN_EFFECT, CONFIDENCE = 0.01, 0.95
+
+
+@dataclass(frozen=True)
+class PairedTime:
+    """How settings compare with the present ones in fresh processes.
+
+    Attributes:
+      status: how the comparison ended.
+      detail: one line; empty when ok.
+      ratio: their time of a simulated second over that of the present settings, with a 95 %
+        interval; None without one.
+      launches: raw times of each launch.
+    """
+
+    status: Status
+    detail: str = ""
+    ratio: Ratio | None = None
+    launches: Sequence[LaunchRow] = ()
+
+    @property
+    def is_faster(self) -> bool:
+        """Whether they certainly save time, MIN_EFFECT / 2 at least by estimate."""
+        ratio = self.ratio
+        if ratio is None or ratio.high is None:
+            return False
+        return ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
+
+
+class Measurements(Protocol):
+    """What a search may ask for."""
+
+    def baseline(self, plan: TrialPlan) -> Present:
+        """Draw trials, and return what the present settings do; attempts use them from then on."""
+        ...
+
+    def attempt(
+        self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = attempts.QUADS
+    ) -> Attempt:
+        """Return how settings do on the trials."""
+        ...
+
+    def compare(
+        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
+    ) -> PairedTime:
+        """Return how much faster settings are, in fresh processes; they were attempted before."""
+        ...
+
+
+class OnThisMachine:
+    """Measures a model here.
+
+    Files of models and trials last as long as the pool.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        source: ModelSource,
+        starts: StartPlan,
+        limit_s: float = attempts.SILENCE_S,
+        on_launch: Callable[[Judgement], None] = lambda judgement: None,
+    ):
+        """Measure nothing yet.
+
+        Args:
+          pool: starts the processes of comparisons, and holds the files.
+          source: of the model.
+          starts: where start states are to come from.
+          limit_s: seconds of silence after which an attempt is killed.
+          on_launch: called after each launch of a comparison.
+        """
+        self._pool, self._source, self._starts = pool, source, starts
+        self._limit_s, self._on_launch = limit_s, on_launch
+        self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
+        # By the label of settings: the changed model, and its timestep over the present one.
+        self._changed: dict[str, tuple[Path, float]] = {}
+
+    def baseline(self, plan: TrialPlan) -> Present:
+        """See `Measurements.baseline`.
+
+        Raises:
+          InputError: the model cannot be loaded, or diverges.
+          MachineError: its process crashed or hung.
+        """
+        request = BaselineRequest(self._source, plan, self._baseline_file, self._model_file)
+        return attempts.measure_baseline(request, self._limit_s)
+
+    def attempt(
+        self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = attempts.QUADS
+    ) -> Attempt:
+        """See `Measurements.attempt`."""
+        earlier = self._changed.get(label(settings))
+        file = earlier[0] if earlier else self._pool.new_file(".mjb")
+        request = AttemptRequest(self._source, self._baseline_file, settings, file, nrun, quads)
+        done = attempts.attempt(request, self._limit_s)
+        self._changed[label(settings)] = file, done.timestep_factor
+        return done
+
+    def compare(
+        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
+    ) -> PairedTime:
+        """See `Measurements.compare`."""
+        release = installs.parse_release(installs.INSTALLED)
+        options = path_options_of(settings)
+        path = attempts.path_of(options)
+        name, (file, timestep_factor) = self._source.name, self._changed[label(settings)]
+        baseline = Target(release, ModelSource(name, self._model_file), paths.BASE)
+        candidate = Target(
+            release,
+            ModelSource(name, file),
+            path,
+            paths.find(path).complete(options),
+        )
+        plan = VerdictPlan(
+            MIN_EFFECT,
+            CONFIDENCE,
+            MIN_EFFECT / 2,
+            time_limit_s,
+            Sizes(seed=seed, starts=self._starts),
+            as_shipped=True,  # one build against itself
+        )
+        result = verdict.decide(self._pool, baseline, candidate, plan, self._on_launch)
+        if result.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        row = result.row()
+        return PairedTime(
+            row.status,
+            row.detail,
+            scaled(row.ratio, 1 / timestep_factor) if row.ratio else None,
+            [launch.row() for launch in result.launches],
+        )
+
+
+def scaled(ratio: Ratio, factor: float) -> Ratio:
+    """Return a ratio of times of a step as one of times of a simulated second."""
+    low, high = (None if end is None else factor * end for end in (ratio.low, ratio.high))
+    return Ratio(factor * ratio.estimate, low, high)

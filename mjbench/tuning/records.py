@@ -1,0 +1,130 @@
+"""What a run file stores of a search for settings, and what `mjbench tune --json` writes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat
+from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.status import Status
+from mjbench.tuning.attempts import Accuracy, Effect
+from mjbench.tuning.mesh_notes import MeshNote
+from mjbench.tuning.reference import Present
+from mjbench.tuning.settings import Setting
+
+# Errors that differ by this share of theirs count as the same.
+SAME_ERROR = 0.05
+
+
+@dataclass(frozen=True)
+class AttemptRow:
+    """Settings that were tried during the search.
+
+    Attributes:
+      settings: that were tried together.
+      status: `ok`, or how they failed.
+      detail: why, in one line; empty when ok.
+      accuracy: what they do to the motion; None where they failed.
+      time_ratio: time of a simulated second over that of the present settings, measured within one
+        process; None where they failed.
+      ratio: the same in fresh processes, with its 95 % interval; None where it was not measured.
+    """
+
+    settings: Sequence[Setting]
+    status: Status
+    detail: str = ""
+    accuracy: Accuracy | None = None
+    time_ratio: PositiveFloat | None = None
+    ratio: Ratio | None = None
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Settings that two looks confirm; the second had starts and controls of its own.
+
+    Attributes:
+      settings: to have together.
+      effect: on the motion; the larger of both looks.
+      ratio: time of a simulated second over that of the present settings, in fresh processes on the
+        starts of the second look, with its 95 % interval.
+      error_bound: nine runs in ten err by no more, as a share of the motion: the larger of both
+        looks.
+      accuracy: of the second look.
+      samples: raw times of each launch.
+    """
+
+    settings: Sequence[Setting]
+    effect: Effect
+    ratio: Ratio
+    error_bound: NonNegativeFloat
+    accuracy: Accuracy
+    samples: Sequence[LaunchRow] = ()
+
+
+@dataclass(frozen=True)
+class Withdrawal:
+    """Settings that the second look did not confirm.
+
+    Attributes:
+      settings: of the search's front.
+      reason: why not, in one sentence.
+    """
+
+    settings: Sequence[Setting]
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuneRecord:
+    """A search for settings of one model; None is what was not reached.
+
+    Attributes:
+      model: its name.
+      status: how the search ended.
+      detail: one line; empty when ok.
+      seed: of starts and controls; the second look has the next one.
+      max_error: the largest error allowed, as a share of the motion; None for that of the present
+        settings, and SAME_ERROR more.
+      only: the largest effect allowed.
+      present: what the present settings do, on the starts of the second look.
+      attempts: settings that were tried, alone and together.
+      untried: settings for which there was no time.
+      front: recommendations, the smallest effect first and the slowest first within it.
+      withdrawn: what the second look did not confirm.
+      meshes: that collide, and that a primitive would nearly fill.
+      stages: share of a step by stage.
+      seconds: that the search took.
+    """
+
+    record_type: ClassVar[str] = "tune"
+    model: str
+    status: Status = Status.OK
+    detail: str = ""
+    seed: int = 0
+    max_error: PositiveFloat | None = None
+    only: Effect = Effect.APPROXIMATE
+    present: Present | None = None
+    attempts: Sequence[AttemptRow] = ()
+    untried: NonNegativeInt = 0
+    front: Sequence[Recommendation] = ()
+    withdrawn: Sequence[Withdrawal] = ()
+    meshes: Sequence[MeshNote] = ()
+    stages: Mapping[str, float] | None = None
+    seconds: NonNegativeFloat = 0.0
+
+    @property
+    def error_limit(self) -> float | None:
+        """The largest error allowed, as a share of the motion; None before it is known."""
+        if self.max_error is not None:
+            return self.max_error
+        return (1 + SAME_ERROR) * self.present.error_bound if self.present else None
+
+    def best(self) -> Recommendation | None:
+        """Return the fastest recommendation whose error is allowed; None without one."""
+        limit = self.error_limit
+        allowed = [
+            each
+            for each in self.front
+            if each.effect != Effect.APPROXIMATE or (limit is not None and each.error_bound <= limit)
+        ]
+        return min(allowed, key=lambda each: each.ratio.estimate, default=None)

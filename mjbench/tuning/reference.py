@@ -1,0 +1,248 @@
+"""What a model's present settings are measured by: starts, a converged reference, and a horizon.
+
+The reference is the user's model at an eighth of its timestep, with the constraint solver run to
+convergence. Integrator, friction cone and all else are the user's, so it is the motion that this
+model means. Erez, Tassa and Todorov (ICRA 2015) compare engines against their own small timesteps
+in the same way.
+
+Errors are compared over a *horizon*: as long as the present settings are still near the reference,
+and rounding has not grown into the errors. Beyond it, contact and chaos make any two runs differ.
+"""
+
+import copy
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import InputError
+from mjbench.simulation import compat, sampling, work, workload
+from mjbench.simulation.starts import StartPlan, Starts
+from mjbench.tuning import distance, trajectories
+from mjbench.tuning.distance import Distance, Motion
+from mjbench.tuning.physics import Physics, physics
+from mjbench.tuning.trajectories import Trajectories, Trials
+
+# The reference's timestep is the model's, divided by this.
+REFINEMENT = 8
+# Steps for which each control is held: a timestep that is larger by 2, 4 or 8 divides it, too.
+HOLD = 8
+# Runs from which settings are tried: enough for `distance.bound`.
+NRUN = 32
+# Simulated seconds of a run at most, and controls of a run at least.
+LONGEST_S, LEAST_NCONTROL = 1.0, 4
+# Seconds of computing for the reference, which limit the length of runs.
+REFERENCE_S = 8.0
+# The converged solver: its tolerance, and its least numbers of iterations.
+TOLERANCE, ITERATIONS, LS_ITERATIONS = 1e-15, 200, 100
+# The horizon ends where half of the runs with present settings are off by this share of the motion,
+MOST_SHARE = 0.1
+# or where rounding has grown to this share of that error, or of the motion if that is more.
+ROUNDING_OF_ERROR, ROUNDING_OF_MOTION = 0.01, 1e-9
+# A unit in the last place of numbers around 1: what rounding changes.
+_ULP = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """The starts and controls that are asked for.
+
+    Attributes:
+      seed: of both.
+      starts: where start states are to come from.
+      horizon_ncontrol: controls of a run, where the horizon is known; None to look for it.
+    """
+
+    seed: int
+    starts: StartPlan
+    horizon_ncontrol: int | None = None
+
+
+@dataclass(frozen=True)
+class Present:
+    """What the present settings do, beside the reference.
+
+    Attributes:
+      nrun: runs.
+      horizon_s: simulated seconds of each over which errors are compared.
+      horizon_ncontrol: controls of each within the horizon.
+      run_s: simulated seconds of each.
+      starts: where start states came from.
+      error: of the present settings, from the reference.
+      error_bound: as a share of the motion, with confidence (see `distance.bound`).
+      rounding: distance of runs from starts that differ in the last place.
+      solver: distance of runs with the same timestep and a converged solver.
+      motion_m: how far the model moves, in m; None without such degrees of freedom.
+      motion_rad: in rad.
+      physics: of the present settings.
+      reference_physics: of the reference.
+    """
+
+    nrun: int
+    horizon_s: float
+    horizon_ncontrol: int
+    run_s: float
+    starts: Starts
+    error: Distance
+    error_bound: float
+    rounding: Distance
+    solver: Distance
+    motion_m: float | None
+    motion_rad: float | None
+    physics: Physics
+    reference_physics: Physics
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """The present settings' runs, and what settings are compared with.
+
+    Attributes:
+      trials: of all runs.
+      motion: how far the model moves within the horizon.
+      present: runs with the present settings.
+      reference: of the converged model, within the horizon.
+      facts: what is said of them.
+    """
+
+    trials: Trials
+    motion: Motion
+    present: Trajectories
+    reference: Trajectories
+    facts: Present
+
+    def only(self, nrun: int) -> "Baseline":
+        """Return the first runs; the facts are still those of all."""
+        runs = np.arange(min(nrun, self.trials.nrun))
+        return replace(
+            self,
+            trials=self.trials.only(runs),
+            present=self.present.only(runs),
+            reference=self.reference.only(runs),
+        )
+
+
+def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
+    """Return the runs with present settings, the reference, and the horizon.
+
+    Raises:
+      InputError: the model diverges, or a file of states or controls does not fit it.
+    """
+    trials, starts = draw(model, plan)
+    present = trajectories.run(model, trials)
+    reference = trajectories.run(converged(model, REFINEMENT), trials)
+    twin = trajectories.run(model, perturbed(model, trials))
+    solver = trajectories.run(converged(model), trials)
+    healthy = ~(present.diverged | reference.diverged | twin.diverged | solver.diverged)
+    if not healthy.any():
+        raise InputError("the reference diverges from every start: errors cannot be measured")
+    trials, present, reference, twin, solver = (
+        each.only(healthy) for each in (trials, present, reference, twin, solver)
+    )
+    starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
+    scale = distance.motion(model, starts_qpos, reference)
+    ncontrol = plan.horizon_ncontrol or horizon(
+        distance.shares_over_time(model, scale, present, reference),
+        distance.shares_over_time(model, scale, twin, present),
+    )
+    ncontrol = min(ncontrol, trials.ncontrol)
+    within = first(reference, ncontrol)
+    scale = distance.motion(model, starts_qpos, within)
+
+    def apart(runs: Trajectories, others: Trajectories) -> Distance:
+        return distance.distance(model, scale, first(runs, ncontrol), first(others, ncontrol))
+
+    facts = Present(
+        nrun=trials.nrun,
+        horizon_s=ncontrol * trials.control_s,
+        horizon_ncontrol=ncontrol,
+        run_s=trials.ncontrol * trials.control_s,
+        starts=starts,
+        error=apart(present, reference),
+        error_bound=distance.bound(
+            distance.shares(model, scale, first(present, ncontrol), within)
+        ),
+        rounding=apart(twin, present),
+        solver=apart(solver, present),
+        motion_m=scale.position.m,
+        motion_rad=scale.position.rad,
+        physics=physics(model, trials.initial_state, present.points),
+        reference_physics=physics(model, trials.initial_state, reference.points),
+    )
+    return Baseline(trials, scale, present, within, facts)
+
+
+def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
+    """Return starts and controls, in the model's usual regime, and where they came from.
+
+    Raises:
+      InputError: every simulation diverges, or a file is unfit.
+    """
+    control_s = HOLD * float(model.opt.timestep)
+    step_s = sampling.settled_step_s(model)
+    affordable = REFERENCE_S / (NRUN * REFINEMENT * HOLD * step_s)
+    ncontrol = int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
+    if plan.horizon_ncontrol is not None:
+        ncontrol = plan.horizon_ncontrol
+    request = sampling.SampleRequest(
+        NRUN,
+        ncontrol * HOLD,
+        HOLD,
+        plan.seed,
+        plan.starts,
+        max_settling_nstep=max(2, int(2.0 / work.step_s(model))),
+        may_shorten=True,
+    )
+    sample = sampling.draw(model, request)
+    drawn = sample.workload
+    return Trials(drawn.initial_state, drawn.control, control_s), sample.starts
+
+
+def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
+    """Return a model whose constraint solver converges, with its timestep divided by a number."""
+    tight = copy.copy(model)
+    opt = tight.opt
+    opt.timestep = float(opt.timestep) / refinement
+    opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    opt.tolerance = TOLERANCE
+    opt.iterations = max(int(opt.iterations), ITERATIONS)
+    if hasattr(opt, "ls_iterations"):
+        opt.ls_iterations = max(int(opt.ls_iterations), LS_ITERATIONS)
+    sleep = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
+    if sleep is not None:
+        opt.enableflags &= ~int(sleep)
+    return tight
+
+
+def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:
+    """Return trials whose start positions differ in the last place, as rounding would change them."""
+    rng = np.random.default_rng(0)
+    states = trials.initial_state.copy()
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))["qpos"]
+    for row in states:
+        qpos = np.array(row[columns])
+        mujoco.mj_integratePos(model, qpos, _ULP * rng.standard_normal(model.nv), 1.0)
+        row[columns] = qpos
+    return Trials(states, trials.control, trials.control_s)
+
+
+def first(runs: Trajectories, ncontrol: int) -> Trajectories:
+    """Return runs until the end of their first controls; `points` stay those of the whole runs."""
+    return Trajectories(
+        runs.qpos[:, :ncontrol], runs.qvel[:, :ncontrol], runs.points, runs.diverged
+    )
+
+
+def horizon(error: np.ndarray, rounding: np.ndarray) -> int:
+    """Return for how many controls errors can be compared, LEAST_NCONTROL at least.
+
+    Args:
+      error: (nrun, ncontrol) of the present settings at the end of each control, as shares of the
+        motion.
+      rounding: (nrun, ncontrol) distance of runs from starts that differ in the last place.
+    """
+    error_now, rounding_now = np.median(error, axis=0), np.median(rounding, axis=0)
+    is_near = error_now <= MOST_SHARE
+    is_exact = rounding_now <= np.maximum(ROUNDING_OF_ERROR * error_now, ROUNDING_OF_MOTION)
+    usable = np.logical_and.accumulate(is_near & is_exact)
+    return max(min(LEAST_NCONTROL, error.shape[1]), int(usable.sum()))

@@ -1,0 +1,80 @@
+"""What there is to try on a model: settings, stages of its step, meshes; in a child process."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mjbench.errors import InputError, MachineError
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Channel
+from mjbench.loop import profile
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
+from mjbench.tuning import mesh_notes, observed
+from mjbench.tuning.knobs import KNOBS
+from mjbench.tuning.mesh_notes import MeshNote
+from mjbench.tuning.settings import Setting
+
+# Seconds of silence after which the child is killed.
+SILENCE_S = 120.0
+
+
+@dataclass(frozen=True)
+class SurveyRequest:
+    """Asks a child what there is to try.
+
+    Attributes:
+      source: of the model.
+      seed: of starts and controls.
+      starts: where start states are to come from.
+    """
+
+    source: ModelSource
+    seed: int
+    starts: StartPlan
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What there is to try on a model.
+
+    Attributes:
+      settings: of all knobs, that differ from the model's own.
+      meshes: that collide, and that a primitive would nearly fill.
+    """
+
+    settings: Sequence[Setting]
+    meshes: Sequence[MeshNote]
+
+
+def survey(request: SurveyRequest, limit_s: float = SILENCE_S) -> Survey:
+    """Return what there is to try on a model.
+
+    Raises:
+      InputError: it cannot be loaded, or diverges.
+      MachineError: the process that steps it crashed or hung.
+    """
+    messages: list[Survey] = []
+    isolate.run("mjbench.tuning.survey:look", request, messages.append, limit_s).check()
+    return messages[0]
+
+
+def stages(source: ModelSource, limit_s: float = SILENCE_S) -> Mapping[str, float] | None:
+    """Return the share of a step by stage; None where it cannot be measured."""
+    messages: list[profile.StepTimes] = []
+    request = profile.LoopRequest(source, None)
+    try:
+        isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
+    except (InputError, MachineError):
+        return None
+    return messages[0].stages
+
+
+def look(request: SurveyRequest, channel: Channel) -> None:
+    """Step the model, and see what there is to try; runs in a child."""
+    channel.doing(f"loading {request.source.name}")
+    model = models.load(request.source)
+    channel.doing(f"stepping {request.source.name}")
+    seen = observed.observe(request.source, model, request.seed, request.starts)
+    settings = [setting for knob in KNOBS for setting in knob.values(seen)]
+    channel.send(Survey(settings, mesh_notes.notes(model)))

@@ -1,0 +1,160 @@
+"""Runs of a model from given starts under given controls, as states at fixed times.
+
+Models with different timesteps get each control for the same simulated time, so their states are
+comparable at the end of every control.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import InputError
+from mjbench.instrument import machine
+from mjbench.simulation import compat
+
+# A timestep divides the time of a control if their quotient is this near to a whole number.
+_WHOLE = 1e-6
+# Points of a run at which whole states are recorded, after equal shares of it.
+NPOINT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """The starts and controls from which every setting is tried.
+
+    Attributes:
+      initial_state: (nrun, nstate) rows of mjSTATE_INTEGRATION.
+      control: (nrun, ncontrol, nu) controls.
+      control_s: simulated seconds for which each control is held.
+    """
+
+    initial_state: np.ndarray
+    control: np.ndarray
+    control_s: float
+
+    @property
+    def nrun(self) -> int:
+        """Number of runs."""
+        return int(self.control.shape[0])
+
+    @property
+    def ncontrol(self) -> int:
+        """Controls of each run."""
+        return int(self.control.shape[1])
+
+    def only(self, runs: np.ndarray) -> "Trials":
+        """Return the trials of some runs, by index or mask."""
+        return replace(self, initial_state=self.initial_state[runs], control=self.control[runs])
+
+    def first(self, ncontrol: int) -> "Trials":
+        """Return trials that end after their first controls."""
+        return replace(self, control=self.control[:, :ncontrol])
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """The states of a model at the end of each control.
+
+    Attributes:
+      qpos: (nrun, ncontrol, nq).
+      qvel: (nrun, ncontrol, nv).
+      points: (nrun, NPOINT, nstate) whole states after equal shares of the run, the last at its end.
+      diverged: (nrun,) bool: which raised a warning of a bad state, or are not finite.
+    """
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    points: np.ndarray
+    diverged: np.ndarray
+
+    def only(self, runs: np.ndarray) -> "Trajectories":
+        """Return some runs, by index or mask."""
+        return Trajectories(
+            self.qpos[runs], self.qvel[runs], self.points[runs], self.diverged[runs]
+        )
+
+    def is_identical(self, other: "Trajectories") -> bool:
+        """Return whether both have the same states, to the last bit."""
+        return all(
+            np.array_equal(_bits(mine), _bits(others))
+            for mine, others in ((self.qpos, other.qpos), (self.qvel, other.qvel))
+        )
+
+
+def points(ncontrol: int) -> list[int]:
+    """Return after how many controls whole states are recorded."""
+    return [max(1, round(ncontrol * (k + 1) / NPOINT)) for k in range(NPOINT)]
+
+
+def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Trajectories:
+    """Return the runs of a model.
+
+    Args:
+      model: to step; its states must have the sizes of the trials'.
+      trials: starts and controls.
+      nthread: threads to step with; None for as many as there are cores.
+
+    Raises:
+      InputError: its states have other sizes, or its timestep does not divide the time of a control.
+    """
+    spec = compat.state_spec("INTEGRATION")
+    if compat.state_size(model, spec) != trials.initial_state.shape[1]:
+        raise InputError("the setting changes the size of the model's state")
+    nstep = steps_per_control(model, trials.control_s)
+    nrun, ncontrol = trials.nrun, trials.ncontrol
+    out = Trajectories(
+        np.full((nrun, ncontrol, model.nq), np.nan),
+        np.full((nrun, ncontrol, model.nv), np.nan),
+        np.full((nrun, NPOINT, trials.initial_state.shape[1]), np.nan),
+        np.ones(nrun, dtype=bool),
+    )
+    nthread = min(nrun, nthread or machine.usable_cores())
+    with ThreadPoolExecutor(nthread) as pool:
+        shares = np.array_split(np.arange(nrun), nthread)
+        for done in [pool.submit(_run, model, trials, nstep, rows, out) for rows in shares]:
+            done.result()
+    return out
+
+
+def steps_per_control(model: mujoco.MjModel, control_s: float) -> int:
+    """Return how many steps a control lasts.
+
+    Raises:
+      InputError: it is not a whole number.
+    """
+    steps = control_s / float(model.opt.timestep)
+    if round(steps) < 1 or abs(steps - round(steps)) > _WHOLE * steps:
+        raise InputError(
+            f"its timestep of {model.opt.timestep:g} s does not divide the {control_s:g} s of a"
+            " control"
+        )
+    return round(steps)
+
+
+def _run(
+    model: mujoco.MjModel, trials: Trials, nstep: int, rows: Sequence[int], out: Trajectories
+) -> None:
+    """Step some runs, and write their states to `out`."""
+    spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    is_bad = compat.divergence_warnings()
+    at = points(trials.ncontrol)
+    for row in rows:
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, trials.initial_state[row], spec)
+        for k, control in enumerate(trials.control[row]):
+            data.ctrl[:] = control
+            mujoco.mj_step(model, data, nstep)
+            out.qpos[row, k], out.qvel[row, k] = data.qpos, data.qvel
+            for point in [i for i, after in enumerate(at) if after == k + 1]:
+                compat.get_state(model, data, out.points[row, point], spec)
+            if compat.warning_counts(data)[is_bad].any():
+                break
+        else:
+            out.diverged[row] = not np.isfinite(out.qpos[row]).all()
+
+
+def _bits(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values).view(np.uint64)

@@ -1,0 +1,59 @@
+"""Find faster settings for a model: what `mjbench tune` does."""
+
+import dataclasses
+from collections.abc import Callable
+
+from mjbench.errors import MjbenchError, failure_of
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.simulation.models import ModelSource
+from mjbench.status import Status
+from mjbench.tuning import survey
+from mjbench.tuning.measurements import OnThisMachine
+from mjbench.tuning.records import TuneRecord
+from mjbench.tuning.search import Advance, Search, SearchPlan
+from mjbench.tuning.survey import SurveyRequest
+
+
+def tune(
+    pool: WorkerPool,
+    source: ModelSource,
+    plan: SearchPlan,
+    limit_s: float = survey.SILENCE_S,
+    advance: Advance = lambda done, text, share: None,
+) -> TuneRecord:
+    """Return what a search for faster settings of a model came to.
+
+    A model that cannot be stepped, and Ctrl-C, are the record's status; it holds what was measured.
+
+    Args:
+      pool: starts processes, and holds files.
+      source: of the model.
+      plan: of the search.
+      limit_s: seconds of silence after which a process is killed.
+      advance: called when something begins.
+    """
+    try:
+        advance(0, "what there is to try", 0.0)
+        seen = survey.survey(SurveyRequest(source, plan.seed, plan.starts), limit_s)
+        shares = survey.stages(source, limit_s)
+    except MjbenchError as error:
+        failure = failure_of(error)
+        return TuneRecord(model=source.name, status=failure.status, detail=failure.detail)
+    except KeyboardInterrupt:
+        return TuneRecord(model=source.name, status=Status.INTERRUPTED)
+    measurements = OnThisMachine(pool, source, plan.starts, limit_s)
+    search = Search(source.name, seen.settings, plan, measurements, advance)
+    record = _ended(search.run, search.record)
+    return dataclasses.replace(record, meshes=seen.meshes, stages=shares)
+
+
+def _ended(run: Callable[[], None], record: Callable[[Status, str], TuneRecord]) -> TuneRecord:
+    """Return the record of a search, however it ended."""
+    try:
+        run()
+    except MjbenchError as error:
+        failure = failure_of(error)
+        return record(failure.status, failure.detail)
+    except KeyboardInterrupt:
+        return record(Status.INTERRUPTED, "")
+    return record(Status.OK, "")

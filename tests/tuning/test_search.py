@@ -1,0 +1,244 @@
+"""The search, with measurements that are planted."""
+
+import random
+
+import pytest
+
+from mjbench.errors import MachineError
+from mjbench.paired.records import Ratio
+from mjbench.simulation.starts import Starts
+from mjbench.status import Status
+from mjbench.tuning import search
+from mjbench.tuning.attempts import Accuracy, Attempt, Effect
+from mjbench.tuning.distance import Distance, Units
+from mjbench.tuning.measurements import PairedTime
+from mjbench.tuning.physics import Physics
+from mjbench.tuning.reference import Present
+from mjbench.tuning.search import Search, SearchPlan
+from mjbench.tuning.settings import Setting
+
+NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
+PRESENT_ERROR = 0.02
+
+
+def apart(share):
+    return Distance(share, Units(share, None), Units(share, None))
+
+
+def present(error=PRESENT_ERROR):
+    return Present(
+        nrun=32,
+        horizon_s=1.0,
+        horizon_ncontrol=62,
+        run_s=1.0,
+        starts=Starts(0.1, 0.1),
+        error=apart(error),
+        error_bound=error,
+        rounding=apart(1e-15),
+        solver=apart(1e-8),
+        motion_m=1.0,
+        motion_rad=None,
+        physics=NOTHING,
+        reference_physics=NOTHING,
+    )
+
+
+def setting(label, **keywords):
+    return Setting(label.partition("=")[0], label, **keywords)
+
+
+class Planted:
+    """Measurements in which settings have times that multiply, and errors that add up."""
+
+    def __init__(self, **effects):
+        """Take (effect, time ratio, error) of each setting, by its label with `_` for `=`."""
+        self.effects = {label.replace("_", "="): value for label, value in effects.items()}
+        self.asked = []
+        self.fails = {}
+        self.fresh = {}
+        self.seed = None
+        self.now_s = 0.0
+
+    def baseline(self, plan):
+        self.seed = plan.seed
+        return present()
+
+    def attempt(self, settings, nrun=None, quads=25):
+        self.now_s += 1.0
+        labels = tuple(each.label for each in settings)
+        self.asked.append((self.seed, labels, nrun))
+        for label in labels:
+            if label in self.fails:
+                return Attempt(settings, Status.CRASHED, self.fails[label])
+        effects = self.fresh if self.seed == 1 else {}
+        of_each = [effects.get(label, self.effects[label]) for label in labels]
+        effect = max((each[0] for each in of_each), key=lambda each: each.rank)
+        error = PRESENT_ERROR + sum(each[2] for each in of_each)
+        accuracy = Accuracy(effect, apart(error), error, apart(error), NOTHING)
+        ratio = self.ratio(labels)
+        return Attempt(settings, Status.OK, accuracy=accuracy, time_ratio=ratio)
+
+    def ratio(self, labels):
+        ratio = 1.0
+        for label in labels:
+            ratio *= self.effects[label][1]
+        return ratio
+
+    def compare(self, settings, seed, time_limit_s):
+        self.now_s += 5.0
+        ratio = self.ratio(tuple(each.label for each in settings))
+        return PairedTime(Status.OK, ratio=Ratio(ratio, 0.995 * ratio, 1.005 * ratio))
+
+
+def searched(planted, settings=None, **plan):
+    settings = settings or [setting(label) for label in planted.effects]
+    of_plan = SearchPlan(**{"budget_s": 1000.0, **plan})
+    search = Search("robot", settings, of_plan, planted, clock=lambda: planted.now_s)
+    search.run()
+    return search.record()
+
+
+def labels(recommendation):
+    return sorted(each.label for each in recommendation.settings)
+
+
+FREE, EQUIVALENT, APPROXIMATE = Effect
+
+
+def test_settings_that_help_are_combined_by_what_they_change():
+    record = searched(
+        Planted(
+            jacobian_dense=(FREE, 0.9, 0.0),
+            island_disable=(FREE, 0.95, 0.0),
+            solver_CG=(EQUIVALENT, 0.8, 0.0),
+            timestep_2=(APPROXIMATE, 0.5, 0.02),
+            cone_elliptic=(FREE, 1.2, 0.0),
+        )
+    )
+    free, equivalent, approximate = record.front
+    assert labels(free) == ["island=disable", "jacobian=dense"]
+    assert labels(equivalent) == ["island=disable", "jacobian=dense", "solver=CG"]
+    assert "timestep=2" in labels(approximate) and "solver=CG" in labels(approximate)
+    assert free.ratio.estimate == pytest.approx(0.855)
+    assert record.best() == equivalent  # the timestep doubles the error
+
+
+def test_a_larger_error_is_recommended_where_it_is_allowed():
+    planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.02))
+    assert labels(searched(planted, max_error=0.05).best()) == ["timestep=2"]
+    assert searched(planted, max_error=0.03).best() is None
+
+
+def test_an_approximate_setting_with_the_same_error_is_recommended():
+    record = searched(Planted(tolerance_3=(APPROXIMATE, 0.8, 0.0001)))
+    assert labels(record.best()) == ["tolerance=3"]
+
+
+def test_only_what_may_change_is_tried_together():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0), timestep_2=(APPROXIMATE, 0.5, 0.0))
+    record = searched(planted, only=Effect.FREE)
+    assert [labels(each) for each in record.front] == [["jacobian=dense"]]
+
+
+def test_what_new_starts_do_not_confirm_is_withdrawn():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0))
+    planted.fresh = {"jacobian=dense": (APPROXIMATE, 0.9, 0.0)}
+    record = searched(planted)
+    assert record.front == []
+    assert "free in the search, approximate from new starts" in record.withdrawn[0].reason
+
+
+def test_an_error_that_grows_beyond_the_limit_is_withdrawn():
+    planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.01))
+    planted.fresh = {"timestep=2": (APPROXIMATE, 0.5, 0.04)}
+    record = searched(planted, max_error=0.04)
+    assert "errs by 6 %" in record.withdrawn[0].reason
+
+
+def test_the_promised_error_is_the_larger_of_both_looks():
+    planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.01))
+    planted.fresh = {"timestep=2": (APPROXIMATE, 0.5, 0.005)}
+    assert searched(planted, max_error=0.5).front[0].error_bound == pytest.approx(0.03)
+
+
+def test_a_setting_that_crashes_is_one_row_and_the_rest_goes_on():
+    planted = Planted(solver_CG=(FREE, 0.8, 0.0), jacobian_dense=(FREE, 0.9, 0.0))
+    planted.fails = {"solver=CG": "killed by SIGSEGV"}
+    record = searched(planted)
+    assert labels(record.best()) == ["jacobian=dense"]
+    (failed,) = [row for row in record.attempts if row.status != Status.OK]
+    assert failed.detail == "killed by SIGSEGV"
+
+
+def test_no_gain_is_no_recommendation():
+    record = searched(Planted(jacobian_dense=(FREE, 0.998, 0.0), solver_PGS=(FREE, 1.4, 0.0)))
+    assert record.front == [] and record.withdrawn == [] and record.best() is None
+
+
+def test_the_second_look_has_other_starts():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0))
+    searched(planted, seed=0)
+    assert planted.asked[-1][:2] == (1, ("jacobian=dense",))
+
+
+def test_settings_for_which_there_is_no_time_are_counted():
+    effects = {f"knob{i}_x": (FREE, 0.9, 0.0) for i in range(40)}
+    record = searched(Planted(**effects), budget_s=60.0)
+    assert record.untried > 0
+    assert record.front
+
+
+def test_the_reference_that_diverges_ends_the_search():
+    class Diverges(Planted):
+        def baseline(self, plan):
+            raise MachineError("crashed")
+
+    of_search = Search("robot", [], SearchPlan(), Diverges())
+    with pytest.raises(MachineError):
+        of_search.run()
+    assert of_search.record(Status.CRASHED, "crashed").front == []
+
+
+def faster(label, effect, ratio, **keywords):
+    return search._Faster(setting(label, **keywords), effect, ratio)
+
+
+def test_combinations_have_one_setting_of_each_knob():
+    of_knobs = [
+        faster("solver=CG", EQUIVALENT, 0.9),
+        faster("solver=PGS", APPROXIMATE, 0.7),
+        faster("timestep=2", APPROXIMATE, 0.5),
+        faster("timestep=4", APPROXIMATE, 0.25),
+        faster("cone=pyramidal", APPROXIMATE, 0.9),
+    ]
+    drawn = search.combinations(of_knobs, 100, random.Random(0))
+    for combination in drawn:
+        knobs = [each.knob for each in combination]
+        assert len(knobs) == len(set(knobs))
+    as_labels = {tuple(each.label for each in combination) for combination in drawn}
+    assert len(as_labels) == len(drawn)
+    assert ("cone=pyramidal", "solver=PGS", "timestep=4") in as_labels
+    assert ("solver=CG", "timestep=2") in as_labels
+
+
+def test_settings_of_the_loop_exclude_each_other():
+    drawn = search.combinations(
+        [
+            faster("clock off", FREE, 0.9, path_options={"clock": "off"}),
+            faster("engine threads", FREE, 0.8, path_options={"engine_threads": 2}),
+        ],
+        10,
+        random.Random(0),
+    )
+    assert all(len(combination) == 1 for combination in drawn)
+
+
+def test_half_of_the_combinations_go_on_from_the_front():
+    planted = Planted(
+        a_1=(APPROXIMATE, 0.5, 0.1),
+        b_1=(APPROXIMATE, 0.6, 0.2),
+        c_1=(APPROXIMATE, 0.9, 0.0),
+        d_1=(APPROXIMATE, 0.95, 0.3),
+    )
+    done = [planted.attempt((setting(label),)) for label in planted.effects]
+    assert [each.settings[0].label for each in search.better_half(done)] == ["a=1", "c=1"]
