@@ -113,7 +113,8 @@ class Search:
         self._advance(0, "the present settings, and a reference", 0.0)
         self._present = self._measure.baseline(TrialPlan(plan.seed, plan.starts))
         faster = self._each_alone()
-        front = pareto_front(self._together(faster), plan.max_error, self._present.error_bound)
+        lossless = [each for each in faster if not each.setting.loses]
+        front = pareto_front(self._together(lossless), plan.max_error, self._present.error_bound)
         if front:
             self._second_look(front)
 

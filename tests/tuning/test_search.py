@@ -161,6 +161,13 @@ def test_the_promised_error_is_the_larger_of_both_looks():
     assert searched(planted, max_error=0.5).front[0].error_bound == pytest.approx(0.03)
 
 
+def test_a_setting_that_gives_something_up_is_listed_and_not_recommended():
+    planted = Planted(sensors_off=(FREE, 0.5, 0.0))
+    record = searched(planted, [setting("sensors=off", loses="sensor data")])
+    assert record.front == []
+    assert record.attempts[0].ratio.estimate == 0.5
+
+
 def test_a_setting_that_crashes_is_one_row_and_the_rest_goes_on():
     planted = Planted(solver_CG=(FREE, 0.8, 0.0), jacobian_dense=(FREE, 0.9, 0.0))
     planted.fails = {"solver=CG": "killed by SIGSEGV"}

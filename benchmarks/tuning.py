@@ -1,0 +1,273 @@
+"""What `mjbench tune` gains on twenty models, and whether its promises hold from further starts.
+
+    python -m benchmarks.tuning [MODEL …] [--budget SECONDS] [--page]
+
+searches settings for the shipped models and for ten models of other packages, which it downloads
+into the cache folder. Every recommendation is then run from starts that neither look of the search
+had: its error must be no larger than promised, and free settings must still change no bit. It
+writes results/tuning.json after each model, and docs/tuning.md from it. Named models replace their
+rows; `--page` only writes the page again. It takes about an hour, and needs the machine for itself.
+
+The exit code is 1 if a promise is broken, and 0 otherwise.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import mujoco
+
+from benchmarks import foreign_packages, tuning_page
+from benchmarks.foreign_packages import PACKAGES
+from mjbench.errors import InputError, MjbenchError, one_line
+from mjbench.instrument import machine
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.starts import StartPlan
+from mjbench.status import ExitCode, Status
+from mjbench.tuning.attempts import Effect
+from mjbench.tuning.measurements import OnThisMachine
+from mjbench.tuning.records import Recommendation, TuneRecord
+from mjbench.tuning.reference import TrialPlan
+from mjbench.tuning.search import SearchPlan
+from mjbench.tuning.settings import label
+from mjbench.tuning.tune import tune
+
+ROOT = Path(__file__).resolve().parent.parent
+TALLY, PAGE = ROOT / "results" / "tuning.json", ROOT / "docs" / "tuning.md"
+BUDGET_S = 120.0
+# Further looks at every recommendation, each from starts of its own.
+LOOKS = 2
+# Models of other packages: the package, and a file of its wheel.
+FOREIGN = (
+    ("gymnasium", "gymnasium/envs/mujoco/assets/ant.xml"),
+    ("gymnasium", "gymnasium/envs/mujoco/assets/half_cheetah.xml"),
+    ("gymnasium", "gymnasium/envs/mujoco/assets/humanoid.xml"),
+    ("dm_control", "dm_control/suite/quadruped.xml"),
+    ("dm_control", "dm_control/suite/humanoid_CMU.xml"),
+    ("dm_control", "dm_control/suite/manipulator.xml"),
+    ("robosuite", "robosuite/models/assets/robots/panda/robot.xml"),
+    ("robosuite", "robosuite/models/assets/robots/spot/robot.xml"),
+    ("metaworld", "metaworld/assets/sawyer_xyz/sawyer_door_pull.xml"),
+    ("metaworld", "metaworld/assets/sawyer_xyz/sawyer_drawer.xml"),
+)
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A recommendation, and how it did from further starts.
+
+    Attributes:
+      settings: what people read.
+      effect: on the motion, as promised.
+      time_ratio: of a simulated second, over that of the present settings.
+      error_bound: of nine runs in ten, as a share of the motion, as promised.
+      later_effects: from further starts.
+      later_errors: of nine runs in ten, from further starts.
+      is_best: whether it is what `mjbench tune` recommends first.
+    """
+
+    settings: str
+    effect: Effect
+    time_ratio: float
+    error_bound: float
+    later_effects: Sequence[Effect]
+    later_errors: Sequence[float]
+    is_best: bool
+
+    @property
+    def holds(self) -> bool:
+        """Whether it did no worse than promised."""
+        is_effect = all(effect.rank <= self.effect.rank for effect in self.later_effects)
+        return is_effect and all(error <= self.error_bound for error in self.later_errors)
+
+
+@dataclass(frozen=True)
+class TunedModel:
+    """A model, and what was recommended for it.
+
+    Attributes:
+      model: its name.
+      package: that ships it; `mjbench` for ours.
+      status: how the search ended.
+      detail: one line; empty when ok.
+      present_error: of nine runs in ten with its present settings, as a share of the motion.
+      promises: what was recommended.
+      withdrawn: recommendations that the second look of the search withdrew.
+      tried: settings and combinations that were tried.
+      seconds: that the search took.
+    """
+
+    model: str
+    package: str
+    status: Status
+    detail: str
+    present_error: float | None
+    promises: Sequence[Promise]
+    withdrawn: int
+    tried: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class TuningTally:
+    """All models.
+
+    Attributes:
+      date: of the last one.
+      mujoco: its version.
+      processor: of the machine.
+      budget_s: of each search.
+      models: in the order in which they were searched first.
+    """
+
+    date: str
+    mujoco: str
+    processor: str
+    budget_s: float
+    models: Sequence[TunedModel]
+
+
+def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
+    """Search settings for a model, and run the recommendations from further starts."""
+    plan = SearchPlan(budget_s=budget_s)
+    with WorkerPool() as pool:
+        record = tune(pool, source, plan)
+        if record.status == Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        promises = checked(pool, source, record, plan.seed)
+    return TunedModel(
+        source.name,
+        package,
+        record.status,
+        record.detail,
+        record.present.error_bound if record.present else None,
+        promises,
+        len(record.withdrawn),
+        len(record.attempts),
+        round(record.seconds, 1),
+    )
+
+
+def checked(
+    pool: WorkerPool, source: ModelSource, record: TuneRecord, seed: int
+) -> list[Promise]:
+    """Return the recommendations of a search, with their errors from further starts."""
+    promises = [_promise(each, each == record.best()) for each in record.front]
+    if record.present is None:
+        return promises
+    measurements = OnThisMachine(pool, source, StartPlan())
+    for look in range(LOOKS):
+        measurements.baseline(TrialPlan(seed + 2 + look, StartPlan(), record.present.horizon_ncontrol))
+        for number, each in enumerate(record.front):
+            attempt = measurements.attempt(tuple(each.settings), quads=0)
+            if attempt.accuracy is None:
+                raise InputError(f"{source.name}: {label(each.settings)}: {attempt.detail}")
+            promise = promises[number]
+            promises[number] = replace(
+                promise,
+                later_effects=[*promise.later_effects, attempt.accuracy.effect],
+                later_errors=[*promise.later_errors, attempt.accuracy.error.share],
+            )
+    return promises
+
+
+def _promise(each: Recommendation, is_best: bool) -> Promise:
+    return Promise(
+        label(each.settings), each.effect, each.ratio.estimate, each.error_bound, [], [], is_best
+    )
+
+
+def sources() -> Iterable[tuple[str, ModelSource]]:
+    """Yield the package and the source of each model; download those of other packages."""
+    for name in models.shipped():
+        yield "mjbench", models.resolve(name)
+    cache = installs.cache_folder() / "foreign"
+    by_name = {package.name: package for package in PACKAGES}
+    for package_name, file in FOREIGN:
+        root = foreign_packages.fetch(by_name[package_name], cache)
+        path = Path(file)
+        stem = path.parent.name if path.stem == "robot" else path.stem
+        yield str(by_name[package_name]), ModelSource(f"{package_name}:{stem}", root / file)
+
+
+def load(file: Path = TALLY) -> TuningTally:
+    """Return the tally of a JSON file.
+
+    Raises:
+      InputError: it is not one.
+    """
+    import msgspec
+
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=TuningTally)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise InputError(f"{file} is not a tally of tuned models: {one_line(error)}") from error
+
+
+def save(tally: TuningTally) -> None:
+    """Write the tally and the page."""
+    from mjbench.instrument.runs import to_json
+
+    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
+    PAGE.write_text(tuning_page.page(tally))
+
+
+def run(names: Sequence[str], budget_s: float) -> TuningTally:
+    """Search settings for models, and write the tally after each.
+
+    Args:
+      names: of models; empty for all.
+      budget_s: of each search.
+    """
+    done = {model.model: model for model in (load().models if names and TALLY.exists() else ())}
+    tally = None
+    for package, source in sources():
+        if names and source.name not in names:
+            continue
+        done[source.name] = tuned(source, package, budget_s)
+        tally = TuningTally(
+            datetime.now(UTC).date().isoformat(),
+            mujoco.__version__,
+            machine.describe().cpu,
+            budget_s,
+            list(done.values()),
+        )
+        save(tally)
+        print(tuning_page.row(done[source.name]), flush=True)
+    if tally is None:
+        raise InputError(f"no model is named {', '.join(names)}")
+    return tally
+
+
+def main(arguments: Sequence[str] | None = None) -> ExitCode:
+    """Run the command; return its exit code."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("models", nargs="*")
+    parser.add_argument("--budget", type=float, default=BUDGET_S, help="seconds of each search")
+    parser.add_argument("--page", action="store_true", help="only write the page again")
+    options = parser.parse_args(arguments)
+    try:
+        if options.page:
+            save(load())
+            return ExitCode.OK
+        tally = run(options.models, options.budget)
+    except MjbenchError as error:
+        print(f"tuning: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("tuning: interrupted; the tally has what was searched", file=sys.stderr)
+        return ExitCode.INTERRUPTED
+    holds = all(promise.holds for model in tally.models for promise in model.promises)
+    return ExitCode.OK if holds else ExitCode.FINDING
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""The page docs/tuning.md, written from the tally of `benchmarks.tuning`."""
+
+import statistics
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from mjbench.status import Status
+from mjbench.tuning.attempts import Effect
+
+if TYPE_CHECKING:
+    from benchmarks.tuning import Promise, TunedModel, TuningTally
+
+_HEADINGS = ("model", "same results", "within tolerance", "no larger error", "settings")
+
+
+def page(tally: "TuningTally") -> str:
+    """Return the Markdown page of a tally."""
+    return "\n".join(_lines(tally)) + "\n"
+
+
+def row(model: "TunedModel") -> str:
+    """Return the row of a model in the table."""
+    if model.status != Status.OK:
+        return f"| {model.model} | {model.status}: {model.detail} | | | |"
+    best = next((each for each in model.promises if each.is_best), None)
+    settings = best.settings if best else "none is certainly faster"
+    gains = [_gain(each) for each in gains_of(model)]
+    return f"| {model.model} | {' | '.join(gains)} | {settings} |"
+
+
+def gains_of(model: "TunedModel") -> list[float]:
+    """Return the speed-ups of a model: with the same results, within tolerance, and the best.
+
+    Each includes what changes less; it is 1 where nothing is recommended.
+    """
+    free = _best(model.promises, (Effect.FREE,))
+    exact = max(free, _best(model.promises, (Effect.FREE, Effect.EQUIVALENT)))
+    best = next((1 / each.time_ratio for each in model.promises if each.is_best), 1.0)
+    return [free, exact, max(exact, best)]
+
+
+def _best(promises: Sequence["Promise"], effects: Sequence[Effect]) -> float:
+    """Return the largest speed-up among promises of some effects; 1 without any."""
+    return max((1 / each.time_ratio for each in promises if each.effect in effects), default=1.0)
+
+
+def _gain(speedup: float) -> str:
+    return f"{speedup:.2f}×" if speedup > 1 else "–"
+
+
+def _lines(tally: "TuningTally") -> Iterator[str]:
+    searched = [model for model in tally.models if model.status == Status.OK]
+    promises = [promise for model in searched for promise in model.promises]
+    held = sum(promise.holds for promise in promises)
+    free, exact, best = (
+        statistics.median(values) for values in zip(*map(gains_of, searched), strict=True)
+    )
+    yield "# What tune gains"
+    yield ""
+    yield "Written by `python -m benchmarks.tuning` from `results/tuning.json`; do not edit."
+    yield ""
+    yield (
+        f"On the median of {len(searched)} models, `mjbench tune` makes a step {free:.2f} times as"
+        f" fast with the same results, {exact:.2f} times within the solver's tolerance, and"
+        f" {best:.2f} times with no larger error than the model has now. {held} of {len(promises)}"
+        " recommendations kept their promise from further starts."
+    )
+    yield ""
+    yield f"| {' | '.join(_HEADINGS)} |"
+    yield "|---|---:|---:|---:|---|"
+    yield from map(row, tally.models)
+    yield ""
+    yield (
+        f"Searched until {tally.date} with MuJoCo {tally.mujoco} on {tally.processor}, with a budget"
+        f" of {tally.budget_s:g} s a model. Each column includes what changes less. Settings are"
+        " those recommended first. A promise is that nine runs in ten err by no more than printed,"
+        " and that settings which change no state still change none; it is checked from"
+        f" {_looks(promises)} sets of 32 starts that neither look of the search had. The search itself"
+        f" withdrew {sum(model.withdrawn for model in searched)} settings at its second look."
+    )
+    broken = [(m, p) for m in searched for p in m.promises if not p.holds]
+    if broken:
+        yield ""
+        yield "Broken promises:"
+        yield ""
+        yield from (_broken(model, promise) for model, promise in broken)
+
+
+def _looks(promises: Sequence["Promise"]) -> int:
+    return max((len(promise.later_errors) for promise in promises), default=0)
+
+
+def _broken(model: "TunedModel", promise: "Promise") -> str:
+    later = max(promise.later_errors)
+    return (
+        f"- {model.model}: {promise.settings}: {promise.effect} with an error of"
+        f" {100 * promise.error_bound:.2g} % promised,"
+        f" {max(promise.later_effects, key=lambda effect: effect.rank)} with {100 * later:.2g} %"
+    )
