@@ -32,6 +32,7 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
 from mjbench.tuning.attempts import Effect
+from mjbench.tuning.distance import SHARE
 from mjbench.tuning.measurements import OnThisMachine
 from mjbench.tuning.records import Recommendation, TuneRecord
 from mjbench.tuning.reference import TrialPlan
@@ -69,7 +70,8 @@ class Promise:
       time_ratio: of a simulated second, over that of the present settings.
       error_bound: of nine runs in ten, as a share of the motion, as promised.
       later_effects: from further starts.
-      later_errors: of nine runs in ten, from further starts.
+      later_nrun: runs from further starts.
+      later_exceeding: how many of them err by more than promised.
       is_best: whether it is what `mjbench tune` recommends first.
     """
 
@@ -78,14 +80,15 @@ class Promise:
     time_ratio: float
     error_bound: float
     later_effects: Sequence[Effect]
-    later_errors: Sequence[float]
+    later_nrun: int
+    later_exceeding: int
     is_best: bool
 
     @property
     def holds(self) -> bool:
         """Whether it did no worse than promised."""
         is_effect = all(effect.rank <= self.effect.rank for effect in self.later_effects)
-        return is_effect and all(error <= self.error_bound for error in self.later_errors)
+        return is_effect and self.later_exceeding <= (1 - SHARE) * self.later_nrun
 
 
 @dataclass(frozen=True)
@@ -169,18 +172,20 @@ def checked(
             attempt = measurements.attempt(tuple(each.settings), quads=0)
             if attempt.accuracy is None:
                 raise InputError(f"{source.name}: {label(each.settings)}: {attempt.detail}")
-            promise = promises[number]
+            promise, errors = promises[number], attempt.accuracy.run_errors
             promises[number] = replace(
                 promise,
                 later_effects=[*promise.later_effects, attempt.accuracy.effect],
-                later_errors=[*promise.later_errors, attempt.accuracy.error.share],
+                later_nrun=promise.later_nrun + len(errors),
+                later_exceeding=promise.later_exceeding
+                + sum(error > promise.error_bound for error in errors),
             )
     return promises
 
 
 def _promise(each: Recommendation, is_best: bool) -> Promise:
     return Promise(
-        label(each.settings), each.effect, each.ratio.estimate, each.error_bound, [], [], is_best
+        label(each.settings), each.effect, each.ratio.estimate, each.error_bound, [], 0, 0, is_best
     )
 
 

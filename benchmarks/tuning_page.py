@@ -74,8 +74,9 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         f"Searched until {tally.date} with MuJoCo {tally.mujoco} on {tally.processor}, with a budget"
         f" of {tally.budget_s:g} s a model. Each column includes what changes less. Settings are"
         " those recommended first. A promise is that nine runs in ten err by no more than printed,"
-        " and that settings which change no state still change none; it is checked from"
-        f" {_looks(promises)} sets of 32 starts that neither look of the search had. The search itself"
+        " and that settings which change no state still change none; it is checked in"
+        f" {max((promise.later_nrun for promise in promises), default=0)} runs from starts that"
+        " neither look of the search had. The search itself"
         f" withdrew {sum(model.withdrawn for model in searched)} settings at its second look."
     )
     broken = [(m, p) for m in searched for p in m.promises if not p.holds]
@@ -86,14 +87,10 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         yield from (_broken(model, promise) for model, promise in broken)
 
 
-def _looks(promises: Sequence["Promise"]) -> int:
-    return max((len(promise.later_errors) for promise in promises), default=0)
-
-
 def _broken(model: "TunedModel", promise: "Promise") -> str:
-    later = max(promise.later_errors)
+    worst = max(promise.later_effects, key=lambda effect: effect.rank)
     return (
-        f"- {model.model}: {promise.settings}: {promise.effect} with an error of"
-        f" {100 * promise.error_bound:.2g} % promised,"
-        f" {max(promise.later_effects, key=lambda effect: effect.rank)} with {100 * later:.2g} %"
+        f"- {model.model}: {promise.settings}: promised {promise.effect} with an error of"
+        f" {100 * promise.error_bound:.2g} %; it was {worst}, and {promise.later_exceeding} of"
+        f" {promise.later_nrun} runs erred by more"
     )

@@ -6,7 +6,7 @@ measured within that process, which is good for choosing what to look at again, 
 
 import enum
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,6 +67,7 @@ class Accuracy:
       error_bound: as a share of the motion, with confidence (see `distance.bound`).
       distance: from the runs with present settings.
       physics: of the states along the runs.
+      run_errors: of each run from the reference, as a share of the motion.
     """
 
     effect: Effect
@@ -74,6 +75,7 @@ class Accuracy:
     error_bound: float
     distance: Distance
     physics: Physics
+    run_errors: Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -230,12 +232,14 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         nearest = max(SOLVER_FACTOR * facts.solver.share, ROUNDING_FACTOR * facts.rounding.share)
         is_near = apart.share <= min(nearest, facts.error.share)
         effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
+    run_errors = distance.shares(model, scale, within, baseline.reference)
     return Accuracy(
         effect,
         distance.distance(model, scale, within, baseline.reference),
-        distance.bound(distance.shares(model, scale, within, baseline.reference)),
+        distance.bound(run_errors),
         apart,
         physics(model, baseline.trials.initial_state, runs.points),
+        run_errors.tolist(),
     )
 
 

@@ -27,8 +27,8 @@ from mjbench.tuning.trajectories import Trajectories, Trials
 REFINEMENT = 8
 # Steps for which each control is held: a timestep that is larger by 2, 4 or 8 divides it, too.
 HOLD = 8
-# Runs from which settings are tried: enough for `distance.bound`.
-NRUN = 32
+# Runs from which settings are tried: `distance.bound` leaves out the largest errors of so many.
+NRUN = 64
 # Simulated seconds of a run at most, and controls of a run at least.
 LONGEST_S, LEAST_NCONTROL = 1.0, 4
 # Seconds of computing for the reference, which limit the length of runs.

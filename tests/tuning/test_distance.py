@@ -74,12 +74,13 @@ def test_nine_runs_in_ten_are_nearer():
     assert distance.of_nine_in_ten(values) >= 27
     assert (values <= distance.of_nine_in_ten(values)).mean() >= distance.SHARE
     assert distance.bound(values) == 30.0
+    assert distance.bound(np.arange(1.0, 65.0)) == 62.0
 
 
 def test_the_bound_holds_of_nine_runs_in_ten_with_its_confidence():
     rng = np.random.default_rng(0)
     true_quantile = np.exp(1.2815515655)  # of a lognormal at 0.9
     holds = [
-        distance.bound(rng.lognormal(size=32)) >= true_quantile for _ in range(2000)
+        distance.bound(rng.lognormal(size=64)) >= true_quantile for _ in range(2000)
     ]
-    assert np.mean(holds) > 0.95
+    assert np.mean(holds) > 0.94  # 0.95 or more, but for 2,000 draws

@@ -74,7 +74,7 @@ class Planted:
         of_each = [effects.get(label, self.effects[label]) for label in labels]
         effect = max((each[0] for each in of_each), key=lambda each: each.rank)
         error = PRESENT_ERROR + sum(each[2] for each in of_each)
-        accuracy = Accuracy(effect, apart(error), error, apart(error), NOTHING)
+        accuracy = Accuracy(effect, apart(error), error, apart(error), NOTHING, [error] * 64)
         ratio = self.ratio(labels)
         return Attempt(settings, Status.OK, accuracy=accuracy, time_ratio=ratio)
 
