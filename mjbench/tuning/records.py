@@ -86,7 +86,8 @@ class TuneRecord:
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, and SAME_ERROR more.
       only: the largest effect allowed.
-      present: what the present settings do, on the starts of the second look.
+      present: what the present settings do, on the starts of the second look; its error bound is the
+        larger of both looks.
       attempts: settings that were tried, alone and together.
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it.

@@ -234,7 +234,9 @@ class Search:
         plan = self._plan
         self._advance(3, "present settings from new starts", 0.0)
         ncontrol = self._present.horizon_ncontrol
-        self._present = self._measure.baseline(TrialPlan(plan.seed + 1, plan.starts, ncontrol))
+        second_present = self._measure.baseline(TrialPlan(plan.seed + 1, plan.starts, ncontrol))
+        error_bound = max(self._present.error_bound, second_present.error_bound)
+        self._present = replace(second_present, error_bound=error_bound)
         for number, first in enumerate(front):
             self._advance(3, label(first.settings), number / len(front))
             second = self._measure.attempt(first.settings, quads=0)
