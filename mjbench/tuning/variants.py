@@ -58,8 +58,9 @@ def write(source: ModelSource, edits: Sequence[Edit], target: Path) -> None:
     with writing(target):
         file = Path(os.path.realpath(target))
     _check_target(source, target, file)
+    text, absent = _read(source.path), _absent(source, edits)
     try:
-        text = mjcf_edit.edited(_read(source.path), _absent(source, edits))
+        text = mjcf_edit.edited(text, absent)
     except InputError as error:
         raise InputError(f"{source.name}: {error}") from error
     with writing(target), files.replacing(file) as partial:
@@ -74,7 +75,7 @@ def _with_options(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
     """Return a model whose options were set after it was compiled.
 
     Raises:
-      InputError: an edit is none of options, or cannot be made.
+      InputError: an edit is none of `<option>`, or MuJoCo rejects it.
     """
     model = models.load(source)
     for edit in edits:

@@ -1,49 +1,22 @@
 """Editing MJCF changes what MuJoCo reads of an attribute, and no other byte of the file."""
 
-import difflib
-import itertools
 import re
 from collections.abc import Mapping
 
 import mujoco
 import pytest
+from example_edits import ALL, BODIES, CG, EXCLUDE, FUSE, NO_ISLAND, STEP, checked_edit, disables
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mjbench.errors import InputError
-from mjbench.simulation import models
 from mjbench.tuning.mjcf_edit import edited
 from mjbench.tuning.settings import Edit, Part
-
-BODIES = """<worldbody>
-    <body name="a"><freejoint/><geom size=".1"/></body>
-    <body name="b" pos="0 0 1"><freejoint/><geom size=".1"/></body>
-    <body name="c" pos="0 0 2"><freejoint/><geom size=".1"/></body>
-  </worldbody>"""
-CG = Edit(Part.OPTION, "solver", "CG")
-STEP = Edit(Part.OPTION, "timestep", "0.003")
-NO_ISLAND = Edit(Part.FLAG, "island", "disable")
-ENERGY = Edit(Part.FLAG, "energy", "enable")
-FUSE = Edit(Part.COMPILER, "fusestatic", "true")
-EXCLUDE = Edit(Part.EXCLUDE, "a", "b")
-ALL = (CG, STEP, NO_ISLAND, ENERGY, FUSE, EXCLUDE)
-
-
-def _edited(text: str, *edits: Edit) -> str:
-    """Return the edited text, after a check that editing twice changes nothing more."""
-    once = edited(text.encode(), edits)
-    assert edited(once, edits) == once
-    return once.decode()
 
 
 def _model(text: str, files: Mapping[str, str] | None = None) -> mujoco.MjModel:
     assets = {name: content.encode() for name, content in (files or {}).items()}
     return mujoco.MjModel.from_xml_string(text, assets)
-
-
-def _disables(model: mujoco.MjModel, flag: str) -> bool:
-    bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag.upper()}")
-    return bool(model.opt.disableflags & int(bit))
 
 
 # -- where an attribute goes ------------------------------------------------------------------
@@ -111,7 +84,7 @@ def _disables(model: mujoco.MjModel, flag: str) -> bool:
 def test_an_attribute_is_changed_or_added_as_the_file_is_laid_out(
     text: str, edit: Edit, expected: str
 ) -> None:
-    assert _edited(text, edit) == expected
+    assert checked_edit(text, edit) == expected
 
 
 def test_the_section_that_sets_an_attribute_last_is_changed() -> None:
@@ -120,7 +93,7 @@ def test_the_section_that_sets_an_attribute_last_is_changed() -> None:
   {BODIES}
   <option solver="Newton"/>
 </mujoco>"""
-    changed = _edited(text, CG, STEP)
+    changed = checked_edit(text, CG, STEP)
     assert changed == text.replace("Newton", "CG").replace("0.001", "0.003")
     model = _model(changed)
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
@@ -129,7 +102,7 @@ def test_the_section_that_sets_an_attribute_last_is_changed() -> None:
 
 def test_a_new_attribute_goes_to_the_last_section() -> None:
     text = f'<mujoco><option timestep="0.001"/>{BODIES}<option cone="elliptic"/></mujoco>'
-    assert _edited(text, CG) == text.replace('"elliptic"', '"elliptic" solver="CG"')
+    assert checked_edit(text, CG) == text.replace('"elliptic"', '"elliptic" solver="CG"')
 
 
 @pytest.mark.parametrize("first", [True, False])
@@ -137,22 +110,22 @@ def test_a_flag_goes_to_the_flags_that_there_are(first: bool) -> None:
     flags = '<option><flag gravity="disable"/></option>'
     sections = [flags, '<option timestep="0.001"/>']
     text = f"<mujoco>{''.join(sections if first else sections[::-1])}{BODIES}</mujoco>"
-    changed = _edited(text, NO_ISLAND)
+    changed = checked_edit(text, NO_ISLAND)
     assert changed == text.replace('"disable"', '"disable" island="disable"')
-    assert _disables(_model(changed), "island")
-    assert _disables(_model(changed), "gravity")
+    assert disables(_model(changed), "island")
+    assert disables(_model(changed), "gravity")
 
 
 def test_a_flag_that_two_sections_set_is_changed_in_the_last() -> None:
     island = '<option><flag island="enable"/></option>'
     text = f"<mujoco>{island}{BODIES}{island}</mujoco>"
-    changed = _edited(text, NO_ISLAND)
+    changed = checked_edit(text, NO_ISLAND)
     assert changed == f"<mujoco>{island}{BODIES}{island.replace('enable', 'disable')}</mujoco>"
-    assert _disables(_model(changed), "island")
+    assert disables(_model(changed), "island")
 
 
 def test_edits_of_one_section_share_it() -> None:
-    changed = _edited(f"<mujoco>\n  {BODIES}\n</mujoco>\n", *ALL)
+    changed = checked_edit(f"<mujoco>\n  {BODIES}\n</mujoco>\n", *ALL)
     assert (
         changed
         == f"""<mujoco>
@@ -173,12 +146,12 @@ def test_edits_of_one_section_share_it() -> None:
 def test_a_later_edit_of_an_attribute_replaces_an_earlier_one() -> None:
     text = '<mujoco><option solver="Newton"/></mujoco>'
     pgs = Edit(Part.OPTION, "solver", "PGS")
-    assert _edited(text, CG, pgs) == text.replace("Newton", "PGS")
+    assert checked_edit(text, CG, pgs) == text.replace("Newton", "PGS")
 
 
 def test_a_value_that_is_there_already_changes_nothing() -> None:
     text = "<mujoco><option solver = 'C&#71;'><flag island='disable'/></option></mujoco>"
-    assert _edited(text, CG, NO_ISLAND) == text
+    assert checked_edit(text, CG, NO_ISLAND) == text
 
 
 # -- includes -----------------------------------------------------------------------------------
@@ -195,7 +168,7 @@ def test_an_include_before_the_section_leaves_it_last() -> None:
   <option solver="Newton"/>
   {BODIES}
 </mujoco>"""
-    changed = _edited(text, CG)
+    changed = checked_edit(text, CG)
     assert changed == text.replace("Newton", "CG")
     assert _model(changed, INCLUDED).opt.solver == mujoco.mjtSolver.mjSOL_CG
 
@@ -207,7 +180,7 @@ def test_an_include_behind_the_section_is_overridden_at_the_end(value: str) -> N
   <include file="options.xml"/>
   {BODIES}
 </mujoco>"""
-    changed = _edited(text, CG, STEP, NO_ISLAND)
+    changed = checked_edit(text, CG, STEP, NO_ISLAND)
     new = """
   <option solver="CG" timestep="0.003">
     <flag island="disable"/>
@@ -216,7 +189,7 @@ def test_an_include_behind_the_section_is_overridden_at_the_end(value: str) -> N
     model = _model(changed, INCLUDED)
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
     assert model.opt.timestep == 0.003
-    assert _disables(model, "island")
+    assert disables(model, "island")
 
 
 def test_a_section_behind_an_include_gets_what_one_before_it_sets() -> None:
@@ -226,7 +199,7 @@ def test_a_section_behind_an_include_gets_what_one_before_it_sets() -> None:
   <option cone="elliptic"/>
   {BODIES}
 </mujoco>"""
-    changed = _edited(text, CG)
+    changed = checked_edit(text, CG)
     assert changed == text.replace('"elliptic"', '"elliptic" solver="CG"')
     assert _model(changed, INCLUDED).opt.solver == mujoco.mjtSolver.mjSOL_CG
 
@@ -234,18 +207,18 @@ def test_a_section_behind_an_include_gets_what_one_before_it_sets() -> None:
 def test_an_option_that_includes_flags_gets_none_of_its_own() -> None:
     """MuJoCo 4.0 reads no flag of such a file, but counts it: two are one too many."""
     text = f'<mujoco><option><include file="flags.xml"/></option>{BODIES}</mujoco>'
-    changed = _edited(text, NO_ISLAND, CG)
+    changed = checked_edit(text, NO_ISLAND, CG)
     new = '<option><flag island="disable"/></option>'
     expected = text.replace("<option>", '<option solver="CG">', 1)
     assert changed == expected.replace("</mujoco>", f"{new}</mujoco>")
     model = _model(changed, {"flags.xml": '<mujoco><flag island="enable"/></mujoco>'})
-    assert _disables(model, "island")
+    assert disables(model, "island")
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
 
 
 def test_an_include_inside_a_body_hides_nothing() -> None:
     text = '<mujoco><option solver="PGS"/><worldbody><include file="x"/></worldbody></mujoco>'
-    assert _edited(text, CG) == text.replace("PGS", "CG")
+    assert checked_edit(text, CG) == text.replace("PGS", "CG")
 
 
 # -- what only looks like a section -------------------------------------------------------------
@@ -264,7 +237,7 @@ def test_an_include_inside_a_body_hides_nothing() -> None:
 )
 def test_sections_within_other_elements_comments_and_text_stay(decoy: str) -> None:
     text = f"<mujoco>\n  {decoy}\n</mujoco>"
-    changed = _edited(text, CG, EXCLUDE)
+    changed = checked_edit(text, CG, EXCLUDE)
     new = """
   <option solver="CG"/>
   <contact>
@@ -275,7 +248,7 @@ def test_sections_within_other_elements_comments_and_text_stay(decoy: str) -> No
 
 def test_a_value_may_hold_what_ends_a_tag() -> None:
     text = "<mujoco><option a='/>' b=\"&gt;'>\" solver='&gt;'/></mujoco>"
-    assert _edited(text, CG) == text.replace("solver='&gt;'", "solver='CG'")
+    assert checked_edit(text, CG) == text.replace("solver='&gt;'", "solver='CG'")
 
 
 def test_comments_may_hold_what_xml_forbids_and_mujoco_reads() -> None:
@@ -295,7 +268,7 @@ def test_a_pair_is_excluded_once_in_either_order() -> None:
   </contact>
 </mujoco>"""
     one, other = Edit(Part.EXCLUDE, "a", "c"), Edit(Part.EXCLUDE, "c", "a")
-    changed = _edited(text, EXCLUDE, one, other)
+    changed = checked_edit(text, EXCLUDE, one, other)
     new = '\n    <exclude body1="a" body2="c"/>'
     assert changed == text.replace('"y"/>', f'"y"/>{new}')
 
@@ -307,7 +280,7 @@ def test_names_of_bodies_are_escaped(name: str) -> None:
         with pytest.raises(InputError, match="XML cannot hold"):
             edited(b"<mujoco/>", [edit])
         return
-    changed = _edited(f"<mujoco>{BODIES}</mujoco>", edit)
+    changed = checked_edit(f"<mujoco>{BODIES}</mujoco>", edit)
     (exclude,) = mujoco.MjSpec.from_string(changed).excludes
     assert (exclude.bodyname1, exclude.bodyname2) == (name, "b")
 
@@ -315,109 +288,6 @@ def test_names_of_bodies_are_escaped(name: str) -> None:
 def test_a_name_that_no_xml_holds_is_refused() -> None:
     with pytest.raises(InputError, match="a character that XML cannot hold"):
         edited(b"<mujoco/>", [Edit(Part.EXCLUDE, "a\x01", "b")])
-
-
-# -- every other byte ---------------------------------------------------------------------------
-
-MANNERS = """<?xml version='1.0' {encoding}?>
-<!DOCTYPE mujoco [ <!ENTITY half "0.5"> <!-- option --> ]>
-<!-- before -->
-<mujoco model = 'm&amp;m' >
-\t<option   solver='PGS'\ttimestep = "0.001"
-\t\tcone="elliptic" />   <!-- behind -->
-
-\t<compiler angle="radian"></compiler><size memory='1M'/>
-\t<custom><text name="t" data="caf\xe9 &gt; 'x'"/></custom>
-\t<option><flag energy='disable' /></option>
-  \t
-</mujoco >
-<!-- after --><?pi x?>
-"""
-
-
-@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize(
-    ("codec", "mark", "declared"),
-    [
-        ("utf-8", b"", ""),
-        ("utf-8", b"\xef\xbb\xbf", "encoding='UTF-8'"),
-        ("latin-1", b"", "encoding='ISO-8859-1'"),
-        ("cp1252", b"", "encoding='windows-1252'"),
-        ("utf-16-le", b"\xff\xfe", "encoding='UTF-16'"),
-        ("utf-16-be", b"\xfe\xff", "encoding='UTF-16'"),
-        ("utf-16-le", b"", ""),
-    ],
-)
-def test_all_other_bytes_stay(codec: str, mark: bytes, declared: str, newline: str) -> None:
-    text = MANNERS.format(encoding=declared).replace("\n", newline)
-    changed = edited(mark + text.encode(codec), ALL)
-    assert edited(changed, ALL) == changed
-    assert changed.startswith(mark)
-    contact = '\t<contact>\n\t\t<exclude body1="a" body2="b"/>\n\t</contact>'
-    expected = (
-        text.replace("'PGS'", "'CG'")
-        .replace('"0.001"', '"0.003"')
-        .replace("energy='disable'", "energy='enable' island='disable'")
-        .replace('angle="radian"', 'angle="radian" fusestatic="true"')
-        .replace(
-            f"</option>{newline}  \t",
-            f"</option>\n{contact}\n  \t".replace("\n", newline),
-        )
-    )
-    assert changed[len(mark) :].decode(codec) == expected
-
-
-def test_characters_outside_the_encoding_become_references() -> None:
-    text = "<?xml version='1.0' encoding='ISO-8859-1'?><mujoco><!-- \xe9 --></mujoco>"
-    edit = Edit(Part.EXCLUDE, "\xe9", "\u03b1")
-    changed = edited(text.encode("latin-1"), [edit])
-    exclude = '<contact><exclude body1="\xe9" body2="&#945;"/></contact>'
-    assert changed.decode("latin-1") == text.replace("</mujoco>", f"{exclude}</mujoco>")
-    assert edited(changed, [edit]) == changed
-
-
-@pytest.mark.parametrize("name", models.shipped())
-@pytest.mark.parametrize("edits", [*((edit,) for edit in ALL[:-1]), ALL[:-1]], ids=str)
-def test_shipped_models_differ_only_in_what_was_added(name: str, edits: tuple[Edit, ...]) -> None:
-    path = models.resolve(name).path
-    text = path.read_text()
-    changed = _edited(text, *edits)
-    assert _reverted(text, changed, edits) == text
-    model = mujoco.MjSpec.from_string(changed).compile()
-    assert _disables(model, "island") == (NO_ISLAND in edits)
-    assert (model.opt.timestep == 0.003) == (STEP in edits)
-    if CG in edits:
-        assert model.opt.solver == mujoco.mjtSolver.mjSOL_CG
-
-
-def _reverted(text: str, changed: str, edits: tuple[Edit, ...]) -> str:
-    """Return the original: only values of edits are replaced, and only their markup is added."""
-    before, after = (re.findall(r"\s+|[^\s\"<>=]+|.", each) for each in (text, changed))
-    parts = []
-    allowed = {"option", "flag", "compiler", "/option", "/flag", "/", "<", ">", "=", '"'}
-    allowed |= {part for edit in edits for part in (edit.name, edit.value)}
-    matcher = difflib.SequenceMatcher(None, before, after, autojunk=False)
-    for kind, start, end, new_start, new_end in matcher.get_opcodes():
-        added = after[new_start:new_end]
-        if kind != "equal":
-            assert all(part.isspace() or part in allowed for part in added), added
-            assert len(before[start:end]) <= 1, before[start:end]
-        parts.append(before[start:end])
-    return "".join(itertools.chain.from_iterable(parts))
-
-
-def test_a_large_file_is_edited_at_both_ends() -> None:
-    geoms = '    <geom type="sphere" size="0.1" pos="0 0 1"/>  <!-- -- -->\n' * 90_000
-    start = '<mujoco>\n  <option solver="PGS"/>\n  <worldbody>\n'
-    text = f"{start}{geoms}  </worldbody>\n</mujoco>\n"
-    assert len(text) > 5_000_000
-    pairs = [Edit(Part.EXCLUDE, f"a{number}", "b") for number in range(2_000)]
-    changed = edited(text.encode(), [CG, NO_ISLAND, *pairs]).decode()
-    flag = '<option solver="CG">\n    <flag island="disable"/>\n  </option>'
-    excludes = "".join(f'\n    <exclude body1="{pair.name}" body2="b"/>' for pair in pairs)
-    head = start.replace('<option solver="PGS"/>', flag)
-    tail = f"  </worldbody>\n  <contact>{excludes}\n  </contact>\n</mujoco>\n"
-    assert changed == f"{head}{geoms}{tail}"
 
 
 # -- what is refused ----------------------------------------------------------------------------
