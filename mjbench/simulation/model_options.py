@@ -60,8 +60,56 @@ def set_option(model: mujoco.MjModel, field: str, text: str) -> None:
     Raises:
       InputError: no such field in this release, or it cannot have this value.
     """
+    _set_field(model.opt, field, text)
+
+
+def set_attribute(options: Any, name: str, text: str) -> None:
+    """Set a field of an MjOption to the value of an attribute of MJCF's `<option>`.
+
+    An enum's value is a keyword there, such as `CG`, and no number; flags are no attributes.
+
+    Args:
+      options: `opt` of an MjModel, or `option` of an MjSpec.
+      name: of the attribute, and of the field.
+      text: its value.
+
+    Raises:
+      InputError: no such attribute in this release, or it cannot have this value.
+    """
+    if name in _FLAGS:
+        raise InputError(f"option {name}: in MJCF, flags are attributes of <flag>")
+    if name in _ENUMS and _is_number(text):
+        raise InputError(f"option {name}: in MJCF its value is a keyword, not {text}")
+    _set_field(options, name, text)
+
+
+def set_flag(options: Any, name: str, text: str) -> None:
+    """Set the bit of an MjOption that stands for an attribute of MJCF's `<flag>`.
+
+    Args:
+      options: `opt` of an MjModel, or `option` of an MjSpec.
+      name: of the attribute, such as `island`. Its bit is in `disableflags` in some releases and in
+        `enableflags` in others (`multiccd`), or in none.
+      text: `enable` or `disable`.
+
+    Raises:
+      InputError: no such flag in this release, or it cannot have this value.
+    """
+    if text not in ("enable", "disable"):
+        raise InputError(f"flag {name}: {one_line(repr(text), 40)} is not enable or disable")
+    for field, setting in (("disableflags", "disable"), ("enableflags", "enable")):
+        bit = _values(_FLAGS[field]).get(name.upper())
+        if bit is not None:
+            others = int(getattr(options, field)) & ~bit
+            setattr(options, field, others | bit if text == setting else others)
+            return
+    raise InputError(f"flag {name}: MuJoCo {mujoco.mj_versionString()} has no such flag")
+
+
+def _set_field(options: Any, field: str, text: str) -> None:
+    """Set a field of an MjOption; see `set_option`."""
     check(field, text)
-    if not hasattr(model.opt, field):
+    if not hasattr(options, field):
         raise InputError(f"option {field}: MuJoCo {mujoco.mj_versionString()} has no such field")
     if field in _ENUMS:
         value: float = _enum_value(field, text)
@@ -69,7 +117,7 @@ def set_option(model: mujoco.MjModel, field: str, text: str) -> None:
         value = _flags(field, text)
     else:
         value = _number(field, text)
-    setattr(model.opt, field, value)
+    setattr(options, field, value)
 
 
 def _is_number(text: str) -> bool:

@@ -1,0 +1,265 @@
+"""Where the sections of an MJCF file lie in its bytes, and how its lines are indented.
+
+The standard library's expat says where elements start and end. MuJoCo reads comments more leniently
+than expat, so what a comment holds is hidden from it.
+"""
+
+import codecs
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NoReturn
+from xml.parsers import expat
+
+from mjbench.errors import InputError, one_line
+
+# Sections whose children are recorded; of other sections, only where they are.
+_SECTIONS = frozenset({"option", "compiler", "contact"})
+# Elements whose attribute `file` names another file of MJCF.
+_REFERRING = frozenset({"include", "model"})
+# What a file starts with whose encoding needs no declaration, and its codec.
+_STARTS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+    (b"<\0", "utf-16-le"),
+    (b"\0<", "utf-16-be"),
+)
+_COMMENT = re.compile(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
+_NOT_LINE_END = re.compile(rb"[^\r\n]")
+_TAG = re.compile(r"""<[^\s/>]+(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+_TAG_NAME = re.compile(r"<[^\s/>]+")
+_ATTRIBUTE = re.compile(r"""([^\s=]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_LINE_END = re.compile(r"\r\n|\n|\r")
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element of a file.
+
+    Attributes:
+      name: of the element.
+      attributes: as XML defines their values: entities replaced, line ends as spaces.
+      start: byte at which its start tag begins.
+      end: byte at which its end tag begins; without a meaning where it has none.
+      children: elements directly inside, in the order of the file: of the root all, of `<option>`,
+        `<compiler>` and `<contact>` all, of other elements none.
+    """
+
+    name: str
+    attributes: Mapping[str, str]
+    start: int
+    end: int
+    children: tuple["Element", ...]
+
+    def named(self, name: str) -> list["Element"]:
+        """Return the children of a name."""
+        return [child for child in self.children if child.name == name]
+
+
+@dataclass(frozen=True)
+class Value:
+    """Where the value of an attribute lies: its bytes between the quotes, and the quote."""
+
+    start: int
+    end: int
+    quote: str
+
+
+@dataclass(frozen=True)
+class StartTag:
+    """Where the parts of a start tag lie, in bytes of the file.
+
+    Attributes:
+      end: behind its `>`.
+      last: behind its last attribute; behind its name where it has none.
+      values: of its attributes, by name.
+      quote: of its last attribute; `"` where it has none.
+      is_empty: whether it is the whole element, as in `<option/>`.
+    """
+
+    end: int
+    last: int
+    values: Mapping[str, Value]
+    quote: str
+    is_empty: bool
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file of XML.
+
+    Attributes:
+      text: its bytes.
+      visible: the same bytes, with spaces for what comments hold.
+      codec: Python's name of its encoding.
+      root: its root element.
+      files: values of `file` of its `<include>` and `<model>` elements.
+    """
+
+    text: bytes
+    visible: bytes
+    codec: str
+    root: Element
+    files: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        """Number of bytes of an ASCII character."""
+        return len(" ".encode(self.codec))
+
+    @property
+    def newline(self) -> str:
+        """The file's first line end; nothing where it has only one line."""
+        return _first_newline(self.visible.decode(self.codec))
+
+    def tag(self, element: Element) -> StartTag:
+        """Return where the parts of an element's start tag lie."""
+        tag = self._tag_text(element)
+
+        def position(characters: int) -> int:
+            return element.start + len(tag[:characters].encode(self.codec))
+
+        name = _TAG_NAME.match(tag)
+        assert name is not None  # expat has read it
+        last, quote, values = name.end(), '"', {}
+        for match in _ATTRIBUTE.finditer(tag, name.end()):
+            start, end = match.span(2) if match[2] is not None else match.span(3)
+            last, quote = match.end(), tag[start - 1]
+            values[match[1]] = Value(position(start), position(end), quote)
+        return StartTag(position(len(tag)), position(last), values, quote, tag.endswith("/>"))
+
+    def indentation(self, position: int) -> str | None:
+        """Return the spaces and tabs before a position; None unless they begin a line."""
+        start = self.behind_last(position, " \t")
+        if start > self._first and self._character(start) not in "\r\n":
+            return None
+        return self.visible[start:position].decode(self.codec)
+
+    def line_end_before(self, position: int) -> str:
+        """Return the first line end of the white space before a position, or nothing."""
+        space = self.visible[self.behind_last(position, " \t\r\n") : position]
+        return _first_newline(space.decode(self.codec))
+
+    def behind_last(self, position: int, skipped: str) -> int:
+        """Return the position behind the last character before `position` not in `skipped`."""
+        while position > self._first and self._character(position) in skipped:
+            position -= self.width
+        return position
+
+    @property
+    def _first(self) -> int:
+        """Position of the first character, behind a byte order mark."""
+        return len(codecs.BOM_UTF8) if self.text.startswith(codecs.BOM_UTF8) else 0
+
+    def _character(self, position: int) -> str:
+        """Return the ASCII character before a position; something else for any other."""
+        return self.visible[position - self.width : position].decode(self.codec, "replace")
+
+    def _tag_text(self, element: Element) -> str:
+        """Return the start tag of an element: to the first `>` outside its values."""
+        mark = ">".encode(self.codec)
+        end = element.start
+        while True:
+            end = self.visible.index(mark, end) + 1
+            if (end - 1 - element.start) % self.width == 0:
+                tag = self.visible[element.start : end - 1 + self.width].decode(self.codec)
+                if _TAG.fullmatch(tag):
+                    return tag
+
+
+def parse(text: bytes) -> Document:
+    """Return where the sections of a file are.
+
+    Raises:
+      InputError: it is no well-formed XML, or refers to entities outside it.
+    """
+    if b"\0" in text[:64] and not text.startswith(tuple(start for start, _ in _STARTS)):
+        raise InputError("it is binary, not XML: give the MJCF file that it was compiled from")
+    reader = _Reader(_COMMENT.sub(_hidden, text))
+    return Document(text, reader.visible, reader.codec, reader.root, tuple(reader.files))
+
+
+def _hidden(match: re.Match[bytes]) -> bytes:
+    """Return a comment with spaces for what it holds; CDATA as it is."""
+    comment = match[0]
+    if not comment.startswith(b"<!--"):
+        return comment
+    return b"<!--" + _NOT_LINE_END.sub(b" ", comment[4:-3]) + b"-->"
+
+
+def _first_newline(text: str) -> str:
+    match = _LINE_END.search(text)
+    return match[0] if match else ""
+
+
+@dataclass
+class _Open:
+    """An element whose end is still to come."""
+
+    name: str
+    attributes: dict[str, str]
+    start: int
+    depth: int
+    children: list[Element] = field(default_factory=list)
+
+
+class _Reader:
+    """The handlers of expat's events, and what they recorded."""
+
+    def __init__(self, visible: bytes):
+        self.visible = visible
+        self.codec = next((codec for start, codec in _STARTS if visible.startswith(start)), "utf-8")
+        self.files: list[str] = []
+        self._depth = 0
+        self._open: list[_Open] = []
+        self._parser = expat.ParserCreate()
+        self._parser.specified_attributes = True
+        self._parser.XmlDeclHandler = self._declaration
+        self._parser.StartDoctypeDeclHandler = self._doctype
+        self._parser.EntityDeclHandler = self._entity
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        try:
+            self._parser.Parse(visible, True)
+        except (expat.ExpatError, LookupError, ValueError) as error:
+            raise InputError(f"it is not well-formed XML: {one_line(error)}") from error
+
+    def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
+        if encoding and not self.visible.startswith(tuple(start for start, _ in _STARTS)):
+            self.codec = codecs.lookup(encoding).name
+
+    def _doctype(self, name: str, system: str | None, public: str | None, internal: int) -> None:
+        if system or public:
+            _refuse_entities("its DOCTYPE names another file")
+
+    def _entity(self, name: str, is_parameter: int, value: str | None, *_: str | None) -> None:
+        if value is None:
+            _refuse_entities(f"its entity {one_line(name, 40)} is in another file")
+
+    def _start(self, name: str, attributes: dict[str, str]) -> None:
+        self._depth += 1
+        if name in _REFERRING and "file" in attributes:
+            self.files.append(attributes["file"])
+        if self._depth > 2 and not (self._depth == 3 and self._open[-1].name in _SECTIONS):
+            return
+        start = self._parser.CurrentByteIndex
+        if not self.visible.startswith(f"<{name}".encode(self.codec), start):
+            _refuse_entities(f"its <{one_line(name, 40)}> comes from an entity")
+        self._open.append(_Open(name, attributes, start, self._depth))
+
+    def _end(self, name: str) -> None:
+        if self._open[-1].depth == self._depth:
+            last = self._open.pop()
+            end = self._parser.CurrentByteIndex
+            children = tuple(last.children)
+            element = Element(last.name, last.attributes, last.start, end, children)
+            if self._open:
+                self._open[-1].children.append(element)
+            else:
+                self.root = element
+        self._depth -= 1
+
+
+def _refuse_entities(reason: str) -> NoReturn:
+    raise InputError(f"{reason}, which MuJoCo does not read: write out its text in the model")

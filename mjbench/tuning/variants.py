@@ -1,0 +1,282 @@
+"""A model with settings applied: compiled in memory, or written as a copy of the user's MJCF.
+
+Everything here loads the model, so it runs in a child process (see docs/architecture.md).
+"""
+
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from mjbench.errors import InputError, one_line, shown, writing
+from mjbench.instrument import files
+from mjbench.simulation import compat, model_options, models
+from mjbench.simulation.model_guard import ModelGuard
+from mjbench.simulation.models import ModelSource
+from mjbench.tuning import mjcf_edit, mjcf_sections
+from mjbench.tuning.settings import Edit, Part
+
+_COMPILED = ".mjb"
+_KEYWORDS = {"true": 1, "false": 0}
+
+
+def compiled(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
+    """Return the compiled model of `source` with edits applied; no file is written.
+
+    An .mjb file, and a release without MjSpec (before 3.2), can have edits of `<option>` alone.
+
+    Raises:
+      InputError: MuJoCo rejects the file or an edit, or warns because of an edit.
+    """
+    if source.path.suffix.lower() == _COMPILED or compat.spec_unavailable():
+        return _with_options(source, edits)
+    model, messages = _compiled(source, edits)
+    if messages and edits:
+        _, usual = _compiled(source, [])
+        for message in messages:
+            if message not in usual:
+                raise InputError(f"{_label(source, edits)}: MuJoCo warns: {one_line(message)}")
+    return model
+
+
+def write(source: ModelSource, edits: Sequence[Edit], target: Path) -> None:
+    """Write a copy of an MJCF file with edits applied, complete or not at all.
+
+    The copy takes its place only when MuJoCo compiles it, in its folder, to what `compiled`
+    returns. A file that is there is replaced; where `target` is a link, the file that it leads to.
+
+    Raises:
+      InputError: `source` is no MJCF, MuJoCo rejects an edit, `target` is a file that the model is
+        read from, or the copy compiles to something else, as where its meshes are not beside it.
+      MachineError: the file cannot be written.
+    """
+    if source.path.suffix.lower() == _COMPILED:
+        raise InputError(f"{source.name} is compiled: give the MJCF file that it comes from")
+    with writing(target):
+        file = Path(os.path.realpath(target))
+    _check_target(source, target, file)
+    text, absent = _read(source.path), _absent(source, edits)
+    try:
+        text = mjcf_edit.edited(text, absent)
+    except InputError as error:
+        raise InputError(f"{source.name}: {error}") from error
+    with writing(target), files.replacing(file) as partial:
+        partial.write_bytes(text)
+        _check_copy(source, edits, target, partial)
+
+
+# -- edits of a model in memory ---------------------------------------------------------------
+
+
+def _with_options(source: ModelSource, edits: Sequence[Edit]) -> mujoco.MjModel:
+    """Return a model whose options were set after it was compiled.
+
+    Raises:
+      InputError: an edit is none of `<option>`, or MuJoCo rejects it.
+    """
+    model = models.load(source)
+    for edit in edits:
+        if edit.part in (Part.OPTION, Part.FLAG):
+            _set_option(source, model.opt, edit)
+            continue
+        reason = compat.spec_unavailable() or "it is compiled, give the MJCF that it comes from"
+        raise InputError(f"{_label(source, [edit])}: {reason}")
+    return model
+
+
+def _compiled(source: ModelSource, edits: Sequence[Edit]) -> tuple[mujoco.MjModel, list[str]]:
+    """Return a compiled model, and what MuJoCo warned of.
+
+    Raises:
+      InputError: MuJoCo rejects the file or an edit.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        spec = _spec(source)
+        for edit in edits:
+            _apply(source, spec, edit)
+        try:
+            model = spec.compile()
+        except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
+            raise InputError(
+                f"{_label(source, edits)}: MuJoCo cannot compile it: {one_line(error)}"
+            ) from error
+    return model, [str(warning.message) for warning in caught]
+
+
+def _spec(source: ModelSource) -> Any:
+    """Return the MjSpec of a file.
+
+    Raises:
+      InputError: MuJoCo rejects the file.
+    """
+    try:
+        return mujoco.MjSpec.from_file(str(source.path))
+    except Exception as error:  # as above
+        raise InputError(f"{source.name}: MuJoCo cannot load it: {one_line(error)}") from error
+
+
+def _apply(source: ModelSource, spec: Any, edit: Edit) -> None:
+    """Apply an edit to an MjSpec.
+
+    Raises:
+      InputError: this release has no such attribute, or it cannot have this value.
+    """
+    if edit.part == Part.EXCLUDE:
+        if not _is_excluded(spec, edit):
+            exclude = spec.add_exclude()
+            exclude.bodyname1, exclude.bodyname2 = edit.name, edit.value
+    elif edit.part == Part.COMPILER:
+        _set_compiler(source, spec, edit)
+    else:
+        _set_option(source, spec.option, edit)
+
+
+def _set_option(source: ModelSource, options: Any, edit: Edit) -> None:
+    """Set an attribute of `<option>` or `<flag>`.
+
+    Raises:
+      InputError: this release has none, or it cannot have this value.
+    """
+    set_one = model_options.set_flag if edit.part == Part.FLAG else model_options.set_attribute
+    try:
+        set_one(options, edit.name, edit.value)
+    except InputError as error:
+        raise InputError(f"{source.name}: {error}") from error
+
+
+def _set_compiler(source: ModelSource, spec: Any, edit: Edit) -> None:
+    """Set an attribute of `<compiler>` that is a number, or `true` or `false`.
+
+    Raises:
+      InputError: this release has none, or it cannot have this value.
+    """
+    present = getattr(getattr(spec, "compiler", None), edit.name, None)
+    if not isinstance(present, bool | int | float):
+        raise InputError(
+            f"{_label(source, [edit])}: MuJoCo {mujoco.mj_versionString()} has no such attribute"
+            " that is a number, true or false"
+        )
+    try:  # some releases have integers for true and false
+        value = _KEYWORDS[edit.value] if isinstance(present, bool) else _number(edit.value)
+    except (KeyError, ValueError):
+        kind = "true or false" if isinstance(present, bool) else "a number, true or false"
+        raise InputError(f"{_label(source, [edit])}: its value is {kind}") from None
+    setattr(spec.compiler, edit.name, type(present)(value))
+
+
+def _number(text: str) -> float:
+    """Return the number that an attribute's value stands for; raises ValueError if none."""
+    return float(_KEYWORDS.get(text, text))
+
+
+def _is_excluded(spec: Any, edit: Edit) -> bool:
+    """Return whether a model excludes a pair of bodies already, in either order."""
+    pair = {edit.name, edit.value}
+    return any({exclude.bodyname1, exclude.bodyname2} == pair for exclude in spec.excludes)
+
+
+def _label(source: ModelSource, edits: Sequence[Edit]) -> str:
+    """Return a model's name and its edits, for a message."""
+    return f"{source.name} with {one_line(', '.join(map(_shown, edits)))}" if edits else source.name
+
+
+def _shown(edit: Edit) -> str:
+    """Return an edit as a message names it."""
+    if edit.part == Part.EXCLUDE:
+        return f"exclude {edit.name} {edit.value}"
+    kind = "" if edit.part == Part.OPTION else f"{edit.part} "
+    return f"{kind}{edit.name}={edit.value}"
+
+
+# -- the copy -----------------------------------------------------------------------------------
+
+
+def _check_target(source: ModelSource, target: Path, file: Path) -> None:
+    """Refuse what cannot be the copy.
+
+    Args:
+      source: of the model.
+      target: as the user named it.
+      file: where it leads.
+
+    Raises:
+      InputError: it is no MJCF by its name, no regular file, or one that the model is read from.
+    """
+    if file.suffix.lower() != ".xml":
+        raise InputError(f"{shown(str(target))}: the name of a copy ends in .xml")
+    if not file.exists():
+        return
+    if not file.is_file():
+        raise InputError(f"{shown(str(target))} is not a regular file")
+    if any(file.samefile(path) for path in _inputs(source.path)):
+        raise InputError(
+            f"{shown(str(target))} is a file that {source.name} is read from: choose another"
+        )
+
+
+def _inputs(path: Path) -> Iterator[Path]:
+    """Yield the files of MJCF that a model is read from, as far as they can be read.
+
+    MuJoCo looks for an included file in the folder of the model, and in that of the file including
+    it.
+    """
+    pending, visited = [path], set()
+    while pending:
+        file = pending.pop()
+        real = os.path.realpath(file)
+        if real in visited or not file.is_file():
+            continue
+        visited.add(real)
+        yield file
+        try:
+            names = mjcf_sections.parse(_read(file)).files
+        except InputError:  # `edited` and MuJoCo say more of it
+            continue
+        pending += [folder / name for name in names for folder in (path.parent, file.parent)]
+
+
+def _read(path: Path) -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {shown(str(path))}: {error.strerror}") from error
+
+
+def _absent(source: ModelSource, edits: Sequence[Edit]) -> list[Edit]:
+    """Return the edits that are not of pairs which a file included by the model excludes."""
+    if not any(edit.part == Part.EXCLUDE for edit in edits) or compat.spec_unavailable():
+        return list(edits)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # `compiled` reports those of edits
+        spec = _spec(source)
+    return [e for e in edits if e.part != Part.EXCLUDE or not _is_excluded(spec, e)]
+
+
+def _check_copy(source: ModelSource, edits: Sequence[Edit], target: Path, copy: Path) -> None:
+    """Compare the model that a written copy compiles to with the one that it must be.
+
+    Raises:
+      InputError: MuJoCo rejects the copy, or its model differs in any number.
+    """
+    expected = ModelGuard(compiled(source, edits))
+    try:
+        model = mujoco.MjModel.from_xml_path(str(copy))
+    except Exception as error:  # MuJoCo raises ValueError, FatalError, and others by release
+        reason = f"there, MuJoCo cannot load it: {one_line(error)}"
+    else:
+        field = expected.difference_apart_from_paths(model)
+        if field is None:
+            return
+        reason = f"there, its {field} is not that of {_label(source, edits)}"
+    moved = copy.parent.resolve() != source.path.parent.resolve()
+    advice = f"; write it to {source.path.parent}, beside what it refers to" if moved else ""
+    raise InputError(f"{shown(str(target))} is not written: {reason}{advice}")
