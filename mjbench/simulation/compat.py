@@ -240,8 +240,8 @@ def enum_name(enum: Any, value: int, prefix: str) -> str:
 def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
     """Return whether a flag of `<option><flag>` is enabled; None where this release lacks it.
 
-    Releases have made flags that enable a feature into ones that disable it: MJCF has one name for
-    both.
+    Some flags enabled a feature in older releases and disable it in newer ones; MJCF has one
+    name for both.
 
     Args:
       model: that has the flag.

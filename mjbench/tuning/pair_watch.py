@@ -12,7 +12,7 @@ from mjbench.tuning import geom_pairs
 _MAX_DISTANCES = 20_000
 # Pairs whose bounding spheres are compared at most, in all samples together.
 _MAX_GAPS = 20_000_000
-# Distances above this many metres are not told apart.
+# Distances are computed up to this many metres.
 _FAR_M = 1000.0
 
 

@@ -143,7 +143,9 @@ def test_seeds_decide_what_is_seen() -> None:
         ("a.mjb", "<mujoco/>", False),
     ],
 )
-def test_mjcf_is_told_by_its_root(tmp_path: Path, name: str, text: str, expected: bool) -> None:
+def test_mjcf_is_recognised_by_its_root(
+    tmp_path: Path, name: str, text: str, expected: bool
+) -> None:
     (tmp_path / name).write_text(text)
     assert observed.is_mjcf(tmp_path / name) is expected
 
