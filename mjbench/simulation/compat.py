@@ -162,6 +162,20 @@ def solver_iterations(data: mujoco.MjData) -> np.ndarray:
     return np.array([data.solver_iter])
 
 
+def line_search_iterations(data: mujoco.MjData) -> int:
+    """Return the iterations of the longest line search of the last step; 0 without any.
+
+    They are the cost evaluations of mjSolverStat, which `ls_iterations` bounds, by and large: there
+    are at least 2, and some releases add up to 2 at the end. Statistics are stored of the first
+    mjNSOLVER iterations of each of the first mjNISLAND islands.
+    """
+    evaluations = np.array(data.solver.neval)
+    slots = len(data.solver_niter) if hasattr(data, "solver_niter") else 1
+    by_island = evaluations.reshape(slots, -1)
+    used = zip(by_island, solver_iterations(data), strict=False)
+    return max((int(row[:count].max(initial=0)) for row, count in used), default=0)
+
+
 def warning_counts(data: mujoco.MjData) -> np.ndarray:
     """Return a copy of the warning counters, one per mjtWarning."""
     return np.array(data.warning.number)
@@ -221,6 +235,40 @@ def enum_name(enum: Any, value: int, prefix: str) -> str:
         if name.startswith(prefix) and int(getattr(enum, name)) == int(value):
             return name.removeprefix(prefix).lower()
     return str(int(value))
+
+
+def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
+    """Return whether a flag of `<option><flag>` is enabled; None where this release lacks it.
+
+    Some flags enabled a feature in older releases and disable it in newer ones; MJCF has one
+    name for both.
+
+    Args:
+      model: that has the flag.
+      name: as MJCF has it, such as `multiccd`.
+    """
+    disables = getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)
+    if disables is not None:
+        return not int(model.opt.disableflags) & int(disables)
+    enables = getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}", None)
+    return None if enables is None else bool(int(model.opt.enableflags) & int(enables))
+
+
+def set_flag(model: mujoco.MjModel, name: str, enabled: bool) -> None:
+    """Enable or disable a flag that this release has (see `flag_enabled`)."""
+    disables = getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)
+    if disables is not None:
+        bit, field, is_set = int(disables), "disableflags", not enabled
+    else:
+        enables = getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}")
+        bit, field, is_set = int(enables), "enableflags", enabled
+    flags = int(getattr(model.opt, field))
+    setattr(model.opt, field, flags | bit if is_set else flags & ~bit)
+
+
+def has_geom_distance() -> bool:
+    """Return whether the engine computes the distance of two geoms."""
+    return hasattr(mujoco, "mj_geomDistance")
 
 
 def flag_names(model: mujoco.MjModel) -> list[str]:

@@ -14,7 +14,7 @@ from mjbench.simulation.models import MAX_TIMESTEP_S, MIN_TIMESTEP_S
 # The engine's mjMAXVAL: it treats larger numbers as a sign of instability.
 _MAXVAL = 1e10
 # Fields that hold an enum: its name, and what the names of its values begin with.
-_ENUMS: Mapping[str, tuple[str, str]] = {
+ENUMS: Mapping[str, tuple[str, str]] = {
     "integrator": ("mjtIntegrator", "mjINT_"),
     "solver": ("mjtSolver", "mjSOL_"),
     "cone": ("mjtCone", "mjCONE_"),
@@ -39,7 +39,7 @@ _NUMBERS: Mapping[str, tuple[float, float]] = {
     "density": (0.0, _MAXVAL),
     "viscosity": (0.0, _MAXVAL),
 }
-FIELDS = ("timestep", *_ENUMS, *_COUNTS, *(n for n in _NUMBERS if n != "timestep"), *_FLAGS)
+FIELDS = ("timestep", *ENUMS, *_COUNTS, *(n for n in _NUMBERS if n != "timestep"), *_FLAGS)
 
 
 def check(field: str, text: str) -> None:
@@ -50,7 +50,7 @@ def check(field: str, text: str) -> None:
     """
     if field not in FIELDS:
         raise InputError(f"no option {field!r}; the fields of MjOption are {', '.join(FIELDS)}")
-    if field not in _ENUMS or _is_number(text):
+    if field not in ENUMS or _is_number(text):
         _number(field, text)
 
 
@@ -78,7 +78,7 @@ def set_attribute(options: Any, name: str, text: str) -> None:
     """
     if name in _FLAGS:
         raise InputError(f"option {name}: in MJCF, flags are attributes of <flag>")
-    if name in _ENUMS and _is_number(text):
+    if name in ENUMS and _is_number(text):
         raise InputError(f"option {name}: in MJCF its value is a keyword, not {text}")
     _set_field(options, name, text)
 
@@ -111,7 +111,7 @@ def _set_field(options: Any, field: str, text: str) -> None:
     check(field, text)
     if not hasattr(options, field):
         raise InputError(f"option {field}: MuJoCo {mujoco.mj_versionString()} has no such field")
-    if field in _ENUMS:
+    if field in ENUMS:
         value: float = _enum_value(field, text)
     elif field in _FLAGS:
         value = _flags(field, text)
@@ -154,7 +154,7 @@ def _int(enum: Any, name: str) -> int:
 
 def _enum_value(field: str, text: str) -> int:
     """Return the value of an enum by its number, or by its name in any case."""
-    values = _values(_ENUMS[field])
+    values = _values(ENUMS[field])
     if _is_number(text):
         value = int(_number(field, text))
         known = value in values.values()

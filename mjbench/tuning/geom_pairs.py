@@ -1,0 +1,143 @@
+"""Which geoms of a model can collide, by the filters of the engine's collision detection.
+
+They are those of "Collision detection: Selection" in MuJoCo's documentation: static bodies, bodies
+that are welded together, parent and child, `contype` and `conaffinity`, and `<exclude>`. Explicit
+pairs (`<pair>`) bypass them and are not part of this.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjbench.simulation import compat
+
+# Geoms that can collide, at most: memory and time grow with their square.
+MAX_GEOMS = 2000
+# Pairs of geom types with a collision function of their own; planes have one with every type. All
+# others are left to the iterative convex collider (mjCOLLISIONFUNC in the engine's source).
+_OWN_FUNCTION = (
+    ("SPHERE", "SPHERE"),
+    ("SPHERE", "CAPSULE"),
+    ("SPHERE", "CYLINDER"),
+    ("SPHERE", "BOX"),
+    ("CAPSULE", "CAPSULE"),
+    ("CAPSULE", "BOX"),
+    ("BOX", "BOX"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class GeomPairs:
+    """Pairs of geoms that the engine's filters let through.
+
+    Attributes:
+      geoms: (npair, 2) indices of geoms.
+      bodies: (npair, 2) indices of their bodies, the lower one first.
+      are_bounded: (npair,) bool: whether joints bound how the two bodies can lie to each other, as
+        neither is free to go anywhere (see `_anchors`).
+      is_too_large: whether the model has more than MAX_GEOMS geoms that can collide, so there are
+        no pairs here although the model has some.
+    """
+
+    geoms: np.ndarray
+    bodies: np.ndarray
+    are_bounded: np.ndarray
+    is_too_large: bool = False
+
+    def only(self, mask: np.ndarray) -> "GeomPairs":
+        """Return the pairs where the boolean mask is true."""
+        return GeomPairs(self.geoms[mask], self.bodies[mask], self.are_bounded[mask])
+
+
+def colliding_geoms(model: mujoco.MjModel) -> np.ndarray:
+    """Return the indices of the geoms that collide, explicit pairs included; in rising order."""
+    collides = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
+    collides[np.asarray(model.pair_geom1)] = True
+    collides[np.asarray(model.pair_geom2)] = True
+    return np.flatnonzero(collides)
+
+
+def read(model: mujoco.MjModel) -> GeomPairs:
+    """Return the pairs of geoms that the engine's filters let through."""
+    none = np.empty((0, 2), dtype=int)
+    geoms = colliding_geoms(model)
+    if len(geoms) > MAX_GEOMS:
+        return GeomPairs(none, none, np.empty(0, dtype=bool), is_too_large=True)
+    if not compat.flag_enabled(model, "contact") or not compat.flag_enabled(model, "constraint"):
+        return GeomPairs(none, none, np.empty(0, dtype=bool))
+    first, second = (geoms[index] for index in np.triu_indices(len(geoms), k=1))
+    body_of = np.asarray(model.geom_bodyid)
+    passes = _compatible(model, first, second)
+    passes &= ~_same_or_parent(model, body_of[first], body_of[second])
+    passes &= ~_excluded(model, body_of[first], body_of[second])
+    pairs = np.stack([first[passes], second[passes]], axis=1)
+    bodies = np.sort(body_of[pairs], axis=1)
+    anchors = _anchors(model)
+    return GeomPairs(pairs, bodies, anchors[bodies[:, 0]] == anchors[bodies[:, 1]])
+
+
+def are_planes(model: mujoco.MjModel) -> np.ndarray:
+    """Return (ngeom,) bool: which geoms are planes."""
+    return np.asarray(model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE))
+
+
+def need_convex_collider(model: mujoco.MjModel, pairs: GeomPairs) -> bool:
+    """Return whether some pair is left to the iterative convex collider."""
+    kinds = mujoco.mjtGeom
+    own = {
+        frozenset((int(getattr(kinds, f"mjGEOM_{a}")), int(getattr(kinds, f"mjGEOM_{b}"))))
+        for a, b in _OWN_FUNCTION
+    }
+    plane = int(kinds.mjGEOM_PLANE)
+    explicit = np.stack([np.asarray(model.pair_geom1), np.asarray(model.pair_geom2)], axis=1)
+    types = np.asarray(model.geom_type)[np.concatenate([pairs.geoms, explicit]).astype(int)]
+    return any(
+        plane not in (int(a), int(b)) and frozenset((int(a), int(b))) not in own
+        for a, b in np.unique(types, axis=0)
+    )
+
+
+def _compatible(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return (npair,) bool: whether contype and conaffinity of two geoms let them collide."""
+    contype, conaffinity = np.asarray(model.geom_contype), np.asarray(model.geom_conaffinity)
+    forward = contype[first] & conaffinity[second]
+    backward = contype[second] & conaffinity[first]
+    return np.asarray((forward | backward) != 0)
+
+
+def _same_or_parent(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return (npair,) bool: whether bodies are welded together, static, or parent and child."""
+    weld = np.asarray(model.body_weldid)
+    parent = weld[np.asarray(model.body_parentid)[weld]]  # by body: of its weld group
+    a, b = weld[first], weld[second]
+    same = a == b
+    if not compat.flag_enabled(model, "filterparent"):
+        return np.asarray(same)
+    related = (a == parent[second]) | (b == parent[first])
+    return np.asarray(same | (related & (a != 0) & (b != 0)))
+
+
+def _excluded(model: mujoco.MjModel, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return (npair,) bool: whether `<exclude>` names two bodies."""
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    return np.isin((low << 16) + high, np.asarray(model.exclude_signature))
+
+
+def _anchors(model: mujoco.MjModel) -> np.ndarray:
+    """Return (nbody,) the body from which joints bound where each body can go.
+
+    That is its nearest ancestor, or itself, which can go anywhere: by a free joint, by a slide
+    joint without limits, or as a mocap body; the world where there is none. Two bodies with the
+    same anchor meet in few poses; others meet wherever the simulation leads.
+    """
+    free, slide = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+    kinds, limited = np.asarray(model.jnt_type), np.asarray(model.jnt_limited).astype(bool)
+    is_anchor = np.asarray(model.body_mocapid) >= 0
+    goes_anywhere = (kinds == free) | ((kinds == slide) & ~limited)
+    is_anchor[np.asarray(model.jnt_bodyid)[goes_anywhere]] = True
+    anchors = np.arange(model.nbody)
+    for body in range(1, model.nbody):  # parents come before their children
+        if not is_anchor[body]:
+            anchors[body] = anchors[model.body_parentid[body]]
+    return anchors

@@ -1,0 +1,272 @@
+"""Which values of a knob are worth trying on a model.
+
+Every function here returns settings that differ from the model's own value, and none where the
+model or this release has no use for them.
+"""
+
+import copy
+from collections.abc import Callable, Iterable, Sequence
+
+import mujoco
+
+from mjbench.instrument import topology
+from mjbench.simulation import compat, model_options
+from mjbench.simulation.workload import start_data
+from mjbench.tuning import model_features as features
+from mjbench.tuning.observed import Observed, Usage
+from mjbench.tuning.settings import CLOCK_OFF, Edit, Part, Setting
+
+Values = Callable[[Observed], list[Setting]]
+Condition = Callable[[Observed], bool]
+
+# Integrators that are faster than each one, or about as fast, by MJCF's keyword. RK4 evaluates the
+# dynamics four times; `implicit` factorises an asymmetric matrix, `implicitfast` a symmetric one.
+_FAST = ("Euler", "implicitfast", "discrete")
+_FASTER_INTEGRATORS = {
+    "Euler": _FAST,
+    "implicitfast": _FAST,
+    "discrete": (*_FAST, "implicit"),
+    "implicit": _FAST,
+    "RK4": (*_FAST, "implicit"),
+}
+# From so many degrees of freedom on, `jacobian="auto"` is sparse (mj_isSparse).
+_AUTO_SPARSE_NV = 60
+_TIMESTEP_FACTORS = (2, 4, 8)
+
+
+def _always(_: Observed) -> bool:
+    return True
+
+
+def _option(name: str, value: str, evidence: str = "") -> Setting:
+    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),), evidence=evidence)
+
+
+# -- options ------------------------------------------------------------------------------------
+
+
+def keywords(name: str, choices: Sequence[str], applies: Condition = _always) -> Values:
+    """Return what offers an option's other keywords, where they apply and the engine takes them."""
+
+    def values(observed: Observed) -> list[Setting]:
+        if not applies(observed):
+            return []
+        present = _keyword(observed.model, name)
+        return [
+            _option(name, choice)
+            for choice in choices
+            if choice.lower() != present and _is_accepted(observed.model, name, choice)
+        ]
+
+    return values
+
+
+def integrators(observed: Observed) -> list[Setting]:
+    """Return integrators that are faster than the model's, or about as fast."""
+    present = _keyword(observed.model, "integrator")
+    for keyword, faster in _FASTER_INTEGRATORS.items():
+        if keyword.lower() == present:
+            return keywords("integrator", faster)(observed)
+    return []
+
+
+def jacobians(observed: Observed) -> list[Setting]:
+    """Return the storage of the constraint Jacobian that the model does not have now."""
+    model = observed.model
+    if not observed.max_constraints:
+        return []
+    present = _keyword(model, "jacobian")
+    if present == "auto":
+        present = "sparse" if model.nv >= _AUTO_SPARSE_NV else "dense"
+    return [_option("jacobian", "dense" if present == "sparse" else "sparse")]
+
+
+def timesteps(observed: Observed) -> list[Setting]:
+    """Return multiples of the timestep: powers of 2, so that grids of controls stay aligned."""
+    timestep_s = float(observed.model.opt.timestep)
+    return [_option("timestep", repr(factor * timestep_s)) for factor in _TIMESTEP_FACTORS]
+
+
+def iterations(observed: Observed) -> list[Setting]:
+    """Return bounds on the solver's iterations that some observed step exceeds."""
+    return _bounds("iterations", observed.solver, "solver iterations")
+
+
+def line_search_iterations(observed: Observed) -> list[Setting]:
+    """Return bounds on the iterations of a line search that some observed step exceeds.
+
+    Not 1: a line search evaluates the cost twice in any case, so 1 does the same as 2.
+    """
+    return _bounds("ls_iterations", observed.line_search, "line-search iterations", least=2)
+
+
+def no_noslip(observed: Observed) -> list[Setting]:
+    """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
+    has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
+    return [_option("noslip_iterations", "0")] if has_some else []
+
+
+def fewer(name: str, choices: Iterable[int], applies: Condition) -> Values:
+    """Return what offers smaller bounds of an option, where this release has it."""
+    return _compared(name, choices, applies, lambda choice, present: choice < present)
+
+
+def coarser(name: str, choices: Iterable[float], applies: Condition) -> Values:
+    """Return what offers larger tolerances of an option, where this release has it."""
+    return _compared(name, choices, applies, lambda choice, present: choice > present)
+
+
+def _compared(
+    name: str,
+    choices: Iterable[float],
+    applies: Condition,
+    is_cheaper: Callable[[float, float], bool],
+) -> Values:
+    def values(observed: Observed) -> list[Setting]:
+        present = getattr(observed.model.opt, name, None)
+        if present is None or not applies(observed):
+            return []
+        return [_option(name, f"{c:g}") for c in choices if is_cheaper(c, float(present))]
+
+    return values
+
+
+def _bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
+    """Return powers of 2 below what steps used: larger bounds bind nowhere."""
+    evidence = f"observed steps take {used.median} {what} in the median and {used.most} at most"
+    powers = (2**k for k in range(used.most.bit_length()))
+    return [_option(name, str(power), evidence) for power in powers if least <= power < used.most]
+
+
+def _keyword(model: mujoco.MjModel, name: str) -> str:
+    """Return the present value of an option that holds an enum, in lower case."""
+    enum, prefix = model_options.ENUMS[name]
+    return compat.enum_name(getattr(mujoco, enum), getattr(model.opt, name), prefix)
+
+
+def _is_accepted(model: mujoco.MjModel, name: str, keyword: str) -> bool:
+    """Return whether this release has an option's value, and steps this model with it."""
+    enum, prefix = model_options.ENUMS[name]
+    value = getattr(getattr(mujoco, enum), prefix + keyword.upper(), None)
+    if value is None:
+        return False
+    changed = copy.copy(model)
+    setattr(changed.opt, name, int(value))
+    return _can_step(changed)
+
+
+def _can_step(model: mujoco.MjModel) -> bool:
+    """Return whether the engine steps a model: it refuses some features together."""
+    try:
+        mujoco.mj_step(model, start_data(model))
+    except mujoco.FatalError:
+        return False
+    return True
+
+
+# -- flags --------------------------------------------------------------------------------------
+
+
+def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
+    """Return what offers the other value of a flag, where it applies and the engine takes it."""
+
+    def values(observed: Observed) -> list[Setting]:
+        enabled = compat.flag_enabled(observed.model, name)
+        if enabled is None or not applies(observed):
+            return []
+        changed = copy.copy(observed.model)
+        compat.set_flag(changed, name, not enabled)
+        if not _can_step(changed):
+            return []
+        value = "disable" if enabled else "enable"
+        return [Setting(name, f"{name}={value}", (Edit(Part.FLAG, name, value),), loses=loses)]
+
+    return values
+
+
+def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values:
+    """Return what offers to disable a flag that is enabled."""
+    other = flag(name, applies, loses)
+    return lambda o: other(o) if compat.flag_enabled(o.model, name) else []
+
+
+def has_islands(observed: Observed) -> bool:
+    """Return whether constraints may be solved island by island: PGS solves all together."""
+    return observed.max_constraints > 0 and _keyword(observed.model, "solver") != "pgs"
+
+
+def is_damped_euler(observed: Observed) -> bool:
+    """Return whether Euler's method integrates joint damping."""
+    is_euler = _keyword(observed.model, "integrator") == "euler"
+    return is_euler and features.damps_joints(observed.model)
+
+
+def unused_features(observed: Observed) -> list[Setting]:
+    """Return one setting that disables every feature that the model does not have."""
+    model = observed.model
+    absent = [
+        feature for feature in features.absent(model) if compat.flag_enabled(model, feature.flag)
+    ]
+    if not absent:
+        return []
+    edits = tuple(Edit(Part.FLAG, feature.flag, "disable") for feature in absent)
+    evidence = f"the model has no {', no '.join(feature.plural for feature in absent)}"
+    return [Setting("unused features", "unused features off", edits, evidence=evidence)]
+
+
+# -- what only MJCF can say ---------------------------------------------------------------------
+
+
+def excludes(observed: Observed) -> list[Setting]:
+    """Return one setting that excludes all pairs of bodies that never touched."""
+    pairs = observed.idle_pairs
+    if not pairs or not observed.is_mjcf:
+        return []
+    edits = tuple(Edit(Part.EXCLUDE, pair.body1, pair.body2) for pair in pairs)
+    count = f"{len(pairs)} pair{'s' * (len(pairs) > 1)}"
+    return [Setting("excludes", f"exclude {count}", edits, evidence=_never_touched(observed))]
+
+
+def no_visual_geoms(observed: Observed) -> list[Setting]:
+    """Return a setting that discards geoms that are only drawn, where there are some."""
+    count = features.drawn_geoms(observed.model)
+    if not count or not observed.is_mjcf:
+        return []
+    edit = Edit(Part.COMPILER, "discardvisual", "true")
+    evidence = f"{count} geom{' is' if count == 1 else 's are'} only drawn"
+    loses = "geoms that are only drawn"
+    label = "discardvisual=true"
+    return [Setting("visual geoms", label, (edit,), loses=loses, evidence=evidence)]
+
+
+def _never_touched(observed: Observed) -> str:
+    pairs = observed.idle_pairs
+    seen = f"in {observed.simulated_s:.3g} s of simulation"
+    if observed.nposes:
+        seen += f" and {observed.nposes} random poses"
+    closest_m = [pair.closest_m for pair in pairs if pair.closest_m is not None]
+    nearest = f"; the closest came within {min(closest_m):.2g} m" if closest_m else ""
+    unnamed = observed.unnamed_idle_pairs
+    more = f"; {unnamed} more cannot be excluded, as a body has no name" if unnamed else ""
+    return f"{len(pairs)} pair{'s' * (len(pairs) > 1)} never touched {seen}{nearest}{more}"
+
+
+# -- the loop -----------------------------------------------------------------------------------
+
+
+def clock_off(observed: Observed) -> list[Setting]:
+    """Return the loop without the engine's clock, where the engine has one."""
+    if not compat.has_clock(observed.model):
+        return []
+    return [Setting("engine clock", "engine clock off", path_options=CLOCK_OFF)]
+
+
+def threads(observed: Observed) -> list[Setting]:
+    """Return thread pools within one simulation, of the sizes at which cores run out."""
+    if compat.threadpool_unavailable() is not None:
+        return []
+    counts = [count for count in topology.read().thread_counts() if count > 1]
+    return [
+        Setting("engine threads", f"engine threads={n}", path_options={"engine_threads": n})
+        for n in counts
+    ]

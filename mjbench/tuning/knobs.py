@@ -1,0 +1,273 @@
+"""The table of knobs: what `mjbench tune` may change, and to which values for a given model.
+
+A knob offers values that differ from the model's own, that can have an effect on it, and that this
+release has. To add one, write a row of KNOBS.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mjbench.tuning import knob_values as values
+from mjbench.tuning import model_features as features
+from mjbench.tuning.observed import Observed
+from mjbench.tuning.settings import Setting
+
+# The oldest release that mjbench supports; what it has is often older.
+_OLDEST = "2.3.7"
+
+_COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
+_CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")
+_SOLVER = ("constraint solver",)
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One thing to change.
+
+    Attributes:
+      name: of the knob; that of its option or flag, where it is one.
+      values: returns the settings worth trying; none where the model or the release has no use for
+        them.
+      stages: of a step (see `loop.engine_stages`; `other` included) that it can speed up; empty for
+        the whole step.
+      changes: what it may change, in one short sentence.
+      since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
+    """
+
+    name: str
+    values: Callable[[Observed], Sequence[Setting]]
+    stages: tuple[str, ...]
+    changes: str
+    since: str
+
+
+def _has_constraints(observed: Observed) -> bool:
+    return observed.max_constraints > 0
+
+
+def _has_contacts(observed: Observed) -> bool:
+    return observed.max_contacts > 0
+
+
+def _is_convex(observed: Observed) -> bool:
+    return features.needs_convex_collider(observed.model)
+
+
+KNOBS: Sequence[Knob] = (
+    Knob(
+        "timestep",
+        values.timesteps,
+        (),
+        "All motion: integration errors grow, and contacts become softer.",
+        _OLDEST,
+    ),
+    Knob(
+        "integrator",
+        values.integrators,
+        ("integration",),
+        "How positions and velocities advance: accuracy and stability.",
+        _OLDEST,
+    ),
+    Knob(
+        "solver",
+        values.keywords("solver", ("Newton", "CG", "PGS"), _has_constraints),
+        _CONSTRAINTS,
+        "Constraint forces, as far as the other algorithm converges less.",
+        _OLDEST,
+    ),
+    Knob(
+        "iterations",
+        values.iterations,
+        _SOLVER,
+        "Constraint forces of the steps that need more iterations.",
+        _OLDEST,
+    ),
+    Knob(
+        "ls_iterations",
+        values.line_search_iterations,
+        _SOLVER,
+        "Constraint forces of the steps that need longer line searches.",
+        _OLDEST,
+    ),
+    Knob(
+        "tolerance",
+        values.coarser("tolerance", (1e-6, 1e-5, 1e-4), _has_constraints),
+        _SOLVER,
+        "Constraint forces, within the tolerance.",
+        _OLDEST,
+    ),
+    Knob(
+        "noslip_iterations",
+        values.no_noslip,
+        _SOLVER,
+        "Contacts may slip slowly.",
+        _OLDEST,
+    ),
+    Knob(
+        "cone",
+        values.keywords("cone", ("pyramidal", "elliptic"), _has_contacts),
+        _CONSTRAINTS,
+        "Friction forces: the other cone is another model of friction.",
+        _OLDEST,
+    ),
+    Knob(
+        "jacobian",
+        values.jacobians,
+        _CONSTRAINTS,
+        "Nothing but rounding.",
+        _OLDEST,
+    ),
+    Knob(
+        "ccd_iterations",
+        values.fewer("ccd_iterations", (20, 10, 5), _is_convex),
+        ("narrow-phase collision",),
+        "Contacts of meshes, cylinders and ellipsoids that need more iterations.",
+        "3.2.3",
+    ),
+    Knob(
+        "ccd_tolerance",
+        values.coarser("ccd_tolerance", (1e-5, 1e-4, 1e-3), _is_convex),
+        ("narrow-phase collision",),
+        "Contacts of meshes, cylinders and ellipsoids, within the tolerance.",
+        "3.2.3",
+    ),
+    Knob(
+        "excludes",
+        values.excludes,
+        _COLLISION,
+        "These bodies pass through each other, should they ever meet.",
+        _OLDEST,
+    ),
+    Knob(
+        "sleep",
+        values.flag("sleep", lambda observed: features.can_sleep(observed.model)),
+        (),
+        "Bodies that hardly move stop entirely.",
+        "3.4.0",
+    ),
+    Knob(
+        "island",
+        values.flag("island", values.has_islands),
+        _CONSTRAINTS,
+        "Constraint forces, within the solver's tolerance.",
+        "3.0.0",
+    ),
+    Knob(
+        "warmstart",
+        values.flag("warmstart", _has_constraints),
+        _SOLVER,
+        "Constraint forces, within the solver's tolerance.",
+        _OLDEST,
+    ),
+    Knob(
+        "nativeccd",
+        values.flag("nativeccd", _is_convex),
+        ("narrow-phase collision",),
+        "Contacts of meshes, cylinders and ellipsoids: another algorithm.",
+        "3.2.3",
+    ),
+    Knob(
+        "multiccd",
+        values.disabled("multiccd", _is_convex),
+        (*_COLLISION, *_CONSTRAINTS),
+        "Flat faces of meshes touch at one point instead of several.",
+        _OLDEST,
+    ),
+    Knob(
+        "midphase",
+        values.flag("midphase", lambda observed: features.has_compound_bodies(observed.model)),
+        ("collision",),
+        "Nothing but rounding.",
+        _OLDEST,
+    ),
+    Knob(
+        "eulerdamp",
+        values.flag("eulerdamp", values.is_damped_euler),
+        ("integration",),
+        "Joint damping: explicit damping is less stable.",
+        "3.0.0",
+    ),
+    Knob(
+        "autoreset",
+        values.disabled("autoreset", loses="the reset of simulations that diverge"),
+        ("other",),
+        "Nothing, unless a simulation diverges.",
+        "3.2.1",
+    ),
+    Knob(
+        "override",
+        values.disabled("override", _has_contacts),
+        _CONSTRAINTS,
+        "Contacts get the parameters of their geoms back.",
+        _OLDEST,
+    ),
+    Knob(
+        "speculative",
+        values.disabled("speculative", _has_contacts),
+        (*_COLLISION, *_CONSTRAINTS),
+        "Fast bodies may pass through thin ones.",
+        "4.0.0",
+    ),
+    Knob(
+        "diagexact",
+        values.disabled("diagexact", _has_constraints),
+        _CONSTRAINTS,
+        "How soft constraints are.",
+        "3.9.0",
+    ),
+    Knob(
+        "sensor",
+        values.disabled("sensor", lambda o: o.model.nsensor > 0, loses="sensor data"),
+        ("other",),
+        "Nothing but sensor data.",
+        _OLDEST,
+    ),
+    Knob(
+        "energy",
+        values.disabled("energy", loses="the energy in mjData"),
+        ("other",),
+        "Nothing but mjData.energy.",
+        _OLDEST,
+    ),
+    Knob(
+        "fwdinv",
+        values.disabled("fwdinv", loses="the check of forward against inverse dynamics"),
+        ("other",),
+        "Nothing but mjData.solver_fwdinv.",
+        _OLDEST,
+    ),
+    Knob(
+        "visual geoms",
+        values.no_visual_geoms,
+        ("kinematics",),
+        "Nothing but what is drawn, and what rays hit.",
+        _OLDEST,
+    ),
+    Knob(
+        "unused features",
+        values.unused_features,
+        (),
+        "Nothing, as long as the model has none of them.",
+        _OLDEST,
+    ),
+    Knob(
+        "engine clock",
+        values.clock_off,
+        (),
+        "Nothing but mjData.timer.",
+        "3.3.1",
+    ),
+    Knob(
+        "engine threads",
+        values.threads,
+        (),
+        "Nothing but rounding.",
+        "3.10.0",
+    ),
+)
+
+
+def settings(observed: Observed) -> dict[str, tuple[Setting, ...]]:
+    """Return the settings worth trying by the name of their knob, in the order of the table."""
+    offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
+    return {name: some for name, some in offered.items() if some}

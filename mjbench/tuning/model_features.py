@@ -1,0 +1,121 @@
+"""Which features of the engine a model uses."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjbench.simulation import compat
+from mjbench.tuning import geom_pairs
+
+
+def is_zero(model: mujoco.MjModel, term: str) -> bool:
+    """Return whether all arrays of a model whose names end in `term`, or in `termpoly`, are zero.
+
+    Looked up by name, as releases add some: `stiffness` stands for `jnt_stiffness`,
+    `tendon_stiffness`, `jnt_stiffnesspoly`, ….
+    """
+    names = [name for name in dir(model) if name.endswith((f"_{term}", f"_{term}poly"))]
+    return not any(np.any(getattr(model, name)) for name in names)
+
+
+def damps_joints(model: mujoco.MjModel) -> bool:
+    """Return whether some joint has damping, which integrators treat implicitly."""
+    return bool(np.any(model.dof_damping))
+
+
+def has_limits(model: mujoco.MjModel) -> bool:
+    """Return whether some joint or tendon is limited."""
+    return bool(np.any(model.jnt_limited) or np.any(model.tendon_limited))
+
+
+def can_collide(model: mujoco.MjModel) -> bool:
+    """Return whether contacts are possible at all."""
+    pairs = geom_pairs.read(model)
+    return bool(pairs.is_too_large or len(pairs.geoms) or model.npair or model.nflex)
+
+
+def needs_convex_collider(model: mujoco.MjModel) -> bool:
+    """Return whether some geoms that can collide are left to the iterative convex collider."""
+    pairs = geom_pairs.read(model)
+    return pairs.is_too_large or geom_pairs.need_convex_collider(model, pairs)
+
+
+def has_compound_bodies(model: mujoco.MjModel) -> bool:
+    """Return whether a body has several geoms that collide, so that it has a bounding tree."""
+    bodies = np.asarray(model.geom_bodyid)[geom_pairs.colliding_geoms(model)]
+    return len(np.unique(bodies)) < len(bodies)
+
+
+def can_sleep(model: mujoco.MjModel) -> bool:
+    """Return whether the release knows sleep, and some tree of the model is allowed to."""
+    if compat.flag_enabled(model, "sleep") is None:
+        return False
+    policies = mujoco.mjtSleepPolicy
+    allowed = [getattr(policies, f"mjSLEEP_{name}") for name in ("AUTO_ALLOWED", "ALLOWED", "INIT")]
+    return bool(np.isin(model.tree_sleep_policy, [int(policy) for policy in allowed]).any())
+
+
+def drawn_geoms(model: mujoco.MjModel) -> int:
+    """Return how many geoms are only drawn: nothing collides with them, or refers to them.
+
+    These are about those that `discardvisual` discards.
+    """
+    geom = int(mujoco.mjtObj.mjOBJ_GEOM)
+    only_drawn = np.ones(model.ngeom, dtype=bool)
+    only_drawn[geom_pairs.colliding_geoms(model)] = False
+    for types, ids in (
+        (model.sensor_objtype, model.sensor_objid),
+        (model.sensor_reftype, model.sensor_refid),
+        (model.tuple_objtype, model.tuple_objid),
+    ):
+        only_drawn[np.asarray(ids)[np.asarray(types) == geom]] = False
+    wraps = [int(getattr(mujoco.mjtWrap, f"mjWRAP_{name}")) for name in ("SPHERE", "CYLINDER")]
+    only_drawn[np.asarray(model.wrap_objid)[np.isin(model.wrap_type, wraps)]] = False
+    only_drawn &= np.asarray(model.geom_fluid)[:, 0] == 0  # no ellipsoid fluid model
+    return int(only_drawn.sum())
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A feature of the engine that a flag of MJCF disables.
+
+    Attributes:
+      flag: its name in `<option><flag>`.
+      plural: what a model has that uses it, such as `equality constraints`.
+    """
+
+    flag: str
+    plural: str
+
+
+def absent(model: mujoco.MjModel) -> list[Feature]:
+    """Return the features that a model has no use for.
+
+    Disabling `spring` and `damper` together disables all passive forces, so `damper` is left out
+    where others act.
+    """
+    no_collision = not can_collide(model)
+    no_friction_loss, no_limits = is_zero(model, "frictionloss"), not has_limits(model)
+    no_springs = not model.nflex and is_zero(model, "stiffness")
+    no_dampers = not model.nflex and is_zero(model, "damping")
+    no_constraints = not model.neq and no_friction_loss and no_limits and no_collision
+    needs_damper_flag = no_springs and _has_other_passive_forces(model)
+    features = (
+        (not model.neq, "equality", "equality constraints"),
+        (no_friction_loss, "frictionloss", "friction loss"),
+        (no_limits, "limit", "joint limits"),
+        (no_collision, "contact", "geoms that can collide"),
+        (no_constraints, "constraint", "constraints"),
+        (not model.nu, "actuation", "actuators"),
+        (not model.nsensor, "sensor", "sensors"),
+        (no_springs, "spring", "springs"),
+        (no_dampers and not needs_damper_flag, "damper", "dampers"),
+    )
+    return [Feature(flag, plural) for is_absent, flag, plural in features if is_absent]
+
+
+def _has_other_passive_forces(model: mujoco.MjModel) -> bool:
+    """Return whether gravity compensation, a fluid or a plugin may act."""
+    fluid = model.opt.density or model.opt.viscosity
+    return bool(fluid or model.nplugin or np.any(model.body_gravcomp))

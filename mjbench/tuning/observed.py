@@ -1,0 +1,243 @@
+"""What a model does in its usual regime: solver iterations, contacts, and bodies that never touch.
+
+`observe` steps simulations like those of every other command for what is usual. What never happens
+is claimed only after exploring further: from every keyframe, with controls that span their range,
+and in random poses. Simulations alone do not do: of the pairs of bodies that never touched in 60 s,
+half did with another seed (humanoid, quadruped_terrain).
+"""
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjbench.simulation import compat, models, sampling, starts, workload
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
+from mjbench.tuning import random_poses
+from mjbench.tuning.pair_watch import Idle, IdlePair, PairWatch
+
+# Simulated seconds to observe, and seconds of computing that they may take.
+OBSERVED_S, MAX_COMPUTING_S = 20.0, 5.0
+# Random poses, and seconds of computing that they may take.
+NPOSE, _POSES_S = 10_000, 1.0
+# What reading the counters of a step takes, in seconds, and how many steps distances are read in.
+_READING_S, _NSAMPLE = 2e-5, 200
+# Usual simulations, and those of wide controls; keyframes, at most.
+_NUSUAL, _NWIDE, _MAX_KEYFRAMES = 4, 4, 8
+# Wide controls: their standard deviation is the whole half of their range, so many are at its end.
+_WIDE_SPREAD = 1.0 / workload.CONTROL_SHARE
+
+
+@dataclass(frozen=True)
+class Usage:
+    """How many iterations the steps of the usual regime took.
+
+    Attributes:
+      median: half of the steps took at most so many.
+      most: of any step.
+    """
+
+    median: int
+    most: int
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What was seen of a model.
+
+    Attributes:
+      model: as its file has it.
+      is_mjcf: whether it is an MJCF file; others have nothing that a compiler could read.
+      simulated_s: simulated seconds, of all simulations together.
+      nposes: random poses that were looked at for bodies that touch.
+      solver: solver iterations of a step, those of the constraint island with the most, which
+        `iterations` bounds.
+      line_search: iterations of the longest line search of a step, which `ls_iterations` bounds; 0
+        with a solver that has none.
+      max_contacts: most contacts of a step, in all simulations.
+      max_constraints: most scalar constraints of a step, likewise.
+      idle_pairs: bodies that were tested for collision in detail and never touched.
+      unnamed_idle_pairs: how many more there are, with a body that has no name.
+    """
+
+    model: mujoco.MjModel
+    is_mjcf: bool
+    simulated_s: float
+    nposes: int
+    solver: Usage
+    line_search: Usage
+    max_contacts: int
+    max_constraints: int
+    idle_pairs: tuple[IdlePair, ...] = ()
+    unnamed_idle_pairs: int = 0
+
+
+def observe(
+    source: ModelSource, seed: int = 0, plan: StartPlan = DEFAULT_STARTS, hold: int = 1
+) -> Observed:
+    """Return what is seen of a model that is loaded and stepped in this process.
+
+    Args:
+      source: of the model.
+      seed: of starts and controls.
+      plan: where the starts of the usual simulations come from.
+      hold: steps per control.
+
+    Raises:
+      InputError: the model cannot be loaded, every simulation diverges, or a file is unfit.
+    """
+    return observe_model(models.load(source), is_mjcf(source.path), seed, plan, hold)
+
+
+def is_mjcf(path: Path) -> bool:
+    """Return whether a model file is MJCF: XML, and not a URDF."""
+    if path.suffix.lower() != ".xml":
+        return False
+    try:
+        with path.open("rb") as stream:
+            _, root = next(ElementTree.iterparse(stream, events=("start",)))
+    except (OSError, ElementTree.ParseError, StopIteration):
+        return False
+    return str(root.tag) != "robot"
+
+
+def observe_model(
+    model: mujoco.MjModel,
+    is_mjcf: bool,
+    seed: int = 0,
+    plan: StartPlan = DEFAULT_STARTS,
+    hold: int = 1,
+) -> Observed:
+    """Return what is seen of a loaded model; arguments and errors are those of `observe`."""
+    step_s = sampling.settled_step_s(model)
+    wanted = OBSERVED_S / float(model.opt.timestep)
+    nstep = max(1, int(min(wanted, MAX_COMPUTING_S / (step_s + _READING_S))))
+    nexplored = nstep // 2
+    run = _Run(model, hold, max(1, nstep // _NSAMPLE))
+    request = SampleRequest(
+        _NUSUAL,
+        workload.whole_holds((nstep - nexplored) // _NUSUAL, hold),
+        hold,
+        seed,
+        plan,
+        starts.max_settling_nstep(step_s),
+        may_shorten=True,
+    )
+    usual = sampling.draw(model, request).workload
+    for state, control in zip(usual.initial_state, usual.control, strict=True):
+        run.simulate(_from_state(state), control)
+    nusual = run.nstep
+    for reset, control in _exploring(model, nexplored, hold, seed):
+        run.simulate(reset, control)
+    if not model.neq:  # equality constraints forbid poses that joint limits allow
+        run.pose(min(NPOSE, max(1, int(_POSES_S / (step_s + _READING_S)))), seed)
+    return run.observed(is_mjcf, nusual)
+
+
+# How a simulation starts: a function that sets an MjData that was reset.
+_Reset = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+
+def _from_state(state: np.ndarray) -> _Reset:
+    return lambda model, data: compat.set_state(
+        model, data, state, compat.state_spec("INTEGRATION")
+    )
+
+
+def _from_keyframe(key: int) -> _Reset:
+    return lambda model, data: mujoco.mj_resetDataKeyframe(model, data, key)
+
+
+def _exploring(
+    model: mujoco.MjModel, nstep: int, hold: int, seed: int
+) -> Iterator[tuple[_Reset, np.ndarray]]:
+    """Yield starts and (ncontrol, nu) controls that explore further than the usual ones."""
+    nkey = min(int(model.nkey), _MAX_KEYFRAMES)
+    rng = np.random.default_rng([seed, 3])
+    ncontrol = max(1, nstep // (nkey + _NWIDE) // hold)
+    usual = workload.random_controls(model, nkey, ncontrol, hold, rng, spread=1.0)
+    for key, control in enumerate(usual):
+        yield _from_keyframe(key), control + (model.key_ctrl[key] - model.key_ctrl[0])
+    wide = workload.random_controls(model, _NWIDE, ncontrol, hold, rng, _WIDE_SPREAD)
+    for control in wide:
+        yield workload.reset_to_start, control
+
+
+class _Run:
+    """Simulations, and what their steps did."""
+
+    def __init__(self, model: mujoco.MjModel, hold: int, sample_every: int):
+        """Prepare to step a model, with distances read every so many steps."""
+        self._model, self._hold, self._sample_every = model, hold, sample_every
+        self._data = mujoco.MjData(model)
+        self._pairs = PairWatch(model, 2 * _NSAMPLE)  # of steps and of poses
+        self._iterations: list[tuple[int, int]] = []  # of the solver, and of line searches
+        self._max_contacts = self._max_constraints = self._nposes = 0
+
+    @property
+    def nstep(self) -> int:
+        """Steps of all simulations so far."""
+        return len(self._iterations)
+
+    def simulate(self, reset: _Reset, control: np.ndarray) -> None:
+        """Step one simulation through (ncontrol, nu) controls."""
+        model, data = self._model, self._data
+        mujoco.mj_resetData(model, data)
+        reset(model, data)
+        for ctrl in control:
+            data.ctrl[:] = ctrl
+            for _ in range(self._hold):
+                mujoco.mj_step(model, data)
+                self._read_step()
+
+    def pose(self, count: int, seed: int) -> None:
+        """Look at the contacts of random poses."""
+        model, data = self._model, self._data
+        workload.reset_to_start(model, data)
+        rng = np.random.default_rng([seed, 4])
+        sample_every = max(1, count // _NSAMPLE)
+        for number, qpos in enumerate(random_poses.draw(model, np.array(data.qpos), count, rng)):
+            data.qpos[:] = qpos
+            mujoco.mj_fwdPosition(model, data)
+            self._pairs.contacts(data)
+            if number % sample_every == 0:
+                self._pairs.sample(data)
+        self._nposes += count
+
+    def _read_step(self) -> None:
+        data = self._data
+        if self.nstep % self._sample_every == 0:
+            self._pairs.sample(data)
+        self._pairs.contacts(data)
+        iterations = int(compat.solver_iterations(data).max(initial=0))
+        search = compat.line_search_iterations(data) if iterations else 0
+        self._iterations.append((iterations, search))
+        self._max_contacts = max(self._max_contacts, int(data.ncon))
+        self._max_constraints = max(self._max_constraints, int(data.nefc))
+
+    def observed(self, is_mjcf: bool, nusual: int) -> Observed:
+        """Return what was seen, with the iterations of the first `nusual` steps."""
+        solver, line_search = np.array(self._iterations[:nusual], dtype=int).reshape(-1, 2).T
+        idle: Idle = self._pairs.idle()
+        return Observed(
+            self._model,
+            is_mjcf,
+            self.nstep * float(self._model.opt.timestep),
+            self._nposes,
+            _usage(solver),
+            _usage(line_search),
+            self._max_contacts,
+            self._max_constraints,
+            idle.pairs,
+            idle.unnamed,
+        )
+
+
+def _usage(iterations: np.ndarray) -> Usage:
+    """Return the usage of (nstep,) iterations."""
+    return Usage(int(np.ceil(np.median(iterations))), int(iterations.max()))
