@@ -3,11 +3,11 @@
 from rich.console import Console
 
 from mjbench.comparison.plan import Variant, describe_options
+from mjbench.environment.layers import Layer
+from mjbench.environment.recording import Moment
+from mjbench.environment.records import EnvironmentFacts
 from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_recording import Moment
-from mjbench.program.environment_records import EnvironmentFacts
 from mjbench.report import tables
 from mjbench.report.environment_results import EnvironmentRow, VectorRow, nthread
 from mjbench.status import Status

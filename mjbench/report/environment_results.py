@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.instrument import stats
-from mjbench.instrument.stats import Estimate
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_recording import ModelChange
-from mjbench.program.environment_records import (
+from mjbench.environment.layers import Layer
+from mjbench.environment.recording import ModelChange
+from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,
     LayerSamples,
     PhysicsCheck,
     VectorForm,
 )
+from mjbench.instrument import stats
+from mjbench.instrument.stats import Estimate
 from mjbench.status import Status
 
 # Less than any clock tells.

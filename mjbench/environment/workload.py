@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.program.environment_recording import Recording, StepTrace
+from mjbench.environment.recording import Recording, StepTrace
 from mjbench.simulation.workload import Workload
 
 # Steps of the environment in a simulation, at most; and the share of its steps that shorter
@@ -31,16 +31,14 @@ class PhysicsAlone:
       final_state: (nbatch, nstate) states that the environment was in at their ends.
       numbers: (nbatch * run,) of the environment's steps that it covers.
       run: steps of the environment in each simulation.
-      frame_skip: steps of the engine in each step of the environment.
-      holds: whether the control is held for all of them; otherwise the environment computes
-        another for each.
+      holds: whether a control is held for all steps of the engine in a step of the environment;
+        otherwise the environment computes another for each.
     """
 
     workload: Workload
     final_state: np.ndarray
     numbers: np.ndarray
     run: int
-    frame_skip: int
     holds: bool
 
 
@@ -116,7 +114,6 @@ def _assembled(
         np.array([usable[piece[-1]].end for piece in pieces]),
         np.array([n for piece in pieces for n in piece]),
         length,
-        frame_skip,
         holds,
     )
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mjbench.program.environment_layers import Layer, layer_of
+from mjbench.environment.layers import Layer, layer_of
 
 # What functions of these layers call is looked for, too; what others call belongs to them.
 _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.REST}

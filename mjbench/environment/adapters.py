@@ -2,8 +2,8 @@
 
 Frameworks are told apart by what an environment has, not by its class, so an environment of the
 user's own needs no package: Gymnasium's has `action_space`, dm_control's a method `action_spec`,
-robosuite's a pair `action_spec`. Physics is found elsewhere, from the engine's functions (see
-`environment_recording`).
+robosuite's a pair `action_spec`. How it does
+physics is read from its calls of the engine (see `environment.recording`).
 """
 
 import contextlib
@@ -14,10 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mjbench.environment import callees
+from mjbench.environment.callees import Callee
+from mjbench.environment.layers import Layer
 from mjbench.errors import InputError, one_line
-from mjbench.program import environment_callees
-from mjbench.program.environment_callees import Callee
-from mjbench.program.environment_layers import Layer
 
 # Where a wrapper keeps the environment inside it.
 _INNER = ("env", "_env", "environment", "_environment")
@@ -77,7 +77,7 @@ class EnvironmentAdapter(ABC):
         name = type(environment).__name__
         if environment is not self.core:
             return Layer.WRAPPERS, name
-        info = ", with info" if environment_callees.builds_info(environment) else ""
+        info = ", with info" if callees.builds_info(environment) else ""
         return Layer.REST, f"lines of {name}.step{info}"
 
     def resetting(self, seed: int) -> Callable[[], Any]:

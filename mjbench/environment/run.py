@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 
 from mjbench.comparison.plan import Variant
+from mjbench.environment import (
+    adapters,
+    construction,
+    engine,
+    physics_comparison,
+    workload,
+)
+from mjbench.environment.adapters import EnvironmentAdapter
+from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass
+from mjbench.environment.physics_comparison import PhysicsComparison
+from mjbench.environment.recording import EngineWatch, ModelChange, Recording, StepTrace
+from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
+from mjbench.environment.source import EnvironmentSource
+from mjbench.environment.timer import LayerTime, TimerCost, measure_cost
+from mjbench.environment.workload import PhysicsAlone
 from mjbench.errors import InputError
 from mjbench.instrument import machine, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.program import (
-    environment_adapter,
-    environment_comparison,
-    environment_making,
-    environment_passes,
-    environment_workload,
-)
-from mjbench.program.environment_adapter import EnvironmentAdapter
-from mjbench.program.environment_comparison import PhysicsComparison
-from mjbench.program.environment_passes import EnvironmentPasses, LayeredPass, Pass
-from mjbench.program.environment_recording import EngineWatch, ModelChange, Recording, StepTrace
-from mjbench.program.environment_records import EnvironmentFacts, PhysicsCheck
-from mjbench.program.environment_source import EnvironmentSource
-from mjbench.program.environment_timer import LayerTime, TimerCost, measure_cost
-from mjbench.program.environment_workload import PhysicsAlone
 from mjbench.simulation import work
 from mjbench.status import Status
 
@@ -122,7 +122,7 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     variant; an `EnvironmentRound` for each round; `PathDisagreed` for each path that was wrong.
     """
     channel.doing("making the environment")
-    adapter = environment_adapter.adapt(environment_making.make(request.source))
+    adapter = adapters.adapt(construction.make(request.source))
     channel.doing("stepping the environment")
     alive = _signs_of_life(channel)
     nstep = request.nstep or _affordable_nstep(adapter, request.seed, alive)
@@ -142,7 +142,7 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
     comparison = None
     if isinstance(physics, PhysicsAlone):
-        comparison = environment_comparison.prepare(physics, request.variants, channel)
+        comparison = physics_comparison.prepare(physics, request.variants, channel)
     _time(passes, comparison, request, channel)
 
 
@@ -161,7 +161,7 @@ def _signs_of_life(channel: Channel) -> Callable[[], None]:
 
 
 def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
-    with environment_making.blamed("its action space"):
+    with construction.blamed("its action space"):
         return adapter.draw_actions(count, seed)
 
 
@@ -198,14 +198,14 @@ def _physics_alone(
     recording: Recording, repeats: bool, seed: int, nthread: int
 ) -> PhysicsAlone | str:
     """Return the physics to compare with; or why there is no comparison, in words."""
-    physics = environment_workload.alone(recording, seed, nthread)
+    physics = workload.alone(recording, seed, nthread)
     if isinstance(physics, str):
         return physics
     if not repeats:
         return "with the same seed and actions, the environment does not do the same again"
     if not np.isfinite(physics.final_state).all():
         return "its states are not finite"
-    return environment_comparison.difference_from(physics) or physics
+    return physics_comparison.difference_from(physics) or physics
 
 
 def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
@@ -214,7 +214,7 @@ def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
         covered, run, holds = len(physics.numbers), physics.run, physics.holds
         return PhysicsCheck(Status.OK, "", recording.checked, covered, run, holds)
     if recording.difference is not None:
-        detail = environment_comparison.described(*recording.difference)
+        detail = physics_comparison.described(*recording.difference)
         return PhysicsCheck(Status.DISAGREES, detail, recording.checked)
     return PhysicsCheck(Status.UNAVAILABLE, physics, recording.checked)
 
@@ -294,7 +294,7 @@ class _Turns:
     ):
         self._passes, self._comparison = passes, comparison
         self._variants, self._channel = request.variants, channel
-        self._elsewhere = environment_passes.bindings()
+        self._elsewhere = engine.bindings()
         self._random = random.Random(request.seed)
         self._rng = np.random.default_rng([request.seed, 6])
         cores = min(

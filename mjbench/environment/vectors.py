@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from mjbench.environment import adapters, construction
+from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
+from mjbench.environment.records import EnvironmentRecord, VectorForm, VectorSamples
+from mjbench.environment.source import EnvironmentSource
 from mjbench.errors import InputError, describe
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
-from mjbench.program import environment_adapter, environment_making
-from mjbench.program.environment_adapter import EnvironmentAdapter, GymnasiumAdapter
-from mjbench.program.environment_records import EnvironmentRecord, VectorForm, VectorSamples
-from mjbench.program.environment_source import EnvironmentSource
 from mjbench.status import Status
 
 # Steps of a block: as many as take one environment this long, within these bounds.
@@ -112,7 +112,7 @@ def added(
         request = VectorRequest(source, plan, step_s, frozenset(fatal))
         try:
             ended = isolate.run(
-                "mjbench.program.environment_vectors:measure_in_child",
+                "mjbench.environment.vectors:measure_in_child",
                 request,
                 measurement.receive,
                 plan.limit_s,
@@ -197,7 +197,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     each round, and another `FormReport` for each form that was wrong in a timed block.
     """
     channel.doing("making the environment for its vectorised forms")
-    adapter = environment_adapter.adapt(environment_making.make(request.source))
+    adapter = adapters.adapt(construction.make(request.source))
     reason = _no_forms(adapter)
     if reason:
         channel.send(NoForms(reason))
@@ -268,7 +268,7 @@ class _Single:
           InputError: the environment raised something.
         """
         environment, resets_next = self._environment, _resets_in_next_step()
-        with environment_making.blamed("its step"):
+        with construction.blamed("its step"):
             observation, _ = environment.reset(seed=self.seed)
             self.observations = [_copied(observation)]
             seconds, is_over = 0.0, False
@@ -361,7 +361,7 @@ class _Factory:
     source: EnvironmentSource
 
     def __call__(self) -> Any:
-        return environment_making.make(self.source)
+        return construction.make(self.source)
 
 
 def _time(

@@ -6,11 +6,11 @@ import example_environments as examples
 import numpy as np
 import pytest
 
-from mjbench.program import environment_comparison
-from mjbench.program.environment_adapter import adapt
-from mjbench.program.environment_passes import EnvironmentPasses
-from mjbench.program.environment_recording import EngineWatch
-from mjbench.program.environment_workload import PhysicsAlone, alone
+from mjbench.environment import physics_comparison
+from mjbench.environment.adapters import adapt
+from mjbench.environment.passes import EnvironmentPasses
+from mjbench.environment.recording import EngineWatch
+from mjbench.environment.workload import PhysicsAlone, alone
 from mjbench.simulation import work
 
 
@@ -33,26 +33,26 @@ def test_a_plain_loop_reaches_the_states_of_the_environment(
     found = physics(environment)
     assert isinstance(found, PhysicsAlone)
     assert (found.workload.hold, found.workload.ncontrol) == (hold, ncontrol)
-    assert (found.run, found.frame_skip, found.holds) == (5, 4, hold == 4)
-    assert found.workload.nstep == found.run * found.frame_skip
+    assert (found.run, found.holds) == (5, hold == 4)
+    assert found.workload.nstep == found.run * 4
     assert found.numbers.tolist() == list(range(40))
     reached = work.observe(found.workload).final_state
     assert reached.tobytes() == found.final_state.tobytes()
-    assert environment_comparison.difference_from(found) == ""
+    assert physics_comparison.difference_from(found) == ""
 
 
 def test_what_is_written_before_a_step_begins_a_run() -> None:
     found = physics(examples.Mocap())
     assert isinstance(found, PhysicsAlone)
     assert (found.run, found.workload.nbatch) == (1, 40)
-    assert environment_comparison.difference_from(found) == ""
+    assert physics_comparison.difference_from(found) == ""
 
 
 def test_only_steps_of_one_model_are_compared() -> None:
     found = physics(examples.NewMass())
     assert isinstance(found, PhysicsAlone)
     assert found.numbers.tolist() == list(range(15))
-    assert environment_comparison.difference_from(found) == ""
+    assert physics_comparison.difference_from(found) == ""
 
 
 def test_threads_have_several_simulations_each() -> None:
@@ -85,6 +85,6 @@ def test_a_wrong_state_is_found_with_its_step() -> None:
     found = physics(examples.make())
     assert isinstance(found, PhysicsAlone)
     found.final_state[3, 1] = np.nextafter(found.final_state[3, 1], 1.0)
-    text = environment_comparison.difference_from(found)
+    text = physics_comparison.difference_from(found)
     assert text.endswith("after step 20 of the environment")
     assert text.startswith("qpos[0] is ")

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from mjbench.program import environment_callees, environment_engine
-from mjbench.program.environment_adapter import EnvironmentAdapter
-from mjbench.program.environment_engine import Binding
-from mjbench.program.environment_making import blamed
-from mjbench.program.environment_recording import EngineWatch
-from mjbench.program.environment_timer import (
+from mjbench.environment import callees
+from mjbench.environment.adapters import EnvironmentAdapter
+from mjbench.environment.construction import blamed
+from mjbench.environment.engine import Binding
+from mjbench.environment.recording import EngineWatch
+from mjbench.environment.timer import (
     ClockNs,
     LayerTime,
     LayerTimer,
@@ -161,9 +161,9 @@ class EnvironmentPasses:
         adapter = self._adapter
         layer, name = adapter.outermost_layer()
         # a reset may have replaced what the environment holds
-        callees = [*adapter.inner_steps(), *environment_callees.find(adapter.core)]
+        timed = [*adapter.inner_steps(), *callees.find(adapter.core)]
         step = self._step()
-        with engine_timed(timer, elsewhere), functions_timed(timer, callees):
+        with engine_timed(timer, elsewhere), functions_timed(timer, timed):
             yield timer.outermost(step, layer, name)
 
     def _step(self) -> Callable[[Any], Any]:
@@ -261,8 +261,3 @@ class _Digest:
     def text(self) -> str:
         """Return the digest of what was added."""
         return self._content.hexdigest()
-
-
-def bindings() -> list[Binding]:
-    """Return where modules that are loaded now hold functions of the engine."""
-    return environment_engine.bindings(environment_engine.function_names())

@@ -41,21 +41,17 @@ def function_names() -> list[str]:
     ]
 
 
-def bindings(names: Sequence[str]) -> list[Binding]:
-    """Return where modules other than `mujoco` hold functions of the engine now.
-
-    Args:
-      names: of the functions.
-    """
-    by_identity = {id(getattr(mujoco, name)): name for name in names if hasattr(mujoco, name)}
-    found = []
+def bindings() -> list[Binding]:
+    """Return where modules other than `mujoco` hold functions of the engine now."""
+    by_identity = {id(getattr(mujoco, name)): name for name in function_names()}
+    held = []
     for module_name, module in list(sys.modules.items()):
         if module_name.partition(".")[0] in _KEEP or not isinstance(module, ModuleType):
             continue
         for attribute, value in list(vars(module).items()):
             if (name := by_identity.get(id(value))) is not None:
-                found.append(Binding(module, attribute, name))
-    return found
+                held.append(Binding(module, attribute, name))
+    return held
 
 
 @contextlib.contextmanager

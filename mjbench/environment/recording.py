@@ -18,8 +18,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjbench.environment import engine
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.program import environment_engine
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.model_guard import ModelGuard
@@ -60,7 +60,6 @@ class StepTrace:
     """What one step of an environment asked of the engine.
 
     Attributes:
-      episode: number of the episode.
       version: of the model (see `Recording`).
       start: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls included.
       end: (nstate,) the state after the last such call.
@@ -73,7 +72,6 @@ class StepTrace:
       is_same_model: whether the model was the same at the end of the environment's step.
     """
 
-    episode: int
     version: int
     start: np.ndarray
     end: np.ndarray
@@ -130,28 +128,26 @@ class EngineWatch:
         self._replay: _Replay | None = None
         self._obstacles: list[str] = []
         self._other_calls = False
-        self._episode = -1
         self._columns_of: tuple[Any, dict[str, slice]] | None = None
 
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Watch while the block runs."""
-        names = environment_engine.function_names()
+        names = engine.function_names()
         wrappers: dict[str, Callable[[EngineFunction], EngineFunction]] = {
             name: self._wrapper(name) for name in names
         }
-        with environment_engine.replaced(wrappers, environment_engine.bindings(names)):
+        with engine.replaced(wrappers, engine.bindings()):
             yield
 
     def begin_episode(self) -> None:
         """Note that the environment was reset: what was written since is no input of a step."""
-        self._episode += 1
         self._last_row = self._last_data = None
         self._versions.moment = Moment.RESET
 
     def run(self, step: Callable[[], Any]) -> Any:
         """Run one step of the environment, and return its result."""
-        self._current = _OpenTrace(self._episode)
+        self._current = _OpenTrace()
         try:
             outcome = step()
         finally:
@@ -263,7 +259,6 @@ class EngineWatch:
 class _OpenTrace:
     """A step that is being taken; see `StepTrace`."""
 
-    episode: int
     model: Any = None
     version: int = 0
     start: np.ndarray | None = None
@@ -279,7 +274,6 @@ class _OpenTrace:
         if self.start is None or self.end is None:
             return None
         return StepTrace(
-            self.episode,
             self.version,
             self.start,
             self.end,

@@ -12,19 +12,19 @@ from mjbench import paths
 from mjbench.comparison import selection
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Ended
-from mjbench.program import environment_vectors
-from mjbench.program.environment_comparison import CHOICES, PATHS
-from mjbench.program.environment_records import EnvironmentRecord, LayerSamples, PathSamples
-from mjbench.program.environment_run import (
+from mjbench.environment import vectors
+from mjbench.environment.physics_comparison import CHOICES, PATHS
+from mjbench.environment.records import EnvironmentRecord, LayerSamples, PathSamples
+from mjbench.environment.run import (
     EnvironmentReady,
     EnvironmentRequest,
     EnvironmentRound,
     PathDisagreed,
 )
-from mjbench.program.environment_source import EnvironmentSource
-from mjbench.program.environment_vectors import VectorPlan
+from mjbench.environment.source import EnvironmentSource
+from mjbench.environment.vectors import VectorPlan
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Ended
 from mjbench.status import Status
 
 
@@ -61,7 +61,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     measurement = _Measurement(source, variants)
     try:
         ended = isolate.run(
-            "mjbench.program.environment_run:measure_in_child",
+            "mjbench.environment.run:measure_in_child",
             EnvironmentRequest(source, plan.seed, plan.nstep, variants, plan.budget_s),
             measurement.receive,
             plan.limit_s,
@@ -72,7 +72,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     if record.status != Status.OK or not plan.nenv:
         return record
     vector_plan = VectorPlan(plan.seed, plan.nenv, plan.budget_s, plan.limit_s)
-    return environment_vectors.added(record, source, vector_plan)
+    return vectors.added(record, source, vector_plan)
 
 
 class _Measurement:

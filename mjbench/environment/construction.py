@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from mjbench.environment.source import EnvironmentSource, Origin
 from mjbench.errors import (
     InputError,
     MjbenchError,
@@ -22,7 +23,6 @@ from mjbench.errors import (
     suggestion,
 )
 from mjbench.instrument import extras
-from mjbench.program.environment_source import EnvironmentSource, Origin
 
 _OWN_FOLDER = str(Path(__file__).resolve().parents[1])
 _LIBRARY_FOLDERS = tuple(
