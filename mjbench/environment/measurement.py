@@ -22,7 +22,7 @@ from mjbench.environment.run import (
     PathDisagreed,
 )
 from mjbench.environment.source import EnvironmentSource
-from mjbench.environment.vectors import VectorPlan
+from mjbench.environment.vector_run import VectorPlan
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Ended
 from mjbench.status import Status

@@ -6,23 +6,20 @@ to the last bit. What is written to the state between calls is noted by field, a
 change of the model.
 """
 
-import collections
-import copy
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench.environment import engine
+from mjbench.environment.model_changes import ModelChange, ModelVersions, Moment
 from mjbench.loop.engine_functions import EngineFunction
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
-from mjbench.simulation.model_guard import ModelGuard
 
 # Functions that end a step; the first also begins it. `mj_step1` begins one.
 _STEP, _BEGIN, _END = "mj_step", "mj_step1", "mj_step2"
@@ -31,28 +28,6 @@ _INTEGRATORS = ("mj_Euler", "mj_RungeKutta", "mj_implicit", "mj_implicitFast")
 _WATCHED = (_STEP, _BEGIN, _END, *_INTEGRATORS)
 # Callbacks of the engine that change what a step computes.
 _CALLBACKS = ("passive", "control", "contactfilter", "sensor", "act_dyn", "act_gain", "act_bias")
-
-
-class Moment(StrEnum):
-    """When an environment changes its model."""
-
-    RESET = "by a reset"
-    STEP = "between steps"
-
-
-@dataclass(frozen=True)
-class ModelChange:
-    """A change of the model that an environment makes.
-
-    Attributes:
-      field: the first one that differs, such as `opt.gravity`.
-      moment: when.
-      count: how often.
-    """
-
-    field: str
-    moment: Moment
-    count: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +95,7 @@ class EngineWatch:
     def __init__(self) -> None:
         self._thread = threading.get_ident()
         self._step: EngineFunction = mujoco.mj_step
-        self._versions = _ModelVersions()
+        self._versions = ModelVersions()
         self._traces: list[StepTrace | None] = []
         self._current: _OpenTrace | None = None
         self._last_data: Any = None
@@ -320,52 +295,6 @@ class _Replay:
             difference = agreement.first_differing_entry(after[None], reached[None], self._columns)
             if difference is not None:
                 self.difference = (number, difference)
-
-
-class _ModelVersions:
-    """Numbers the contents that an environment's model has had.
-
-    Attributes:
-      moment: of the next change.
-    """
-
-    def __init__(self) -> None:
-        self.moment = Moment.RESET
-        self._guard: ModelGuard | None = None
-        self._changes: collections.Counter[tuple[str, Moment]] = collections.Counter()
-        self._number, self._used = 0, 0
-        self._copy: Any = None
-        self._best: tuple[int, int, Any] = (0, 0, None)
-
-    def of(self, model: Any) -> int:
-        """Return the number of a model's content; note a change."""
-        if self._guard is not None:
-            changed = self._guard.difference(model)
-            if changed is None:
-                return self._number
-            self._changes[changed, self.moment] += 1
-            self._number += 1
-        self._close()
-        self._guard, self._copy, self._used = ModelGuard(model), copy.copy(model), 0
-        return self._number
-
-    def count(self) -> None:
-        """Count a step with the current content."""
-        self._used += 1
-
-    def _close(self) -> None:
-        if self._copy is not None and self._used > self._best[0]:
-            self._best = (self._used, self._number - 1, self._copy)
-
-    def most_used(self) -> tuple[int, Any]:
-        """Return the number of the content that most steps were taken with, and a copy of it."""
-        if self._used > self._best[0]:
-            return self._number, self._copy
-        return self._best[1:]
-
-    def changes(self) -> list[ModelChange]:
-        """Return the changes so far, the most frequent first."""
-        return [ModelChange(*key, count) for key, count in self._changes.most_common()]
 
 
 def _nstep(name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> int:

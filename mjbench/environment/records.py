@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any, ClassVar
 
 from mjbench.environment.layers import Layer
-from mjbench.environment.recording import ModelChange
+from mjbench.environment.model_changes import ModelChange
 from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
 from mjbench.instrument.bounds import (

@@ -21,9 +21,10 @@ from mjbench.environment import (
     workload,
 )
 from mjbench.environment.adapters import EnvironmentAdapter
+from mjbench.environment.model_changes import ModelChange
 from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass
 from mjbench.environment.physics_comparison import PhysicsComparison
-from mjbench.environment.recording import EngineWatch, ModelChange, Recording, StepTrace
+from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
 from mjbench.environment.source import EnvironmentSource
 from mjbench.environment.timer import LayerTime, TimerCost, measure_cost

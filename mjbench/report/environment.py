@@ -4,7 +4,7 @@ from rich.console import Console
 
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.environment.layers import Layer
-from mjbench.environment.recording import Moment
+from mjbench.environment.model_changes import Moment
 from mjbench.environment.records import EnvironmentFacts
 from mjbench.instrument.stats import Estimate
 from mjbench.paths import BASE

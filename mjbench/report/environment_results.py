@@ -15,7 +15,7 @@ import numpy as np
 
 from mjbench import paths
 from mjbench.environment.layers import Layer
-from mjbench.environment.recording import ModelChange
+from mjbench.environment.model_changes import ModelChange
 from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,

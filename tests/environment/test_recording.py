@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mjbench.environment.adapters import adapt
+from mjbench.environment.model_changes import Moment
 from mjbench.environment.passes import EnvironmentPasses
-from mjbench.environment.recording import EngineWatch, Moment, Recording
+from mjbench.environment.recording import EngineWatch, Recording
 
 NSTEP = 40
 

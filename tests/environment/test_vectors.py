@@ -10,10 +10,10 @@ import pytest
 from commands import PYTHONPATH
 from example_environment_records import record
 
-from mjbench.environment import vectors
+from mjbench.environment import observations, vector_run, vectors
 from mjbench.environment.records import EnvironmentRecord, VectorForm
 from mjbench.environment.source import resolve
-from mjbench.environment.vectors import FormReport, NoForms, VectorPlan, VectorRound
+from mjbench.environment.vector_run import FormReport, NoForms, VectorPlan, VectorRound
 from mjbench.status import Status
 
 PLAN = VectorPlan(seed=0, nenv=(1, 2), budget_s=0.0, limit_s=60.0)
@@ -144,7 +144,7 @@ def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> No
     from mjbench.environment.adapters import adapt
 
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    assert "not installed" in vectors._no_forms(adapt(examples.make()))
+    assert "not installed" in vector_run._no_forms(adapt(examples.make()))
 
 
 def measurement(*messages: object) -> Any:
@@ -178,8 +178,8 @@ def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None
         "a": np.array([[9.0, 9.0], [0.1, 0.2]], dtype=np.float32),
         "b": (np.array([9, 3]),),
     }
-    copied = vectors._copied(single)
-    assert vectors._equal(copied, batched, 1)
-    assert not vectors._equal(copied, batched, 0)
+    copied = observations.copied(single)
+    assert observations.equal(copied, batched, 1)
+    assert not observations.equal(copied, batched, 0)
     batched["a"][1, 0] = np.nextafter(np.float32(0.1), np.float32(1))
-    assert not vectors._equal(copied, batched, 1)
+    assert not observations.equal(copied, batched, 1)

@@ -7,7 +7,7 @@ import pytest
 from example_environment_records import facts, record, steady
 from rich.console import Console
 
-from mjbench.environment.recording import ModelChange, Moment
+from mjbench.environment.model_changes import ModelChange, Moment
 from mjbench.environment.records import (
     EnvironmentRecord,
     PathSamples,

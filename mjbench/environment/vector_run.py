@@ -1,0 +1,332 @@
+"""Time vectorised forms of an environment, in a child process (see `isolate`).
+
+Environment i of a form is reset with seed + i and has actions of its own. One environment alone
+does the same for each i, one after the other, and resets in the same steps; observations must be
+equal to the last bit.
+"""
+
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mjbench.environment import adapters, construction, observations
+from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
+from mjbench.environment.records import VectorForm
+from mjbench.environment.source import EnvironmentSource
+from mjbench.errors import describe
+from mjbench.instrument.isolate import Channel
+from mjbench.status import Status
+
+# Steps of a block: as many as take one environment this long, within these bounds.
+BLOCK_S, LEAST_NSTEP, MOST_NSTEP = 0.2, 20, 1000
+LEAST_ROUNDS, MOST_ROUNDS = 7, 100
+# A child may be silent for this many times as long as its work should take.
+_PATIENCE = 20
+
+
+@dataclass(frozen=True)
+class VectorPlan:
+    """Which vectorised forms to measure.
+
+    Attributes:
+      seed: of actions and resets.
+      nenv: numbers of environments.
+      budget_s: seconds for all rounds.
+      limit_s: a child that is silent for longer is killed.
+    """
+
+    seed: int
+    nenv: tuple[int, ...]
+    budget_s: float
+    limit_s: float
+
+    def forms(self) -> list[tuple[VectorForm, int]]:
+        """Return the forms with their numbers of environments."""
+        return [(form, nenv) for nenv in self.nenv for form in VectorForm]
+
+
+@dataclass(frozen=True)
+class VectorRequest:
+    """What a child is to measure.
+
+    Attributes:
+      source: of the environment.
+      plan: which forms.
+      step_s: about how long a step of one environment takes, in seconds.
+      exclude: forms not to touch, by their index: they ended a child before.
+    """
+
+    source: EnvironmentSource
+    plan: VectorPlan
+    step_s: float
+    exclude: frozenset[int]
+
+
+@dataclass(frozen=True)
+class FormReport:
+    """Whether a form may be timed, by its index."""
+
+    index: int
+    status: Status
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class NoForms:
+    """There are no vectorised forms of this environment; why, in words."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class VectorRound:
+    """One round: nanoseconds per step of one environment, by the index of the form."""
+
+    ns: Mapping[int, float]
+    single_ns: Mapping[int, float]
+
+
+def measure_in_child(request: VectorRequest, channel: Channel) -> None:
+    """Measure vectorised forms.
+
+    Messages: `NoForms` where there are none; else a `FormReport` for each form, a `VectorRound` for
+    each round, and another `FormReport` for each form that was wrong in a timed block.
+    """
+    channel.doing("making the environment for its vectorised forms")
+    adapter = adapters.adapt(construction.make(request.source))
+    reason = _no_forms(adapter)
+    if reason:
+        channel.send(NoForms(reason))
+        return
+    plan = request.plan
+    most = max(plan.nenv)
+    nstep = int(min(MOST_NSTEP, max(LEAST_NSTEP, BLOCK_S / most / max(request.step_s, 1e-9))))
+    channel.doing("stepping the environment")
+    channel.allow_silence(_PATIENCE * request.step_s * nstep * most)
+    singles = [_Single(adapter, plan.seed + i, nstep) for i in range(most)]
+    for single in singles:
+        single.run()
+        channel.allow_silence(0.0)
+    if not singles[0].repeats():
+        channel.send(
+            NoForms("after the same reset(seed=…) and actions, it observes something else")
+        )
+        return
+    forms: dict[int, _Form] = {}
+    for index, (kind, nenv) in enumerate(plan.forms()):
+        if index in request.exclude:
+            continue
+        channel.doing(f"making {kind} of {nenv}", index)
+        channel.allow_silence(_PATIENCE * request.step_s * nstep * nenv)
+        report, form = _verified(index, kind, request.source, singles[:nenv])
+        channel.send(report)
+        if form is not None:
+            forms[index] = form
+    if forms:
+        _time(forms, singles, request, channel)
+    for form in forms.values():
+        form.close()
+
+
+def _no_forms(adapter: EnvironmentAdapter) -> str:
+    """Return why there are no vectorised forms of an environment; empty where there are."""
+    if not isinstance(adapter, GymnasiumAdapter):
+        return "only Gymnasium has them"
+    try:
+        import gymnasium
+    except ImportError:
+        return "Gymnasium, which has them, is not installed here"
+    if not isinstance(adapter.environment, gymnasium.Env):
+        return "it is no gymnasium.Env"
+    return ""
+
+
+class _Single:
+    """One environment that does what environment i of a vectorised form does."""
+
+    def __init__(self, adapter: EnvironmentAdapter, seed: int, nstep: int):
+        """Take random actions; they and the first reset are those of `seed`."""
+        self._environment = adapter.environment
+        self.seed = seed
+        self.actions = adapter.draw_actions(nstep, seed)
+        self.observations: list[Any] = []
+
+    def repeats(self) -> bool:
+        """Return whether another run observes the same as the last one."""
+        before = self.observations
+        self.run()
+        return observations.arrays(before) == observations.arrays(self.observations)
+
+    def run(self) -> float:
+        """Take all steps, keep copies of the observations, and return the seconds of the steps.
+
+        Raises:
+          InputError: the environment raised something.
+        """
+        environment, resets_next = self._environment, _resets_in_next_step()
+        with construction.blamed("its step"):
+            observation, _ = environment.reset(seed=self.seed)
+            self.observations = [observations.copied(observation)]
+            seconds, is_over = 0.0, False
+            for action in self.actions:
+                begin = time.perf_counter()
+                if is_over and resets_next:
+                    observation, is_over = environment.reset()[0], False
+                else:
+                    observation, _, terminated, truncated, _ = environment.step(action)
+                    is_over = terminated or truncated
+                    if is_over and not resets_next:
+                        observation, _ = environment.reset()
+                seconds += time.perf_counter() - begin
+                self.observations.append(observations.copied(observation))
+        return seconds
+
+
+@dataclass
+class _Form:
+    """A vectorised form, to be timed."""
+
+    environments: Any
+    singles: Sequence[_Single]
+    batched: list[Any] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        actions = zip(*(single.actions for single in self.singles), strict=True)
+        self.batched = [np.stack(each) for each in actions]
+
+    def reset(self) -> Any:
+        """Reset all environments, each with its seed; return their observations."""
+        return self.environments.reset(seed=[single.seed for single in self.singles])[0]
+
+    def difference(self) -> str:
+        """Run all steps; return where observations are not those of one environment, or empty."""
+        observation = self.reset()
+        for k in range(len(self.batched) + 1):
+            if k:
+                observation = self.environments.step(self.batched[k - 1])[0]
+            for i, single in enumerate(self.singles):
+                if not observations.equal(single.observations[k], observation, i):
+                    return f"environment {i} observes something else after step {k}"
+        return ""
+
+    def run(self) -> tuple[float, str]:
+        """Time all steps; return the seconds, and where the last observations differ."""
+        self.reset()
+        step = self.environments.step
+        observation = None
+        begin = time.perf_counter()
+        for actions in self.batched:
+            observation = step(actions)[0]
+        seconds = time.perf_counter() - begin
+        for i, single in enumerate(self.singles):
+            if not observations.equal(single.observations[-1], observation, i):
+                return seconds, f"in a timed block, environment {i} observes something else"
+        return seconds, ""
+
+    def close(self) -> None:
+        """End its processes."""
+        self.environments.close()
+
+
+def _verified(
+    index: int, kind: VectorForm, source: EnvironmentSource, singles: Sequence[_Single]
+) -> tuple[FormReport, _Form | None]:
+    """Make a form and compare its observations; return the report, and the form if it may be timed.
+
+    Whatever it raises costs its own row.
+    """
+    import gymnasium
+
+    try:
+        vector_class = getattr(gymnasium.vector, kind.value)
+        factories = [_Factory(source) for _ in singles]
+        form = _Form(vector_class(factories), singles)
+        difference = form.difference()
+    except Exception as error:
+        return FormReport(index, Status.FAILED, describe(error)), None
+    if difference:
+        form.close()
+        return FormReport(index, Status.DISAGREES, difference), None
+    return FormReport(index, Status.OK), form
+
+
+@dataclass(frozen=True)
+class _Factory:
+    """Makes an environment, also in another process."""
+
+    source: EnvironmentSource
+
+    def __call__(self) -> Any:
+        return construction.make(self.source)
+
+
+def _time(
+    forms: Mapping[int, _Form],
+    singles: Sequence[_Single],
+    request: VectorRequest,
+    channel: Channel,
+) -> None:
+    """Time rounds until the budget is used; send each."""
+    wrong: dict[int, str] = {}
+    shuffle = random.Random(request.plan.seed).shuffle
+
+    def round_of_all() -> VectorRound:
+        seconds: dict[int, float] = {}
+        single_s = [0.0] * len(singles)
+
+        def time_form(index: int) -> None:
+            channel.doing("timing a vectorised form", index)
+            seconds[index], difference = forms[index].run()
+            if difference:
+                wrong.setdefault(index, difference)
+
+        def time_single(i: int) -> None:
+            channel.doing("timing one environment")
+            single_s[i] = singles[i].run()
+
+        turns: list[Callable[[], None]] = [
+            *(_bound(time_form, index) for index in forms),
+            *(_bound(time_single, i) for i in range(len(singles))),
+        ]
+        shuffle(turns)
+        for turn in turns:
+            turn()
+        ns, single_ns = {}, {}
+        for index, form in forms.items():
+            nenv = len(form.singles)
+            count = nenv * len(form.batched)
+            ns[index] = 1e9 * seconds[index] / count
+            single_ns[index] = 1e9 * sum(single_s[:nenv]) / count
+        return VectorRound(ns, single_ns)
+
+    begin = time.perf_counter()
+    round_of_all()  # touches all memory
+    longest_s = time.perf_counter() - begin
+    begin = time.perf_counter()
+    for number in range(MOST_ROUNDS):
+        channel.allow_silence(_PATIENCE * longest_s)
+        round_begin = time.perf_counter()
+        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.plan.budget_s:
+            break
+        channel.send(round_of_all())
+        longest_s = max(longest_s, time.perf_counter() - round_begin)
+    for index, difference in wrong.items():
+        channel.send(FormReport(index, Status.DISAGREES, difference))
+
+
+def _bound(function: Callable[[int], None], argument: int) -> Callable[[], None]:
+    return lambda: function(argument)
+
+
+def _resets_in_next_step() -> bool:
+    """Return whether vectorised forms reset in the step after an episode's last (Gymnasium ≥ 1.0).
+
+    Older ones reset in the last step itself.
+    """
+    import gymnasium
+
+    return hasattr(gymnasium.vector, "AutoresetMode")
