@@ -1,4 +1,4 @@
-"""MuJoCo's functions, replaced wherever a program holds them, while it runs.
+"""Replace MuJoCo's functions wherever a running program holds them.
 
 `mujoco.mj_step` finds a replacement in the module `mujoco`. A name bound by `from mujoco import
 mj_step` does not, so every module that holds one of the functions is given the replacement, too.
@@ -15,8 +15,8 @@ import mujoco
 from mjbench.loop import engine_functions
 from mjbench.loop.engine_functions import EngineFunction
 
-# Modules that keep MuJoCo's own functions.
-_KEEP = ("mujoco", "mjbench")
+# Packages whose modules go on with MuJoCo's own functions.
+_UNCHANGED = ("mujoco", "mjbench")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def bindings() -> list[Binding]:
     by_identity = {id(getattr(mujoco, name)): name for name in function_names()}
     held = []
     for module_name, module in list(sys.modules.items()):
-        if module_name.partition(".")[0] in _KEEP or not isinstance(module, ModuleType):
+        if module_name.partition(".")[0] in _UNCHANGED or not isinstance(module, ModuleType):
             continue
         for attribute, value in list(vars(module).items()):
             if (name := by_identity.get(id(value))) is not None:

@@ -1,7 +1,7 @@
 """Measure an environment: the parent's side, which imports nothing of the environment's.
 
 Two child processes: one for the environment, its layers and the same physics by other paths, one
-for its vectorised forms. Whatever becomes of a child, what it had sent is kept.
+for its vectorised forms. The record also holds what a child sent before it failed.
 """
 
 import dataclasses
@@ -52,7 +52,7 @@ class EnvironmentPlan:
 def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentRecord:
     """Return what was measured of an environment.
 
-    Also Ctrl-C ends with what was measured until then.
+    After Ctrl-C, the record holds what was measured before.
 
     Raises:
       MachineError: no process can be started.

@@ -12,7 +12,7 @@ def copied(observation: Any) -> Any:
     """Return a copy of an observation, as environments may use its memory again.
 
     Raises:
-      InputError: it is made of something else than arrays, numbers, mappings and tuples.
+      InputError: it holds something else than arrays, numbers, mappings and tuples.
     """
     match observation:
         case Mapping():
@@ -24,12 +24,12 @@ def copied(observation: Any) -> Any:
     raise InputError(f"an observation of type {type(observation).__name__} cannot be compared")
 
 
-def arrays(observation: Any) -> list[bytes]:
+def to_bytes(observation: Any) -> list[bytes]:
     """Return the bytes of every array in a copied observation."""
     if isinstance(observation, np.ndarray):
         return [observation.tobytes()]
     values = observation.values() if isinstance(observation, dict) else observation
-    return [array for value in values for array in arrays(value)]
+    return [content for value in values for content in to_bytes(value)]
 
 
 def equal(single: Any, batched: Any, i: int) -> bool:

@@ -39,7 +39,7 @@ class PhysicsComparison:
 
     Attributes:
       prepared: the paths that agree, by the index of the variant.
-      differences: the first of each whose timed block was wrong.
+      differences: the first one of each path whose timed block was wrong, by the same index.
     """
 
     physics: PhysicsAlone
@@ -96,7 +96,7 @@ def difference_from(physics: PhysicsAlone) -> str:
 
 
 def described(number: int, difference: Difference) -> str:
-    """Return a difference between the environment and a plain loop, in words.
+    """Return a difference between the environment and a plain loop as a sentence.
 
     Args:
       number: of the environment's step after which it shows.
@@ -136,8 +136,7 @@ def prepare(
             channel.send(AgreementReport(index, Status.UNAVAILABLE, detail))
             continue
         report, prepared = verify(index, variant, case, further)
-        changed = guard.change()
-        if changed:
+        if changed := guard.change():
             raise MachineError(f"{variant} changes the model, which all paths share: {changed}")
         channel.send(report)
         if prepared is not None:

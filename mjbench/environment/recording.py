@@ -21,7 +21,7 @@ from mjbench.loop.engine_functions import EngineFunction
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
 
-# Functions that end a step; the first also begins it. `mj_step1` begins one.
+# `mj_step` does a whole step, `mj_step1` begins one, and `mj_step2` ends it.
 _STEP, _BEGIN, _END = "mj_step", "mj_step1", "mj_step2"
 # Functions by which a program integrates itself.
 _INTEGRATORS = ("mj_Euler", "mj_RungeKutta", "mj_implicit", "mj_implicitFast")
@@ -75,7 +75,7 @@ class Recording:
       changes: of the model.
       version: of the model that most steps were taken with.
       model: a copy of that model; None where the engine was never stepped.
-      obstacle: why no plain loop can do the same, in words; empty where nothing stands in the way.
+      obstacle: why no plain loop can do the same, in one line; empty where one can.
       other_calls: whether the environment called other functions of the engine.
     """
 
@@ -100,7 +100,7 @@ class EngineWatch:
         self._current: _OpenTrace | None = None
         self._last_data: Any = None
         self._last_row: np.ndarray | None = None
-        self._replay: _Replay | None = None
+        self._plain_steps: _PlainSteps | None = None
         self._obstacles: list[str] = []
         self._other_calls = False
         self._columns_of: tuple[Any, dict[str, slice]] | None = None
@@ -145,11 +145,11 @@ class EngineWatch:
         if installed:
             self._obstacles.append(f"installs a callback of the engine, {installed[0]}")
         version, model = self._versions.most_used()
-        replay = self._replay
+        plain_steps = self._plain_steps
         return Recording(
             tuple(self._traces),
-            replay.checked if replay else 0,
-            replay.difference if replay else None,
+            plain_steps.checked if plain_steps else 0,
+            plain_steps.difference if plain_steps else None,
             self._versions.changes(),
             version,
             model,
@@ -223,9 +223,11 @@ class EngineWatch:
         assert trace is not None and self._last_row is not None, "a step is being run"
         row = _state(model, data)
         if nstep:
-            if self._replay is None or self._replay.model is not model:
-                self._replay = _Replay(self._step, model, self._columns(model), self._replay)
-            self._replay.check(len(self._traces), self._last_row, row, nstep)
+            if self._plain_steps is None or self._plain_steps.model is not model:
+                self._plain_steps = _PlainSteps(
+                    self._step, model, self._columns(model), self._plain_steps
+                )
+            self._plain_steps.check(len(self._traces), self._last_row, row, nstep)
             trace.end = row
         self._last_row, self._last_data = row, data
 
@@ -261,7 +263,7 @@ class _OpenTrace:
         )
 
 
-class _Replay:
+class _PlainSteps:
     """Repeats calls with a model on an MjData of its own.
 
     Attributes:
@@ -275,17 +277,17 @@ class _Replay:
         step: EngineFunction,
         model: Any,
         columns: Mapping[str, slice],
-        earlier: "_Replay | None",
+        earlier: "_PlainSteps | None",
     ):
         self.model = model
         self.checked: int = earlier.checked if earlier else 0
         self.difference: tuple[int, Difference] | None = earlier.difference if earlier else None
         self._step, self._data, self._columns = step, mujoco.MjData(model), columns
-        self._has_reset = compat.has_sleep(model)
+        self._needs_reset = compat.has_sleep(model)
 
     def check(self, number: int, before: np.ndarray, after: np.ndarray, nstep: int) -> None:
         """Take steps from a state, and compare with the state that the environment reached."""
-        if self._has_reset:
+        if self._needs_reset:
             mujoco.mj_resetData(self.model, self._data)
         compat.set_state(self.model, self._data, before, compat.state_spec("INTEGRATION"))
         self._step(self.model, self._data, nstep)

@@ -1,4 +1,4 @@
-"""What is stored of an environment: every sample, and what was found out before timing.
+"""What is stored of an environment: every sample, and what was recorded before timing.
 
 Frozen dataclasses, which also travel from the child processes to the parent.
 """

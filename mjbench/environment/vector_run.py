@@ -5,6 +5,7 @@ does the same for each i, one after the other, and resets in the same steps; obs
 equal to the last bit.
 """
 
+import functools
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -77,7 +78,7 @@ class FormReport:
 
 @dataclass(frozen=True)
 class NoForms:
-    """There are no vectorised forms of this environment; why, in words."""
+    """Why there are no vectorised forms of this environment, in one line."""
 
     reason: str
 
@@ -127,7 +128,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
         if form is not None:
             forms[index] = form
     if forms:
-        _time(forms, singles, request, channel)
+        _time(_Turns(forms, singles, plan.seed, channel), plan.budget_s, channel)
     for form in forms.values():
         form.close()
 
@@ -159,7 +160,7 @@ class _Single:
         """Return whether another run observes the same as the last one."""
         before = self.observations
         self.run()
-        return observations.arrays(before) == observations.arrays(self.observations)
+        return observations.to_bytes(before) == observations.to_bytes(self.observations)
 
     def run(self) -> float:
         """Take all steps, keep copies of the observations, and return the seconds of the steps.
@@ -168,7 +169,7 @@ class _Single:
           InputError: the environment raised something.
         """
         environment, resets_next = self._environment, _resets_in_next_step()
-        with construction.blamed("its step"):
+        with construction.as_input_error("its step"):
             observation, _ = environment.reset(seed=self.seed)
             self.observations = [observations.copied(observation)]
             seconds, is_over = 0.0, False
@@ -264,62 +265,70 @@ class _Factory:
         return construction.make(self.source)
 
 
-def _time(
-    forms: Mapping[int, _Form],
-    singles: Sequence[_Single],
-    request: VectorRequest,
-    channel: Channel,
-) -> None:
-    """Time rounds until the budget is used; send each."""
-    wrong: dict[int, str] = {}
-    shuffle = random.Random(request.plan.seed).shuffle
+class _Turns:
+    """Rounds in which vectorised forms and single environments take turns.
 
-    def round_of_all() -> VectorRound:
-        seconds: dict[int, float] = {}
-        single_s = [0.0] * len(singles)
+    Attributes:
+      wrong: the first difference of each form that was wrong in a timed block, by its index.
+    """
+
+    def __init__(
+        self,
+        forms: Mapping[int, _Form],
+        singles: Sequence[_Single],
+        seed: int,
+        channel: Channel,
+    ):
+        self.wrong: dict[int, str] = {}
+        self._forms, self._singles, self._channel = forms, singles, channel
+        self._random = random.Random(seed)
+
+    def round(self) -> VectorRound:
+        """Time every form and every single environment once, in random order."""
+        form_s: dict[int, float] = {}
+        single_s = [0.0] * len(self._singles)
 
         def time_form(index: int) -> None:
-            channel.doing("timing a vectorised form", index)
-            seconds[index], difference = forms[index].run()
+            self._channel.doing("timing a vectorised form", index)
+            form_s[index], difference = self._forms[index].run()
             if difference:
-                wrong.setdefault(index, difference)
+                self.wrong.setdefault(index, difference)
 
         def time_single(i: int) -> None:
-            channel.doing("timing one environment")
-            single_s[i] = singles[i].run()
+            self._channel.doing("timing one environment")
+            single_s[i] = self._singles[i].run()
 
         turns: list[Callable[[], None]] = [
-            *(_bound(time_form, index) for index in forms),
-            *(_bound(time_single, i) for i in range(len(singles))),
+            *(functools.partial(time_form, index) for index in self._forms),
+            *(functools.partial(time_single, i) for i in range(len(self._singles))),
         ]
-        shuffle(turns)
+        self._random.shuffle(turns)
         for turn in turns:
             turn()
         ns, single_ns = {}, {}
-        for index, form in forms.items():
+        for index, form in self._forms.items():
             nenv = len(form.singles)
             count = nenv * len(form.batched)
-            ns[index] = 1e9 * seconds[index] / count
+            ns[index] = 1e9 * form_s[index] / count
             single_ns[index] = 1e9 * sum(single_s[:nenv]) / count
         return VectorRound(ns, single_ns)
 
+
+def _time(turns: _Turns, budget_s: float, channel: Channel) -> None:
+    """Time rounds until the budget is used; send each, and then the forms that were wrong."""
     begin = time.perf_counter()
-    round_of_all()  # touches all memory
+    turns.round()  # touches all memory
     longest_s = time.perf_counter() - begin
     begin = time.perf_counter()
     for number in range(MOST_ROUNDS):
         channel.allow_silence(_PATIENCE * longest_s)
         round_begin = time.perf_counter()
-        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.plan.budget_s:
+        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > budget_s:
             break
-        channel.send(round_of_all())
+        channel.send(turns.round())
         longest_s = max(longest_s, time.perf_counter() - round_begin)
-    for index, difference in wrong.items():
+    for index, difference in turns.wrong.items():
         channel.send(FormReport(index, Status.DISAGREES, difference))
-
-
-def _bound(function: Callable[[int], None], argument: int) -> Callable[[], None]:
-    return lambda: function(argument)
 
 
 def _resets_in_next_step() -> bool:

@@ -43,7 +43,7 @@ class PhysicsAlone:
 
 
 def alone(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | str:
-    """Return the physics of a recording; or why a plain loop cannot do it, in words.
+    """Return the physics of a recording; or why a plain loop cannot do it, in one line.
 
     Args:
       recording: of an environment that steps the engine.
@@ -97,9 +97,9 @@ def _assembled(
         for first in range(0, len(run) - length + 1, length)
     ]
     holds = all((trace.control == trace.control[0]).all() for trace in usable.values())
-    kept = slice(0, 1) if holds else slice(None)
+    control_rows = slice(0, 1) if holds else slice(None)
     control = np.array(
-        [np.concatenate([usable[n].control[kept] for n in piece]) for piece in pieces]
+        [np.concatenate([usable[n].control[control_rows] for n in piece]) for piece in pieces]
     )
     assert recording.model is not None, "it was stepped"
     workload = Workload(
@@ -130,7 +130,7 @@ def _runs(usable: dict[int, StepTrace]) -> list[list[int]]:
 
 
 def _run_length(lengths: Sequence[int], nthread: int) -> int:
-    """Return how long simulations are: as long as most steps are in one, and threads have some."""
+    """Return the longest run that covers most steps and gives every thread enough simulations."""
     total = sum(lengths)
     longest = 1
     for length in range(1, MAX_RUN + 1):
@@ -140,6 +140,6 @@ def _run_length(lengths: Sequence[int], nthread: int) -> int:
     return longest
 
 
-def _listed(words: Sequence[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     """Return `a`, `a and b`, or `a, b and c`."""
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else words[0]
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
