@@ -192,8 +192,11 @@ class ProcessorTime:
         return stolen_s / asked_s if asked_s > 0 else 0.0
 
 
-def describe_stolen(share: float) -> str:
-    """Return what it means that the host took a share of the processor time, as a sentence."""
+def stolen_note(begin: ProcessorTime) -> str:
+    """Return that the host took processor time since `begin`, as a sentence; empty if little."""
+    share = ProcessorTime.now().stolen_since(begin)
+    if share < NOTABLE_STOLEN:
+        return ""
     return (
         f"The host took {100 * share:.0f} % of this machine's processor time for others:"
         " timings are noisier for it, and verdicts take longer."

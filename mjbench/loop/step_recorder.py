@@ -1,6 +1,6 @@
-"""See every step that a program takes, and keep states of some: what `capture` does meanwhile.
+"""Record the steps of a program for `capture`: count them all, and store the states of some.
 
-Models are told apart by their layout (see `capture_header`): a program that compiles its model
+Models are distinguished by their layout (see `capture_header`): a program that compiles its model
 anew for each episode, or changes its masses, steps one model here.
 """
 
