@@ -20,6 +20,7 @@ from mjbench.environment.model_changes import ModelChange, ModelVersions, Moment
 from mjbench.loop.engine_functions import EngineFunction
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
+from mjbench.simulation.state_reader import StateReader
 
 # `mj_step` does a whole step, `mj_step1` begins one, and `mj_step2` ends it.
 _STEP, _BEGIN, _END = "mj_step", "mj_step1", "mj_step2"
@@ -103,7 +104,7 @@ class EngineWatch:
         self._plain_steps: _PlainSteps | None = None
         self._obstacles: list[str] = []
         self._other_calls = False
-        self._columns_of: tuple[Any, dict[str, slice]] | None = None
+        self._reader_of: tuple[Any, StateReader] | None = None
 
     @contextmanager
     def watching(self) -> Iterator[None]:
@@ -189,7 +190,8 @@ class EngineWatch:
         """Note the state that a call begins with, and what was written since the call before."""
         trace = self._current
         assert trace is not None, "a step is being run"
-        row = _state(model, data)
+        reader = self._reader(model)
+        row = reader.read(model, data)
         if trace.model is None:
             trace.model, trace.version = model, self._versions.of(model)
             trace.follows = data is self._last_data
@@ -199,34 +201,32 @@ class EngineWatch:
         if data is self._last_data and self._last_row is not None:
             # what was written before the first step of the engine is part of the start
             written = trace.entered if trace.start is None else trace.written
-            written |= _differing_fields(self._columns(model), self._last_row, row)
+            written |= reader.differing(self._last_row, row)
         if name in _INTEGRATORS:
             self._obstacles.append(f"integrates by {name} instead of mj_step")
         if nstep:
             if trace.start is None:
                 trace.start = row
-            controls = row[self._columns(model).get("ctrl", slice(0, 0))]
+            controls = row[reader.columns.get("ctrl", slice(0, 0))]
             trace.control.extend([controls] * nstep)
         trace.calls.append((name, nstep))
         self._last_row = row
 
-    def _columns(self, model: Any) -> dict[str, slice]:
-        """Return the columns of each field in a state of a model; looked up once per model."""
-        if self._columns_of is None or self._columns_of[0] is not model:
-            columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-            self._columns_of = (model, columns)
-        return self._columns_of[1]
+    def _reader(self, model: Any) -> StateReader:
+        """Return what reads the states of a model; prepared once per model."""
+        if self._reader_of is None or self._reader_of[0] is not model:
+            self._reader_of = (model, StateReader(model))
+        return self._reader_of[1]
 
     def _after(self, name: str, nstep: int, model: Any, data: Any) -> None:
         """Note the state that a call ended in; repeat the call, and compare."""
         trace = self._current
         assert trace is not None and self._last_row is not None, "a step is being run"
-        row = _state(model, data)
+        reader = self._reader(model)
+        row = reader.read(model, data)
         if nstep:
             if self._plain_steps is None or self._plain_steps.model is not model:
-                self._plain_steps = _PlainSteps(
-                    self._step, model, self._columns(model), self._plain_steps
-                )
+                self._plain_steps = _PlainSteps(self._step, model, reader, self._plain_steps)
             self._plain_steps.check(len(self._traces), self._last_row, row, nstep)
             trace.end = row
         self._last_row, self._last_data = row, data
@@ -276,25 +276,27 @@ class _PlainSteps:
         self,
         step: EngineFunction,
         model: Any,
-        columns: Mapping[str, slice],
+        reader: StateReader,
         earlier: "_PlainSteps | None",
     ):
         self.model = model
         self.checked: int = earlier.checked if earlier else 0
         self.difference: tuple[int, Difference] | None = earlier.difference if earlier else None
-        self._step, self._data, self._columns = step, mujoco.MjData(model), columns
+        self._step, self._data, self._reader = step, mujoco.MjData(model), reader
         self._needs_reset = compat.has_sleep(model)
 
     def check(self, number: int, before: np.ndarray, after: np.ndarray, nstep: int) -> None:
         """Take steps from a state, and compare with the state that the environment reached."""
         if self._needs_reset:
             mujoco.mj_resetData(self.model, self._data)
-        compat.set_state(self.model, self._data, before, compat.state_spec("INTEGRATION"))
+        compat.set_state(self.model, self._data, before, self._reader.spec)
         self._step(self.model, self._data, nstep)
-        reached = _state(self.model, self._data)
+        reached = self._reader.read(self.model, self._data)
         self.checked += 1
         if self.difference is None:
-            difference = agreement.first_differing_entry(after[None], reached[None], self._columns)
+            difference = agreement.first_differing_entry(
+                after[None], reached[None], self._reader.columns
+            )
             if difference is not None:
                 self.difference = (number, difference)
 
@@ -307,21 +309,3 @@ def _nstep(name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> 
         return 1
     given = [a for a in arguments if not isinstance(a, mujoco.MjModel | mujoco.MjData)]
     return int(keywords.get("nstep", given[0] if given else 1))
-
-
-def _state(model: Any, data: Any) -> np.ndarray:
-    """Return (nstate,) mjSTATE_INTEGRATION of a simulation now."""
-    spec = compat.state_spec("INTEGRATION")
-    row = np.empty(compat.state_size(model, spec))
-    compat.get_state(model, data, row, spec)
-    return row
-
-
-def _differing_fields(
-    columns: Mapping[str, slice], before: np.ndarray, after: np.ndarray
-) -> set[str]:
-    """Return the fields other than ctrl in which two states differ in any bit."""
-    differs = before.view(np.uint64) != after.view(np.uint64)
-    if not differs.any():
-        return set()
-    return {name for name, place in columns.items() if name != "ctrl" and differs[place].any()}

@@ -13,48 +13,12 @@ import mujoco
 import numpy as np
 
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.simulation import compat
+from mjbench.simulation.state_reader import StateReader
 
 # Fields of mjSTATE_INTEGRATION that steps change: a program that sets one begins a new segment.
 _MOVED = frozenset(("time", "qpos", "qvel", "act", "history", "plugin_state", "plastic"))
 # If a step takes another time than the timestep, by more than this share, the engine was reset.
 _TIME_SHARE = 0.5
-
-
-class StateReader:
-    """Reads the states of MjData of one layout.
-
-    Attributes:
-      spec: mjSTATE_INTEGRATION.
-      columns: of each MjData field in a state.
-      nstate: numbers of a state.
-    """
-
-    def __init__(self, model: mujoco.MjModel):
-        self.spec = compat.state_spec("INTEGRATION")
-        self.columns = compat.state_columns(model, self.spec)
-        self.nstate = compat.state_size(model, self.spec)
-        ctrl = self.columns.get("ctrl", slice(self.nstate, self.nstate))
-        self._before_ctrl, self._after_ctrl = slice(ctrl.start), slice(ctrl.stop, None)
-
-    def differing(self, state: np.ndarray, other: np.ndarray) -> set[str]:
-        """Return the MjData fields, other than the controls, that differ in any bit.
-
-        Args:
-          state: (nstate,) of mjSTATE_INTEGRATION.
-          other: to compare it with.
-        """
-        before, after = self._before_ctrl, self._after_ctrl
-        if (
-            state[before].tobytes() == other[before].tobytes()
-            and state[after].tobytes() == other[after].tobytes()
-        ):
-            return set()
-        return {
-            field
-            for field, place in self.columns.items()
-            if field != "ctrl" and state[place].tobytes() != other[place].tobytes()
-        }
 
 
 class FollowedSteps:

@@ -395,5 +395,5 @@ class _Collections:
     def __enter__(self) -> None:
         gc.callbacks.append(self._on_phase)
 
-    def __exit__(self, *ending: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         gc.callbacks.remove(self._on_phase)

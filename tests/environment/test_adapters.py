@@ -1,4 +1,4 @@
-"""Environments of each framework, told apart by what they have."""
+"""Environments of each framework, recognised by their attributes."""
 
 import random
 from types import SimpleNamespace
