@@ -179,7 +179,7 @@ class EngineWatch:
                 nstep = _nstep(name, arguments, keywords)
                 self._before(name, nstep, model, data)
                 result = function(*arguments, **keywords)
-                self._after(name, nstep, model, data)
+                self._after(nstep, model, data)
                 return result
 
             return call
@@ -218,7 +218,7 @@ class EngineWatch:
             self._reader_of = (model, StateReader(model))
         return self._reader_of[1]
 
-    def _after(self, name: str, nstep: int, model: Any, data: Any) -> None:
+    def _after(self, nstep: int, model: Any, data: Any) -> None:
         """Note the state that a call ended in; repeat the call, and compare."""
         trace = self._current
         assert trace is not None and self._last_row is not None, "a step is being run"

@@ -23,7 +23,8 @@ from dataclasses import dataclass, field
 from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.python_source import Program
-from mjbench.loop.stepping_script import SteppingScript, dotted_name, last_name, nodes_inside
+from mjbench.loop.script_names import dotted_name, last_name, nodes_inside
+from mjbench.loop.stepping_script import SteppingScript
 
 Loop = ast.For | ast.While
 _COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
