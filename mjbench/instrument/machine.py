@@ -193,7 +193,7 @@ class ProcessorTime:
 
 
 def stolen_note(begin: ProcessorTime) -> str:
-    """Return that the host took processor time since `begin`, as a sentence; empty if little."""
+    """Return a sentence if the host took much processor time since `begin`; empty otherwise."""
     share = ProcessorTime.now().stolen_since(begin)
     if share < NOTABLE_STOLEN:
         return ""
