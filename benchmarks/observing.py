@@ -77,14 +77,14 @@ def _line(name: str, seconds: float, rounds: int, rate: Sequence[str]) -> str:
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "loop.py"
         program.write_text(PROGRAM)
-        words = [str(program), str(path), str(seconds)]
+        program_command = [str(program), str(path), str(seconds)]
         alone, observed = [], []
         for number in range(rounds):
             for is_alone in (True, False) if number % 2 == 0 else (False, True):
                 if is_alone:
-                    alone.append(_alone(words))
+                    alone.append(_alone(program_command))
                 else:
-                    observed.append(_observed(words, Path(folder), rate))
+                    observed.append(_observed(program_command, Path(folder), rate))
     slowdown = stats.speedup([each.step_s for each in observed], alone)
     ends = [100 * (end - 1) for end in (slowdown.low, slowdown.high) if end is not None]
     interval = " to ".join(f"{end:+.1f}" for end in ends) or "too few rounds"
@@ -96,18 +96,20 @@ def _line(name: str, seconds: float, rounds: int, rate: Sequence[str]) -> str:
     )
 
 
-def _alone(words: Sequence[str]) -> float:
+def _alone(program_command: Sequence[str]) -> float:
     """Return the seconds of a step of the loop alone."""
-    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, *program_command], capture_output=True, text=True, check=True
+    )
     elapsed_s, nstep = map(float, done.stdout.split())
     return elapsed_s / nstep
 
 
-def _observed(words: Sequence[str], folder: Path, rate: Sequence[str]) -> Observed:
+def _observed(program_command: Sequence[str], folder: Path, rate: Sequence[str]) -> Observed:
     """Run the loop under `mjbench run`."""
     document = folder / "run.json"
     command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *rate]
-    command += ["--results", str(folder), *words]
+    command += ["--results", str(folder), *program_command]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     elapsed_s, nstep = map(float, done.stdout.split())
     (row,) = json.loads(document.read_text())["results"]

@@ -104,7 +104,7 @@ def measure(load: str) -> list[Measured]:
     from mjbench.testing.fixture import MAX_SLOWDOWN
 
     question = Question(MAX_SLOWDOWN, CONFIDENCE, TIME_LIMIT_S)
-    found = []
+    measured = []
     for name, make in FUNCTIONS.items():
         first, second = make(), make()
         check = callables.compare(Pair(first, second), question)
@@ -113,8 +113,8 @@ def measure(load: str) -> list[Measured]:
         occasion = stored.measure(benchmark, first, _nothing)
         candidate_s = statistics.median(benchmark.stats.stats.data)
         log_ratio = math.log(check.ratio)
-        found.append(Measured(name, load, check.answer, log_ratio, candidate_s, occasion))
-    return found
+        measured.append(Measured(name, load, check.answer, log_ratio, candidate_s, occasion))
+    return measured
 
 
 class _Benchmark:

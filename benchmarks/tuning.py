@@ -158,16 +158,15 @@ def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
     )
 
 
-def checked(
-    pool: WorkerPool, source: ModelSource, record: TuneRecord, seed: int
-) -> list[Promise]:
+def checked(pool: WorkerPool, source: ModelSource, record: TuneRecord, seed: int) -> list[Promise]:
     """Return the recommendations of a search, with their errors from further starts."""
     promises = [_promise(each, each == record.best()) for each in record.front]
     if record.present is None:
         return promises
     measurements = OnThisMachine(pool, source, StartPlan())
     for look in range(LOOKS):
-        measurements.baseline(TrialPlan(seed + 2 + look, StartPlan(), record.present.horizon_ncontrol))
+        ncontrol = record.present.horizon_ncontrol
+        measurements.baseline(TrialPlan(seed + 2 + look, StartPlan(), ncontrol))
         for number, each in enumerate(record.front):
             attempt = measurements.attempt(tuple(each.settings), quads=0)
             if attempt.accuracy is None:

@@ -71,9 +71,9 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
     yield from map(row, tally.models)
     yield ""
     yield (
-        f"Searched until {tally.date} with MuJoCo {tally.mujoco} on {tally.processor}, with a budget"
-        f" of {tally.budget_s:g} s a model. Each column includes what changes less. Settings are"
-        " those recommended first. A promise is that nine runs in ten err by no more than printed,"
+        f"Searched until {tally.date} with MuJoCo {tally.mujoco} on {tally.processor}, with a"
+        f" budget of {tally.budget_s:g} s a model. Each column includes what changes less. Settings"
+        " are those recommended first. A promise is that nine runs in ten err by no more than printed,"
         " and that settings which change no state still change none; it is checked in"
         f" {max((promise.later_nrun for promise in promises), default=0)} runs from starts that"
         " neither look of the search had. The search itself"

@@ -4,8 +4,8 @@ from typing import Any
 
 from example_records import FACTS
 
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_records import (
+from mjbench.environment.layers import Layer
+from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,
     LayerSamples,
@@ -14,7 +14,7 @@ from mjbench.program.environment_records import (
     VectorForm,
     VectorSamples,
 )
-from mjbench.program.environment_timer import TimerCost
+from mjbench.environment.timer import TimerCost
 from mjbench.status import Status
 
 ROUNDS = 8

@@ -14,15 +14,15 @@ BENCHMARK, PLUGIN = "pytest_benchmark.plugin", "mjbench.testing.plugin"
 def run_pytest(
     folder: Path,
     content: str,
-    *words: str,
+    *arguments: str,
     plugins: tuple[str, ...] = (BENCHMARK, PLUGIN),
     env: Mapping[str, str] | None = None,
 ) -> "subprocess.CompletedProcess[str]":
     """Return how pytest ended on a file of tests."""
     (folder / "test_speed.py").write_text(content)
-    loaded = [word for plugin in plugins for word in ("-p", plugin)]
+    loaded = [option for plugin in plugins for option in ("-p", plugin)]
     return subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-rs", *loaded, *words, "test_speed.py"],
+        [sys.executable, "-m", "pytest", "-q", "-rs", *loaded, *arguments, "test_speed.py"],
         cwd=folder,
         env={
             **{name: value for name, value in os.environ.items() if "PYTEST" not in name},

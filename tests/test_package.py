@@ -61,9 +61,9 @@ def test_the_installed_wheel_runs(packages: Path, tmp_path: Path) -> None:
         content.extractall(site)
     env = {**os.environ, "PYTHONPATH": str(site)}
     program = "import mjbench; print(mjbench.__file__)"
-    for words in (["-c", program], ["-m", "mjbench", "models"], ["-m", "mjbench", "paths"]):
+    for arguments in (["-c", program], ["-m", "mjbench", "models"], ["-m", "mjbench", "paths"]):
         done = subprocess.run(
-            [sys.executable, *words],
+            [sys.executable, *arguments],
             cwd=tmp_path,
             env=env,
             capture_output=True,
@@ -71,5 +71,5 @@ def test_the_installed_wheel_runs(packages: Path, tmp_path: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, done.stderr
-        assert str(site) in done.stdout or "mjbench" in words[1]
+        assert str(site) in done.stdout or "mjbench" in arguments[1]
     assert "python_loop" in done.stdout

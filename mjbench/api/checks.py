@@ -6,15 +6,28 @@ argument.
 
 import math
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
-from typing import Any, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from mjbench.errors import InputError, one_line
 from mjbench.instrument.limits import MAX_COUNT, MAX_SECONDS, MAX_SEED
 from mjbench.simulation import workload
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
+_Checked = TypeVar("_Checked")
+_Limits = ParamSpec("_Limits")
+
+
+def optional(
+    check: Callable[Concatenate[str, Any, _Limits], _Checked],
+    name: str,
+    value: Any,
+    *limits: _Limits.args,
+    **options: _Limits.kwargs,
+) -> _Checked | None:
+    """Return None for None, and what another function of this module returns for a value."""
+    return None if value is None else check(name, value, *limits, **options)
 
 
 def seconds(name: str, value: float, zero: bool = False) -> float:
@@ -89,16 +102,16 @@ def holds(nstep: int | None, hold: int) -> None:
         workload.check_sizes(1, nstep, hold)
 
 
-def words(name: str, value: str | Iterable[str]) -> list[str]:
-    """Return one word or several, each once; a comma separates words, as on the command line."""
+def names(name: str, value: str | Iterable[str]) -> list[str]:
+    """Return one name or several, each once; commas separate names, as on the command line."""
     several: Sequence[Any] = [value] if isinstance(value, str) else list(value)
-    if not all(isinstance(word, str) for word in several):
+    if not all(isinstance(text, str) for text in several):
         raise _wrong(name, value, "a text, or several")
-    split = [word.strip() for text in several for word in text.split(",")]
-    found = list(dict.fromkeys(filter(None, split)))
-    if not found:
+    split = [part.strip() for text in several for part in text.split(",")]
+    unique = list(dict.fromkeys(filter(None, split)))
+    if not unique:
         raise InputError(f"{name} is empty: give a name, or several")
-    return found
+    return unique
 
 
 def _number(name: str, value: Any) -> float:

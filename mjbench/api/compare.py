@@ -14,13 +14,15 @@ from mjbench import paths as stepping_paths
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.confirmation import Confirmation
 from mjbench.api.measured import Measured
-from mjbench.api.session import Progress, Session, ignore_progress
+from mjbench.api.session import Session
 from mjbench.comparison import compare as model_comparison
 from mjbench.comparison import selection
 from mjbench.comparison.plan import BUDGET_S, ComparisonPlan
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError
+from mjbench.instrument import progress
 from mjbench.instrument.limits import MAX_LARGE_COUNT, MAX_THREADS, TIME_LIMIT_S
+from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
 from mjbench.report import comparison as report
 from mjbench.report.advice import Advice, ClockAdvice
@@ -132,10 +134,10 @@ def compare(
       MachineError: a package is missing, or no model could be compared because processes failed.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    path_names = [] if paths is None else checks.words("paths", paths)
+    path_names = [] if paths is None else checks.names("paths", paths)
     plan = ComparisonPlan(
         variants=(),
-        nstep=None if nstep is None else checks.count("nstep", nstep),
+        nstep=checks.optional(checks.count, "nstep", nstep),
         hold=checks.count("hold", hold),
         seed=checks.seed("seed", seed),
         returns=checks.choice("returns", returns, Product),
@@ -143,18 +145,18 @@ def compare(
         limit_s=checks.seconds("time_limit_s", time_limit_s),
         import_from=_own_path_folder(path_names),
         named=selection.named(path_names),
-        total_steps=None
-        if total_steps is None
-        else checks.large_count("total_steps", total_steps, MAX_LARGE_COUNT),
+        total_steps=checks.optional(
+            checks.large_count, "total_steps", total_steps, MAX_LARGE_COUNT
+        ),
     )
     checks.holds(plan.nstep, plan.hold)
     plans = selection.plans(
         plan,
         path_names,
-        None if threads is None else checks.counts("threads", threads, MAX_THREADS),
-        None if chunk is None else checks.counts("chunk", chunk),
-        _option_words(options or {}),
-        None if nbatch is None else checks.counts("nbatch", nbatch),
+        checks.optional(checks.counts, "threads", threads, MAX_THREADS),
+        checks.optional(checks.counts, "chunk", chunk),
+        _option_texts(options or {}),
+        checks.optional(checks.counts, "nbatch", nbatch),
     )
     with (
         model_sources.sources(models or shipped_models.shipped()) as sources,
@@ -163,7 +165,7 @@ def compare(
     ):
         sized = [replace(plan, starts=starts) for plan in plans]
         turns = list(itertools.product(sources, sized))
-        records = _measure(turns, confirm, on_progress or ignore_progress)
+        records = _measure(turns, confirm, on_progress or progress.ignore)
         failures.check_any([record for record in records if isinstance(record, ModelRecord)])
         files = [*(source.path for source in sources), *starts.files]
         run = session.run(records, {"models": [source.name for source in sources]}, files)
@@ -200,7 +202,7 @@ def _measure(
     return records
 
 
-def _option_words(options: Mapping[str, Any]) -> list[str]:
+def _option_texts(options: Mapping[str, Any]) -> list[str]:
     """Return options as the command line has them, such as `pool=new,kept`."""
     several = {
         name: [values] if isinstance(values, str) or not isinstance(values, Iterable) else values

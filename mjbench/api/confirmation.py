@@ -5,8 +5,9 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from mjbench.comparison.compare import Progress
 from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.instrument import progress
+from mjbench.instrument.progress import Progress
 from mjbench.instrument.runs import Record
 from mjbench.paired import contest
 from mjbench.paired.confirmation import ComparedSizes, ConfirmationRecord, compare_again
@@ -23,21 +24,6 @@ _Record = TypeVar("_Record", ConfirmationRecord, ContestRecord)
 _HALFWAY_LAUNCHES = 8
 # Share of the bar of a model's comparisons that the one of the engine's clock has.
 _CLOCK_SHARE = 0.3
-
-
-def no_progress(name: str, share: float) -> None:
-    """Show nothing."""
-
-
-def part_of(on_progress: Progress, begin: float, end: float) -> Progress:
-    """Return what shows the progress of a part of the work as that of the whole.
-
-    Args:
-      on_progress: shows that of the whole.
-      begin: share of the whole that is done before the part.
-      end: share that is done after it.
-    """
-    return lambda name, share: on_progress(name, begin + (end - begin) * share)
 
 
 class Confirmation:
@@ -58,7 +44,7 @@ class Confirmation:
         source: ModelSource,
         plan: ComparisonPlan,
         results: ModelResults,
-        on_progress: Progress = no_progress,
+        on_progress: Progress = progress.ignore,
     ) -> ModelResults:
         """Return the results of a model with the comparisons in fresh processes that advice needs.
 
@@ -69,11 +55,11 @@ class Confirmation:
           on_progress: called before the first launch and after each.
         """
         if pairing := clock_pairing(results):
-            on_clock = part_of(on_progress, 0.0, _CLOCK_SHARE)
+            on_clock = progress.part_of(on_progress, 0.0, _CLOCK_SHARE)
             record = self.compare(source, plan, pairing, results.compared_sizes, on_clock)
             results = dataclasses.replace(results, confirmations=(*results.confirmations, record))
         if not self.is_interrupted and (groups := contest_groups(results)):
-            on_contest = part_of(on_progress, _CLOCK_SHARE, 1.0)
+            on_contest = progress.part_of(on_progress, _CLOCK_SHARE, 1.0)
             held = self.contest(source, plan, groups, results.compared_sizes, on_contest)
             results = dataclasses.replace(results, contest=held)
         return results
@@ -84,7 +70,7 @@ class Confirmation:
         plan: ComparisonPlan,
         pairing: Pairing,
         sizes: ComparedSizes,
-        on_progress: Progress = no_progress,
+        on_progress: Progress = progress.ignore,
     ) -> ConfirmationRecord:
         """Return the record of a comparison, which is stored, too.
 
@@ -112,7 +98,7 @@ class Confirmation:
         plan: ComparisonPlan,
         groups: Sequence[Sequence[Variant]],
         sizes: ComparedSizes,
-        on_progress: Progress = no_progress,
+        on_progress: Progress = progress.ignore,
     ) -> ContestRecord:
         """Return the record of a contest, which is stored, too.
 

@@ -86,12 +86,9 @@ def latency(
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
     limit_s = checks.seconds("time_limit_s", time_limit_s)
-    if deadline_s is not None:
-        deadline_s = checks.seconds("deadline_s", deadline_s)
-    if rate_hz is not None:
-        rate_hz = checks.rate_hz("rate_hz", rate_hz, MAX_HERTZ)
-    if nstep is not None:
-        nstep = checks.count("nstep", nstep)
+    deadline_s = checks.optional(checks.seconds, "deadline_s", deadline_s)
+    rate_hz = checks.optional(checks.rate_hz, "rate_hz", rate_hz, MAX_HERTZ)
+    nstep = checks.optional(checks.count, "nstep", nstep)
     with (
         model_sources.sources([model]) as (source,),
         start_states.plan(settle_s, states, actions) as starts,

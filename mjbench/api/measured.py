@@ -1,4 +1,4 @@
-"""What a measurement in a program returns: a value that shows itself as the command would."""
+"""What a measurement in a program returns: a value that prints what the command prints."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""From what a program has, a name, a path or a model, to what child processes load.
+"""Turn a name, a path or a model of the program into what child processes load.
 
 A compiled model is saved as .mjb, which holds all that a step depends on, for as long as it is
 needed; child processes run the same release and can load it.
@@ -8,7 +8,7 @@ import contextlib
 import itertools
 import os
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -57,7 +57,12 @@ def sources(given: "Sequence[Model]") -> Iterator[list[ModelSource]]:
                 sources_by_position[i] = source
                 taken.add(source.name)
         in_order = (sources_by_position[i] for i in range(len(given)))
-        yield list({source.path: source for source in in_order}.values())
+        yield each_once(in_order)
+
+
+def each_once(sources: Iterable[ModelSource]) -> list[ModelSource]:
+    """Return the sources of different files, in their order."""
+    return list({source.path: source for source in sources}.values())
 
 
 def _saved(model: "Model", file: Path, taken: Collection[str]) -> ModelSource:

@@ -1,7 +1,7 @@
 """What surrounds a measurement in a program: interrupts, other measurements, the host's share."""
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -12,13 +12,6 @@ from mjbench.instrument import child, machine, neighbours, platforms, runs
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.neighbours import Neighbour, Presence
 from mjbench.instrument.runs import Record, Run
-
-# Called with what is measured now, and the share of all work that is done.
-Progress = Callable[[str, float], None]
-
-
-def ignore_progress(name: str, share: float) -> None:
-    """Do nothing."""
 
 
 class Session:
@@ -91,15 +84,14 @@ class Session:
 
     def notes(self) -> tuple[str, ...]:
         """Return what made timings unreliable until now, a sentence each."""
-        found = {(each.pid, each.command): each for each in self._others}
-        found |= {(each.pid, each.command): each for each in self._presence.later_neighbours()}
+        others = {(each.pid, each.command): each for each in self._others}
+        others |= {(each.pid, each.command): each for each in self._presence.later_neighbours()}
         notes = []
-        if found:
+        if others:
             notes.append(
                 "Another mjbench measured on this machine at the same time"
-                f" ({neighbours.describe(list(found.values()))}): these timings are unreliable."
+                f" ({neighbours.describe(list(others.values()))}): these timings are unreliable."
             )
-        share = ProcessorTime.now().stolen_since(self._processor_time)
-        if share >= machine.NOTABLE_STOLEN:
-            notes.append(machine.describe_stolen(share))
+        if stolen := machine.stolen_note(self._processor_time):
+            notes.append(stolen)
         return tuple(notes)

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 # A file of arrays by MjData field, or these arrays, as `mjbench.record` returns them.
 States: TypeAlias = "str | os.PathLike[str] | Mapping[str, ArrayLike]"
-
-
 # A file of controls, or an array of them: (ncontrol, nu) or (nsequence, ncontrol, nu).
 Actions: TypeAlias = "str | os.PathLike[str] | ArrayLike"
 
@@ -41,8 +39,7 @@ def plan(
       InputError: both `settle_s` and `states` are given, they are not arrays, or there is no such
         file.
     """
-    if settle_s is not None:
-        settle_s = checks.seconds("settle_s", settle_s, zero=True)
+    settle_s = checks.optional(checks.seconds, "settle_s", settle_s, zero=True)
     with scratch.folder() as folder:
         yield starts.start_plan(
             settle_s,
@@ -82,7 +79,7 @@ def _actions_file(actions: "Actions", folder: Path) -> Path:
 
 @contextlib.contextmanager
 def _refusing(name: str) -> Iterator[None]:
-    """Turn values that are no arrays into an InputError."""
+    """Turn an error in converting values to arrays into an InputError."""
     try:
         yield
     except (TypeError, ValueError) as error:

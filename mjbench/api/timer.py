@@ -15,7 +15,6 @@ import time
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 from mjbench.errors import InputError
@@ -139,12 +138,7 @@ class Timer:
         self._begin_ns = self._clock()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         """Stop the clock."""
         self._end_ns = self._clock()
         if self._data is not None:

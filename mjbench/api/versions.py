@@ -8,12 +8,13 @@ from rich.console import Console
 
 from mjbench.api import checks, failures, model_sources, start_states
 from mjbench.api.measured import Measured
-from mjbench.api.session import Progress, Session, ignore_progress
+from mjbench.api.session import Session
 from mjbench.counts import release_comparison
 from mjbench.counts.instructions import InstructionCounter
 from mjbench.counts.release_comparison import InstructionComparison
 from mjbench.errors import InputError
-from mjbench.instrument import platforms
+from mjbench.instrument import platforms, progress
+from mjbench.instrument.progress import Progress
 from mjbench.paired import family, outcomes, targets, verdict
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.family import Family
@@ -126,19 +127,17 @@ def versions(
       MachineError: a package or a release is missing, or processes failed for every model.
       KeyboardInterrupt: Ctrl-C; no child process is left.
     """
-    path_names, chosen = checks.words("paths", paths), checks.choice("metric", metric, Metric)
+    path_names, chosen = checks.names("paths", paths), checks.choice("metric", metric, Metric)
     targets.check_metric(chosen, path_names)
     if not news:
         raise InputError('name an old and a new release, such as versions("3.3.0", "4.0.0")')
     baseline, *candidates = [installs.parse_release(str(name)) for name in (old, *news)]
-    sources = list(
-        {source.path: source for source in map(model_sources.named, _several(models))}.values()
-    )
-    advance = on_progress or ignore_progress
+    sources = model_sources.each_once(map(model_sources.named, _several(models)))
+    advance = on_progress or progress.ignore
     with start_states.plan(settle_s, states, actions) as starts:
         sizes = Sizes(
-            None if nbatch is None else checks.count("nbatch", nbatch),
-            None if nstep is None else checks.count("nstep", nstep),
+            checks.optional(checks.count, "nbatch", nbatch),
+            checks.optional(checks.count, "nstep", nstep),
             checks.count("hold", hold),
             checks.seed("seed", seed),
             starts,

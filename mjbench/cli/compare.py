@@ -238,8 +238,9 @@ def _plan(options: _Options, import_from: str | None) -> "ComparisonPlan":
 def _compare(
     sources: "Sequence[ModelSource]", plans: "Sequence[ComparisonPlan]", options: _Options
 ) -> None:
-    from mjbench.api.confirmation import Confirmation, part_of
+    from mjbench.api.confirmation import Confirmation
     from mjbench.comparison import compare
+    from mjbench.instrument.progress import part_of
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
     from mjbench.report import comparison as report

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mjbench.api.confirmation import Confirmation
-    from mjbench.comparison.compare import Progress
     from mjbench.comparison.scaling import ScalingRecord, ScalingRequest, ScalingRun
+    from mjbench.instrument.progress import Progress
     from mjbench.instrument.runs import Record
     from mjbench.report.thread_advice import ScalingResults
     from mjbench.simulation.models import ModelSource
@@ -153,7 +153,7 @@ class _ModelSearch:
 
     def _confirmed(self, results: "ScalingResults") -> "ScalingResults":
         """Return the results with the comparisons in fresh processes that advice needs."""
-        from mjbench.api.confirmation import part_of
+        from mjbench.instrument.progress import part_of
 
         plan = dataclasses.replace(self._request.plan, nbatch=self._request.first_nbatch)
         while pairing := results.next_pairing():

@@ -157,9 +157,8 @@ class RunContext:
         """Say that the host gave the cores of this virtual machine to others, where it did."""
         from mjbench.instrument import machine
 
-        share = machine.ProcessorTime.now().stolen_since(begin)
-        if share >= machine.NOTABLE_STOLEN:
-            self.out.print(machine.describe_stolen(share), soft_wrap=True)
+        if stolen := machine.stolen_note(begin):
+            self.out.print(stolen, soft_wrap=True)
 
     def _open_run_file(self, storage: Storage) -> "RunFile":
         """Begin a run file, or continue one with those of its records that are finished."""

@@ -84,17 +84,18 @@ def env(
       mjbench env dm_control:humanoid-walk --steps 500
       mjbench env my_env:make --no-vector
     """
+    from mjbench.environment import measurement
+    from mjbench.environment.measurement import EnvironmentPlan
+    from mjbench.environment.records import EnvironmentRecord
+    from mjbench.environment.source import resolve
     from mjbench.instrument import machine
-    from mjbench.program import environment, environment_source
-    from mjbench.program.environment import EnvironmentPlan
-    from mjbench.program.environment_records import EnvironmentRecord
     from mjbench.report.documents import EnvDocument
     from mjbench.report.environment import print_environment
     from mjbench.report.environment_results import EnvironmentRow, derive
 
     if no_vector and nenv:
         raise click.UsageError("give --num-envs or --no-vector, not both")
-    sources = [environment_source.resolve(name, Path.cwd()) for name in names]
+    sources = [resolve(name, Path.cwd()) for name in names]
     cores = machine.usable_cores()
     counts = tuple(nenv or _doubled(cores)) if not no_vector else ()
     nthread = tuple(threads or sorted({1, cores}))
@@ -104,7 +105,7 @@ def env(
     with RunContext("env", json_file, [], storage, wait) as run:
         for source in sources:
             try:
-                record = environment.measure(source, plan)
+                record = measurement.measure(source, plan)
             except MjbenchError as error:
                 record = EnvironmentRecord.failed(source.name, failure_of(error))
             run.record(record)

@@ -81,7 +81,7 @@ def lint(
         raise InputError(f"--json - and --output-format {form} cannot share standard output")
     if diff and (form != "text" or json_file is not None):
         raise InputError("--diff prints a diff alone: use it without --json and --output-format")
-    chosen = codes(_words(select), _words(ignore))
+    chosen = codes(_split(select), _split(ignore))
     files = script_files(names)
     if diff:
         _print_diff(files, chosen)
@@ -110,12 +110,12 @@ def lint(
     sys.exit(exit_code(Status.INPUT for _ in unchecked))
 
 
-def _words(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",") if word.strip()]
+def _split(text: str) -> list[str]:
+    return [code.strip() for code in text.split(",") if code.strip()]
 
 
 class _Fixes:
-    """Changes of files, as they are made.
+    """Changes of files, counted as they are written.
 
     Attributes:
       count: number of findings that files have no more.

@@ -116,10 +116,10 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
 def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
     """Print what a command around one loop measured; return whether one did."""
     from mjbench.comparison.planning_run import PlanningRow
+    from mjbench.environment.records import EnvironmentRecord
     from mjbench.loop.latency import LatencyRow
     from mjbench.loop.overhead import OverheadRow
     from mjbench.loop.profile import ProfileRow
-    from mjbench.program.environment_records import EnvironmentRecord
     from mjbench.program.records import ProgramRow
     from mjbench.report import (
         documents,

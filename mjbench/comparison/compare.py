@@ -29,11 +29,11 @@ from mjbench.comparison.plan import ComparisonPlan
 from mjbench.comparison.records import MeasurementRecord, ModelRecord, of_model
 from mjbench.errors import failure_of
 from mjbench.instrument import isolate, machine, scratch
+from mjbench.instrument.progress import Progress
 from mjbench.paths.accelerated import AcceleratedPath
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 
-Progress = Callable[[str, float], None]
 # Share of a model's progress that verification stands for; timing is the rest.
 VERIFICATION_SHARE = 0.3
 

@@ -25,7 +25,7 @@ PositiveInt = Annotated[int, Meta(ge=1, le=_LARGEST_INT)]
 NonNegativeInt = Annotated[int, Meta(ge=0, le=_LARGEST_INT)]
 PositiveFloat = Annotated[float, Meta(gt=0, le=_LARGEST_FLOAT)]
 NonNegativeFloat = Annotated[float, Meta(ge=0, le=_LARGEST_FLOAT)]
-# No clock tells less, and ratios of two of these do not overflow.
+# No clock resolves less, and ratios of two of these do not overflow.
 Nanoseconds = Annotated[float, Meta(ge=1e-3, le=_LARGEST_FLOAT)]
 AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]
 # No two targets differ by more than e to the power of this.

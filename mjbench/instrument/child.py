@@ -174,7 +174,7 @@ class AdoptedChild(ChildProcess):
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Let Ctrl-C wait until the block has ended: what is half started could not be ended."""
+    """Delay Ctrl-C until the block has ended: a process that is half started could not be ended."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
         yield

@@ -165,7 +165,7 @@ def load() -> Condition:
 def stolen() -> Condition | None:
     """Return the share of processor time that the host takes; None on a machine of its own.
 
-    Some hypervisors hide themselves: time that was ever taken gives them away.
+    A hypervisor that hides itself shows by the processor time that it has taken.
     """
     before = ProcessorTime.now()
     if not (machine.is_virtual() or before.stolen_s > 0):

@@ -58,8 +58,8 @@ def install_command(names: str) -> str:
     except importlib.metadata.PackageNotFoundError:
         requirements = []
     packages = [each for name in names.split(",") for each in _packages(name, requirements)]
-    words = list(dict.fromkeys(packages)) or [f".[{names}]"]
-    return f"python -m pip install {' '.join(map(_quoted, words))}"
+    arguments = list(dict.fromkeys(packages)) or [f".[{names}]"]
+    return f"python -m pip install {' '.join(map(_quoted, arguments))}"
 
 
 def _packages(extra: str, requirements: list[str]) -> Iterator[str]:
@@ -76,6 +76,6 @@ def _packages(extra: str, requirements: list[str]) -> Iterator[str]:
             yield from _packages(contained, requirements)
 
 
-def _quoted(word: str) -> str:
-    """Return a word as a shell needs it; double quotes serve those of Windows, too."""
-    return word if re.fullmatch(r"[\w.-]+", word) else f'"{word}"'
+def _quoted(argument: str) -> str:
+    """Return an argument quoted for a shell; double quotes work in those of Windows, too."""
+    return argument if re.fullmatch(r"[\w.-]+", argument) else f'"{argument}"'

@@ -192,8 +192,11 @@ class ProcessorTime:
         return stolen_s / asked_s if asked_s > 0 else 0.0
 
 
-def describe_stolen(share: float) -> str:
-    """Return what it means that the host took a share of the processor time, as a sentence."""
+def stolen_note(begin: ProcessorTime) -> str:
+    """Return a sentence if the host took much processor time since `begin`; empty otherwise."""
+    share = ProcessorTime.now().stolen_since(begin)
+    if share < NOTABLE_STOLEN:
+        return ""
     return (
         f"The host took {100 * share:.0f} % of this machine's processor time for others:"
         " timings are noisier for it, and verdicts take longer."

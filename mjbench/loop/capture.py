@@ -1,9 +1,9 @@
 """Take states from a running program: `with mjbench.capture("states.npz"):` around what it does.
 
-While the block runs, calls of `mujoco.mj_step` and `mujoco.mj_step2` pass through here, whoever
-makes them: a loop, Gymnasium, dm_control. The program does what it does without: the same
-steps, to the last bit, the same exceptions, the same random numbers. At most `max_states`
-states are kept, in windows of `nstep` consecutive steps that are spread evenly over the run (see
+While the block runs, calls of `mujoco.mj_step` and `mujoco.mj_step2` pass through here, also those
+of Gymnasium and dm_control. The program itself does not change: it takes the same steps, to the
+last bit, raises the same exceptions and draws the same random numbers. At most `max_states` states
+are stored, in windows of `nstep` consecutive steps that are spread evenly over the run (see
 `window_sample`), each with the controls that led to it. docs/formats.md describes the file.
 """
 
@@ -27,7 +27,7 @@ from mjbench.loop.step_recorder import RecordedModel, StepRecorder, Window
 from mjbench.simulation import capture_header, state_file
 from mjbench.simulation.capture_header import CaptureHeader
 
-# States that are kept, and steps of a window, unless the user says otherwise.
+# States that are stored, and steps of a window, unless the user says otherwise.
 MAX_STATES, WINDOW_NSTEP = 10_000, 100
 
 
@@ -119,8 +119,8 @@ def _why_nothing(captured: Captured) -> str:
 class Capture(contextlib.ContextDecorator):
     """Takes states from what runs inside it: a context manager, and a decorator.
 
-    The file is written when the block ends, also by an exception or Ctrl-C. One that was there
-    stays as it is until then, and for good where no step is seen, which is a RuntimeWarning.
+    The file is written when the block ends, also by an exception or Ctrl-C. Until then an existing
+    file stays unchanged. If no step was seen, it is not replaced, and a RuntimeWarning says so.
 
     Attributes:
       result: what was captured; None before the block has ended.
@@ -143,7 +143,7 @@ class Capture(contextlib.ContextDecorator):
           model: whose states to take, and those of models with the same digest; None for the model
             that is stepped most.
           data: whose states to take; None for any MjData of the model.
-          max_states: states that are kept at most.
+          max_states: the most states that are stored.
           nstep: steps of a window, and so the most that can be replayed from a state.
           save_model: file for the compiled model, as it was before its first step, ending in
             `.mjb`; None for none. Only this release of MuJoCo can load it.
@@ -186,7 +186,7 @@ class Capture(contextlib.ContextDecorator):
         self._block = _Block(_writable(self._file), model_file)
         self.result = None
         recorder = StepRecorder(
-            self._max_states, self._nstep, self._model, self._data, self._block.keep_model
+            self._max_states, self._nstep, self._model, self._data, self._block.save_model_beside
         )
         self._block.begin(recorder)
         return self
@@ -231,8 +231,8 @@ class _Block:
         self._recorder = recorder
         self._replaced.enter_context(engine_functions.replaced(recorder.wrappers()))
 
-    def keep_model(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
-        """Save a model beside its file, where that was asked for, until it is known which counts.
+    def save_model_beside(self, recorded: RecordedModel, model: mujoco.MjModel) -> None:
+        """Save a model beside its file, if that was asked for; `end` keeps the one of the states.
 
         A disk that is full is reported when the block ends, not to the program.
         """

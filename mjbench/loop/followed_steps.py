@@ -1,10 +1,10 @@
-"""Follow the steps of one MjData, and keep its states as segments of consecutive steps.
+"""Follow the steps of one MjData, and store its states as segments of consecutive steps.
 
-A *segment* is a state and those after each further step. Whoever starts at one of them and takes
-the controls of those that follow does what the program did, to the last bit, as long as the program
-sets nothing but controls between its steps. Where it changes the state itself, as by a reset, a new
-segment begins. Where it sets another input, such as a force, the segment goes on, and the input is
-named.
+A *segment* is a state and those after each further step. A replay from one of these states, with
+the controls of those that follow, repeats the program to the last bit, as long as the program sets
+only controls between its steps. If it changes the state itself, as by a reset, a new segment
+begins. If it sets another input, such as a force, the segment goes on, and `changed_inputs` names
+the input.
 """
 
 import weakref
@@ -13,48 +13,12 @@ import mujoco
 import numpy as np
 
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.simulation import compat
+from mjbench.simulation.state_reader import StateReader
 
-# Of mjSTATE_INTEGRATION, what steps move: where a program changes it, its simulation is elsewhere.
+# Fields of mjSTATE_INTEGRATION that steps change: a program that sets one begins a new segment.
 _MOVED = frozenset(("time", "qpos", "qvel", "act", "history", "plugin_state", "plastic"))
-# A step by another time than the timestep, by more than this share of it, was started anew.
+# If a step takes another time than the timestep, by more than this share, the engine was reset.
 _TIME_SHARE = 0.5
-
-
-class StateReader:
-    """Reads the states of MjData of one layout.
-
-    Attributes:
-      spec: mjSTATE_INTEGRATION.
-      columns: of each MjData field in a state.
-      nstate: numbers of a state.
-    """
-
-    def __init__(self, model: mujoco.MjModel):
-        self.spec = compat.state_spec("INTEGRATION")
-        self.columns = compat.state_columns(model, self.spec)
-        self.nstate = compat.state_size(model, self.spec)
-        ctrl = self.columns.get("ctrl", slice(self.nstate, self.nstate))
-        self._before_ctrl, self._after_ctrl = slice(ctrl.start), slice(ctrl.stop, None)
-
-    def differing(self, state: np.ndarray, other: np.ndarray) -> set[str]:
-        """Return the MjData fields, other than the controls, that differ in any bit.
-
-        Args:
-          state: (nstate,) of mjSTATE_INTEGRATION.
-          other: to compare it with.
-        """
-        before, after = self._before_ctrl, self._after_ctrl
-        if (
-            state[before].tobytes() == other[before].tobytes()
-            and state[after].tobytes() == other[after].tobytes()
-        ):
-            return set()
-        return {
-            field
-            for field, place in self.columns.items()
-            if field != "ctrl" and state[place].tobytes() != other[place].tobytes()
-        }
 
 
 class FollowedSteps:
@@ -77,7 +41,7 @@ class FollowedSteps:
           reader: of its states.
           model: that it is of.
           data: to follow.
-          most_states: that are kept.
+          most_states: the most to store.
         """
         self._reader = reader
         self._get_state = mujoco.mj_getState
@@ -96,7 +60,7 @@ class FollowedSteps:
         return self._data()
 
     def follows(self, data: mujoco.MjData) -> bool:
-        """Return whether this is the one that is followed, and another step may be kept."""
+        """Return whether this is the one that is followed, and there is room for another state."""
         return self._data() is data and self._count < len(self._states)
 
     def step(
@@ -106,13 +70,13 @@ class FollowedSteps:
         data: mujoco.MjData,
         nstep: int,
     ) -> int:
-        """Take steps one by one, and keep the states that they lead to.
+        """Take steps one by one, and store the states after them.
 
         Args:
           function: takes a step.
           model: that is stepped.
           data: the one that is followed.
-          nstep: steps to take; fewer are taken where no more states can be kept.
+          nstep: steps to take; fewer are taken where there is no room for more states.
 
         Returns:
           How many were taken, at least 1.
@@ -151,7 +115,7 @@ class FollowedSteps:
     def segments(self) -> list[np.ndarray]:
         """Return (count, nstate) states of each segment that has a step.
 
-        A segment ends before a state that is not finite: the engine can be told to go on from one.
+        A segment ends before a state that is not finite; the engine may be set to continue from it.
         """
         ends = [*self._begins[1:], self._count]
         pairs = zip(self._begins, ends, strict=True)

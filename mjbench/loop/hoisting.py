@@ -23,7 +23,8 @@ from dataclasses import dataclass, field
 from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.python_source import Program
-from mjbench.loop.stepping_script import SteppingScript, dotted_name, last_name, nodes_inside
+from mjbench.loop.script_names import dotted_name, last_name, nodes_inside
+from mjbench.loop.stepping_script import SteppingScript
 
 Loop = ast.For | ast.While
 _COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
@@ -96,10 +97,10 @@ class Hoisting:
         self._lines = [line.text for line in program.lines]
         # of IPython, each on its line; the other lines are empty
         self._commands = [n.text if n.text != n.python else "" for n in program.lines]
-        # a new name is none of these; where code may be in strings, no word of the script
+        # a new name is none of these; where strings may hold code, nothing that the script contains
         texts = self._lines if self._bindings.reaches_names else self._commands
-        words = {word for text in texts for word in re.findall(r"\w+", text)}
-        self._taken = {*words, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
+        tokens = {token for text in texts for token in re.findall(r"\w+", text)}
+        self._taken = {*tokens, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
 
     def plan(self, calls: Sequence[ast.Call]) -> HoistPlan:
         """Return which of some named accesses can be hoisted, each out of which loop.
@@ -142,7 +143,8 @@ class Hoisting:
                 if outer is not None:
                     outer.calls += group.calls
                     group.calls.clear()
-        return {key: kept for key, same in groups.items() if (kept := [g for g in same if g.calls])}
+        nonempty = {key: [g for g in same if g.calls] for key, same in groups.items()}
+        return {key: same for key, same in nonempty.items() if same}
 
     def _outermost_around(self, groups: Sequence[_Group], node: ast.AST) -> _Group | None:
         """Return the group whose loop is the outermost around a node, in the node's scope."""
@@ -152,7 +154,7 @@ class Hoisting:
         return around[-1] if around else None
 
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
-        """Return why a call is not even looked at where it stands; empty if nothing is wrong."""
+        """Return why a call cannot be hoisted out of a loop; empty if it can."""
         if loop is None:
             return "no loop around it steps"
         lines = self._lines[call.lineno - 1 : call.end_lineno]
@@ -174,7 +176,7 @@ class Hoisting:
             return "its arguments are not plain"
         if last_name(call.func) == "mj_name2id":
             return self._variation_of_id(call, loop)
-        assert isinstance(call.func, ast.Attribute)  # the rule finds nothing else
+        assert isinstance(call.func, ast.Attribute)  # the rule matches nothing else
         owner = call.func.value
         if not isinstance(owner, ast.Name):
             shown = ast.unparse(owner)
@@ -242,8 +244,7 @@ class Hoisting:
     def _widest_loop(self, call: ast.Call, loop: Loop) -> Loop:
         """Return the outermost loop that a call can leave.
 
-        It leaves `loop` for the iteration of the next loop that steps, where it would be found
-        again.
+        If it only left `loop`, the rule would match it again in the next loop outside that steps.
         """
         scope = self._bindings.scope_of(loop)
         while outer := self._script.step_loop_around(loop):

@@ -22,7 +22,7 @@ from mjbench.instrument.isolate import Channel
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.simulation import compat, models, sampling, starts, work
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.sampling import Sample, SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.workload import Workload, whole_holds
@@ -259,19 +259,7 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
     nstep = request.nstep or min(NSTEP, affordable)
     nrun = -(-(nstep + WARM_UP_NSTEP) // RUN_NSTEP)
     channel.allow_silence(_PATIENCE * step_s * (nrun + 1) * RUN_NSTEP)
-    max_nstep = starts.max_settling_nstep(step_s)
-    sample = sampling.draw(
-        model,
-        SampleRequest(
-            nrun,
-            whole_holds(RUN_NSTEP, request.hold),
-            request.hold,
-            request.seed,
-            request.starts,
-            max_nstep,
-            may_shorten=True,
-        ),
-    )
+    sample = _draw(model, request, nrun, starts.max_settling_nstep(step_s))
     timestep_s = float(model.opt.timestep)
     rate_hz = request.rate_hz or 1 / timestep_s
     for pace in Pace:
@@ -294,6 +282,22 @@ def measure_in_child(request: LatencyRequest, channel: Channel) -> None:
                 sample.starts,
             )
         )
+
+
+def _draw(
+    model: mujoco.MjModel, request: LatencyRequest, nrun: int, max_settling_nstep: int
+) -> Sample:
+    """Return `nrun` simulations to step, one after the other."""
+    sample_request = SampleRequest(
+        nrun,
+        whole_holds(RUN_NSTEP, request.hold),
+        request.hold,
+        request.seed,
+        request.starts,
+        max_settling_nstep,
+        may_shorten=True,
+    )
+    return sampling.draw(model, sample_request)
 
 
 class _Recorder:
@@ -395,5 +399,5 @@ class _Collections:
     def __enter__(self) -> None:
         gc.callbacks.append(self._on_phase)
 
-    def __exit__(self, *ending: object) -> None:
+    def __exit__(self, *exception: object) -> None:
         gc.callbacks.remove(self._on_phase)

@@ -1,6 +1,6 @@
 """Find in a user's script what makes a stepping loop slow or its log wrong; nothing is executed.
 
-The rules are in lint_rules.py; stepping_script.py knows the script that they look at.
+The rules are in lint_rules.py; stepping_script.py describes a script to them.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from pathlib import Path
 from mjbench.errors import InputError
 from mjbench.loop.lint_rules import RULES, Match, Rule
 from mjbench.loop.python_source import Program, read_program
-from mjbench.loop.script_files import UncheckedFile
+from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
 
 
@@ -49,7 +49,7 @@ def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
 
     Args:
       select: codes, or how they begin; none for all.
-      ignore: likewise; they win.
+      ignore: likewise; they take precedence.
 
     Raises:
       InputError: no rule has such a code.
@@ -96,20 +96,13 @@ def refusing_deep_nesting(file: str) -> Iterator[None]:
 def check_all(
     files: Iterable[str | UncheckedFile], codes: Collection[str] = ALL_CODES
 ) -> Iterator[Finding | UncheckedFile]:
-    """Yield the findings of all files in turn; in place of those of a file, why it has none.
+    """Yield the findings of all files in turn; in place of a file's, why it has none.
 
     Args:
       files: their names, and those that cannot be checked.
       codes: of the rules to check.
     """
-    for file in files:
-        if isinstance(file, UncheckedFile):
-            yield file
-            continue
-        try:
-            yield from check(file, codes)
-        except InputError as error:
-            yield UncheckedFile.of(file, error)
+    return each_checked(files, lambda file: check(file, codes))
 
 
 @cache

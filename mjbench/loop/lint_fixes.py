@@ -12,14 +12,14 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.errors import InputError, one_line, printable, writing
+from mjbench.errors import one_line, printable, writing
 from mjbench.instrument import files as stored_files
 from mjbench.loop import lint
 from mjbench.loop.hoisting import Hoisting, Refusal
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_changes import Changes, changed
-from mjbench.loop.script_files import UncheckedFile
+from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
 
 _LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
@@ -27,7 +27,7 @@ _LINE = re.compile(r".*?(?:\r\n|\r|\n|\Z)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Unfixed:
-    """A finding that has a remedy, which is not certain to be safe there.
+    """A finding whose remedy is not certain to be safe there.
 
     Attributes:
       finding: the finding; its line is one of the changed file.
@@ -46,8 +46,8 @@ class FixedFile:
       file: its name.
       before: as it is stored.
       after: as it is with all changes; `before` itself where there are none.
-      fixed: number of findings that it has no more.
-      findings: that it still has, in the order of its lines.
+      fixed: number of findings that the changes remove.
+      findings: that remain, in the order of its lines.
       unfixed: those of them that have a remedy.
     """
 
@@ -98,14 +98,7 @@ def fix_all(
       files: their names, and those that cannot be checked.
       codes: of the rules to check.
     """
-    for file in files:
-        if isinstance(file, UncheckedFile):
-            yield file
-            continue
-        try:
-            yield fix(file, codes)
-        except InputError as error:
-            yield UncheckedFile.of(file, error)
+    return each_checked(files, lambda file: [fix(file, codes)])
 
 
 def fix(file: str, codes: Collection[str] = lint.ALL_CODES) -> FixedFile:
@@ -142,7 +135,7 @@ def _none_of(plan: _Plan, reason: str) -> _Plan:
 def _result(
     file: str, before: Program, after: Program, codes: Collection[str], plan: _Plan
 ) -> FixedFile:
-    """Return what is left to say of a file, given the changes and the refusals of a plan."""
+    """Return the result for a file from the changes and the refusals of a plan."""
     findings = lint.findings_of(file, after, codes)
     reasons = {}
     for refusal in plan.refusals:

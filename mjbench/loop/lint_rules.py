@@ -7,7 +7,8 @@ import ast
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from mjbench.loop.stepping_script import SteppingScript, last_name
+from mjbench.loop.script_names import last_name
+from mjbench.loop.stepping_script import SteppingScript
 
 # The codes of the rules on views that outlive their step, and on names looked up in every step.
 STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"

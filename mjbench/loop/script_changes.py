@@ -111,17 +111,17 @@ def changed(program: Program, changes: Changes) -> Program:
     """Return a program after changes.
 
     Raises:
-      SyntaxError, ValueError, LookupError: the changes cannot be made, or it would be another
+      SyntaxError, ValueError, LookupError: the changes cannot be applied, or it would be another
         program.
     """
     try:
         expected = ast.dump(_expected(program.tree, changes))
         texts = [_edited(program, number, changes) for number in range(len(program.parts))]
         result = program.with_texts(texts)
-        found = ast.dump(result.tree)
+        actual = ast.dump(result.tree)
     except (RecursionError, MemoryError) as error:
         raise ValueError("it is nested too deeply, or too large") from error
-    if found != expected:
+    if actual != expected:
         raise ValueError("the changed script would be another program")
     return result
 

@@ -2,13 +2,15 @@
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from mjbench.errors import InputError
 from mjbench.loop.python_source import NOTEBOOK_SUFFIX
 
+_Result = TypeVar("_Result")
 _SUFFIXES = (".py", NOTEBOOK_SUFFIX)
 _CHECKPOINTS = ".ipynb_checkpoints"  # copies that Jupyter saves
 
@@ -43,6 +45,25 @@ def script_files(names: Sequence[str]) -> list[str | UncheckedFile]:
     return files
 
 
+def each_checked(
+    files: Iterable[str | UncheckedFile], check: Callable[[str], Iterable[_Result]]
+) -> Iterator[_Result | UncheckedFile]:
+    """Yield the results of all files in turn; in place of those of a file, why it has none.
+
+    Args:
+      files: their names, and those that cannot be checked.
+      check: returns the results of a file, or raises InputError.
+    """
+    for file in files:
+        if isinstance(file, UncheckedFile):
+            yield file
+            continue
+        try:
+            yield from check(file)
+        except InputError as error:
+            yield UncheckedFile.of(file, error)
+
+
 def regular_files(files: Sequence[str | UncheckedFile]) -> list[Path]:
     """Return those that exist and are neither a folder, a pipe nor a device."""
     return [Path(f) for f in files if isinstance(f, str) and stat.S_ISREG(_mode(f))]
@@ -52,7 +73,7 @@ def _mode(name: str) -> int:
     """Return the mode of what a name stands for; 0 where it cannot be known."""
     try:
         return Path(name).stat().st_mode if name else 0
-    except (OSError, ValueError):  # who reads the file will say so
+    except (OSError, ValueError):  # reading the file reports it
         return 0
 
 

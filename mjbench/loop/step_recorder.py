@@ -1,6 +1,6 @@
-"""See every step that a program takes, and keep states of some: what `capture` does meanwhile.
+"""Record the steps of a program for `capture`: count them all, and store the states of some.
 
-Models are told apart by their layout (see `capture_header`): a program that compiles its model
+Models are distinguished by their layout (see `capture_header`): a program that compiles its model
 anew for each episode, or changes its masses, steps one model here.
 """
 
@@ -17,11 +17,12 @@ from typing import Any
 import mujoco
 
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.loop.followed_steps import FollowedSteps, StateReader
+from mjbench.loop.followed_steps import FollowedSteps
 from mjbench.loop.window_sample import WindowSample
 from mjbench.simulation import compat
 from mjbench.simulation.capture_header import ModelLayout, model_name
 from mjbench.simulation.model_digest import model_digest
+from mjbench.simulation.state_reader import StateReader
 
 # Bytes that the states of one model may take up; fewer are kept of a model with large states.
 MAX_BYTES = 100_000_000
@@ -71,7 +72,7 @@ class RecordedModel:
         self._lock = threading.Lock()
 
     def windows(self) -> list[Window]:
-        """Return the windows that are kept, in the order of the run."""
+        """Return the windows with states, in the order of the run."""
         if self._window is not None:
             self._end_window()
         return self._sample.windows()
@@ -154,7 +155,7 @@ class StepRecorder:
         """Prepare to record.
 
         Args:
-          max_states: of each model that are kept.
+          max_states: the most states to store of each model.
           window_nstep: steps of a window.
           model: only this one is captured, and those with the same digest; None for all.
           data: only this one is captured; None for all.

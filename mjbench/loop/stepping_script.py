@@ -10,16 +10,26 @@ argument of `mj_step`, and what `MjModel.from_xml_path(…)` was assigned to. An
 
 import ast
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-_STEPS = {"mj_step", "mj_step1", "mj_step2"}
+from mjbench.loop.script_names import (
+    FUNCTIONS,
+    assignments,
+    container_names,
+    data_names,
+    dotted_name,
+    environment_names,
+    is_step,
+    last_name,
+    model_names,
+    nodes_inside,
+)
+
 # Methods that step an environment; that of Gymnasium's MujocoEnv, which no other class has.
 _ENVIRONMENT_STEPS, _SIMULATION_STEPS = {"step", "step_wait"}, {"do_simulation"}
-# Names of environments, and what creates one.
+# Names of environments.
 _ENVIRONMENTS = {"env", "envs", "environment", "physics", "venv", "vec_env"}
-_CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorEnv|Environment))$")
-_ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
 # Methods that return the part of an MjData or an MjModel that belongs to a named element.
 _DATA_ACCESSORS = {
     *("actuator", "body", "cam", "camera", "geom", "jnt", "joint", "light", "sensor", "site"),
@@ -31,12 +41,10 @@ _MODEL_ACCESSORS = _DATA_ACCESSORS | {
 }
 # What such a part has that is not an array.
 _NUMBERS_AND_NAMES = {"id", "name"}
-_LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
 # Methods of an array that return a view of it, and methods of a container that store an argument.
 _VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
 _STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
 _NUMPY = {"np", "numpy", "onp"}
-_FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
 _FIELDS = re.compile(
     r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
@@ -97,49 +105,60 @@ class SteppingScript:
         self._stepping_functions = {
             node.name
             for node in ast.walk(tree)
-            if isinstance(node, _FUNCTIONS) and any(_is_step(n) for n in ast.walk(node))
+            if isinstance(node, FUNCTIONS) and any(is_step(n) for n in ast.walk(node))
         }
-        self._environment_names = _environment_names(tree)
+        self._environment_names = environment_names(tree)
         self._environment_functions = {
             node.name
             for node in ast.walk(tree)
-            if isinstance(node, _FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
+            if isinstance(node, FUNCTIONS) and any(map(self._steps_environment, ast.walk(node)))
         }
-        self._data_names = _data_names(tree)
-        self._model_names = _model_names(tree)
+        self._data_names = data_names(tree)
+        self._model_names = model_names(tree)
         self._accessor_names = self._names_of_accessors(tree)
-        self._container_names = {
-            dotted_name(target) for target, value in _assignments(tree) if _creates_container(value)
-        } - {""}
-        steps = (n for n in ast.walk(tree) if _is_step(n) or self._steps_environment(n))
+        self._container_names = container_names(tree)
+        steps = (n for n in ast.walk(tree) if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self._loops_around(node), None) for node in steps}
-        self.loops = [
-            SteppingLoop(node, nodes_inside(node))
-            for node in ast.walk(tree)
-            if isinstance(node, ast.For | ast.While) and self._steps_inside(node)
+        loops = [node for node in ast.walk(tree) if isinstance(node, ast.For | ast.While)]
+        self.loops = self._stepping_loops(loops)
+        self.environment_loops = self._environment_loops(loops)
+        self.episode_loops = self._episode_loops()
+        self.methods = self._methods(tree)
+        self.comprehensions = self._comprehensions(tree)
+
+    def _stepping_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
+        return [
+            SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self._steps_inside(loop)
         ]
+
+    def _environment_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
         stepping = {loop.node for loop in self.loops}
-        self.environment_loops = [
-            SteppingLoop(node, nodes_inside(node))
-            for node in ast.walk(tree)
-            if isinstance(node, ast.For | ast.While)
-            and node not in stepping
-            and self._steps_environment_inside(node)
+        return [
+            SteppingLoop(loop, nodes_inside(loop))
+            for loop in loops
+            if loop not in stepping and self._steps_environment_inside(loop)
         ]
-        self.methods = [
-            SteppingMethod(node, nodes_inside(node))
-            for node in ast.walk(tree)
-            if isinstance(node, _FUNCTIONS)
-            and isinstance(self.parents.get(node), ast.ClassDef)
-            and (self._steps_inside(node) or self._steps_environment_inside(node))
-        ]
-        self.episode_loops = [
+
+    def _episode_loops(self) -> list[SteppingLoop]:
+        stepping = {loop.node for loop in self.loops}
+        return [
             loop
             for loop in self.loops
             if isinstance(loop.node, ast.For) and stepping.intersection(loop.inner)
         ]
-        self.comprehensions = [
+
+    def _methods(self, tree: ast.Module) -> list[SteppingMethod]:
+        return [
+            SteppingMethod(node, nodes_inside(node))
+            for node in ast.walk(tree)
+            if isinstance(node, FUNCTIONS)
+            and isinstance(self.parents.get(node), ast.ClassDef)
+            and (self._steps_inside(node) or self._steps_environment_inside(node))
+        ]
+
+    def _comprehensions(self, tree: ast.Module) -> list[ast.ListComp | ast.GeneratorExp]:
+        return [
             node
             for node in ast.walk(tree)
             if isinstance(node, ast.ListComp | ast.GeneratorExp)
@@ -239,12 +258,12 @@ class SteppingScript:
 
     def is_for_over_steps(self, node: ast.AST) -> bool:
         """Return whether a node is a `for` loop that calls `mj_step` itself."""
-        return isinstance(node, ast.For) and any(_is_step(n) for n in nodes_inside(node))
+        return isinstance(node, ast.For) and any(is_step(n) for n in nodes_inside(node))
 
     def _steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
         return any(
-            _is_step(n)
+            is_step(n)
             or (isinstance(n, ast.Call) and last_name(n.func) in self._stepping_functions)
             for n in nodes_inside(node)
         )
@@ -290,7 +309,7 @@ class SteppingScript:
     def _names_of_accessors(self, tree: ast.Module) -> set[str]:
         """Return the dotted names that nothing but parts of an MjData were assigned to."""
         values: dict[str, list[ast.AST]] = {}
-        for target, value in _assignments(tree):
+        for target, value in assignments(tree):
             values.setdefault(dotted_name(target), []).append(value)
         return {
             name
@@ -332,89 +351,6 @@ class SteppingScript:
             child, parent = parent, self.parents.get(parent)
 
 
-def last_name(function: ast.AST) -> str:
-    """Return the last part of a dotted name: `zeros` of `np.zeros`; empty for anything else."""
-    return dotted_name(function).rpartition(".")[2]
-
-
-def dotted_name(node: ast.AST) -> str:
-    """Return a dotted name, such as `self.env.data`; empty for any other expression."""
-    attributes: list[str] = []
-    while isinstance(node, ast.Attribute):
-        attributes.insert(0, node.attr)
-        node = node.value
-    return ".".join([node.id, *attributes]) if isinstance(node, ast.Name) else ""
-
-
-def _is_step(node: ast.AST) -> bool:
-    return isinstance(node, ast.Call) and last_name(node.func) in _STEPS
-
-
-def _data_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that are an MjData, by assignment or as argument of `mj_step`."""
-    names = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
-            if last_name(node.value.func) == "MjData":
-                names |= {dotted_name(target) for target in node.targets}
-        elif isinstance(node, ast.Call) and _is_step(node) and len(node.args) > 1:
-            names.add(dotted_name(node.args[1]))
-    return names - {""}
-
-
-def _model_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that are an MjModel, by assignment or as argument of `mj_step`."""
-    names = {
-        dotted_name(target)
-        for target, value in _assignments(tree)
-        if isinstance(value, ast.Call) and _LOADS_MODEL.match(last_name(value.func))
-    }
-    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call) and _is_step(node))
-    names |= {dotted_name(call.args[0]) for call in calls if call.args}
-    return names - {""}
-
-
-def _environment_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that an environment was assigned to."""
-    names = set()
-    for target, value in _assignments(tree):
-        if not isinstance(value, ast.Call):
-            continue
-        package, _, function = dotted_name(value.func).rpartition(".")
-        is_of_package = bool(_ENVIRONMENT_PACKAGES.intersection(package.split(".")))
-        is_class = function[:1].isupper()
-        if _CREATES_ENVIRONMENT.match(function) and (is_class or is_of_package):
-            names.add(dotted_name(target))
-    return names - {""}
-
-
-def _assignments(tree: ast.Module) -> Iterator[tuple[ast.AST, ast.AST]]:
-    """Yield the target and the value of every assignment, those of tuples one by one."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.AnnAssign) and node.value is not None:
-            yield node.target, node.value
-        elif isinstance(node, ast.Assign):
-            for target in node.targets:
-                if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-                    yield from zip(target.elts, node.value.elts, strict=False)
-                else:
-                    yield target, node.value
-
-
-def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
-    """Return the expressions and statements below a node, without those of functions in it."""
-    inside: list[ast.expr | ast.stmt] = []
-    waiting = list(ast.iter_child_nodes(node))
-    while waiting:
-        child = waiting.pop()
-        if isinstance(child, _FUNCTIONS | ast.Lambda | ast.ClassDef):
-            continue
-        if isinstance(child, ast.expr | ast.stmt):
-            inside.append(child)
-        waiting += ast.iter_child_nodes(child)
-    return inside
-
-
 def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
 
@@ -429,12 +365,3 @@ def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     if isinstance(index, ast.Tuple | ast.List) or not isinstance(node.value, ast.Attribute):
         return False
     return not is_row and bool(_MATRICES.match(node.value.attr))
-
-
-def _creates_container(node: ast.AST) -> bool:
-    """Return whether an expression creates a list or a dict."""
-    while isinstance(node, ast.BinOp):  # [None] * n
-        node = node.left
-    if isinstance(node, ast.Call):
-        return last_name(node.func) in ("list", "dict", "defaultdict", "deque")
-    return isinstance(node, ast.List | ast.Dict | ast.ListComp | ast.DictComp)

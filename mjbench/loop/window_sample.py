@@ -1,4 +1,4 @@
-"""Keep a bounded number of windows, spread evenly over a run whose length is not known.
+"""Sample a bounded number of windows, spread evenly over a run of unknown length.
 
 The run is divided into strata of `stride` steps. A stratum has at most one window, which begins at
 a random step of it: windows at fixed distances would always meet the same part of an episode. When
@@ -24,9 +24,9 @@ class WindowSample(Generic[Window]):
         """Prepare a sample.
 
         Args:
-          most: windows that are kept at most, at least 1.
+          most: the most windows of the sample, at least 1.
           nstep: steps of a window.
-          rng: draws where windows begin, and which are kept.
+          rng: draws where windows begin, and which stay in the sample.
         """
         self._most, self._nstep, self._rng = most, nstep, rng
         self._by_stratum: dict[int, Window] = {}
@@ -46,7 +46,7 @@ class WindowSample(Generic[Window]):
         self.due = self._next_due(self.due // self.stride, end)
 
     def windows(self) -> list[Window]:
-        """Return the windows that are kept, in the order of the run."""
+        """Return the sample, in the order of the run."""
         return [self._by_stratum[stratum] for stratum in sorted(self._by_stratum)]
 
     def _halve(self) -> None:

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.comparison.plan import describe_options
+from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.stats import Estimate
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.program.environment_records import EnvironmentRecord
 from mjbench.report import environment, vega
 from mjbench.report.environment_results import EnvironmentRow, derive
 from mjbench.status import Status

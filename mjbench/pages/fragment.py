@@ -56,7 +56,7 @@ def _conclusions(conclusions: Sequence[Conclusion]) -> Iterator[str]:
 
 def _table(heading: str, table: DataTable) -> Iterator[str]:
     """Yield a table without the columns in which every cell is empty."""
-    kept = [
+    nonempty = [
         i
         for i, column in enumerate(table.columns)
         if any(column.shown(row[i]) for row in table.rows)
@@ -64,11 +64,11 @@ def _table(heading: str, table: DataTable) -> Iterator[str]:
     yield '<table style="border-collapse:collapse;margin:.5em 0">'
     yield f'<caption style="text-align:left">{_text(heading)}</caption>'
     yield "<thead><tr>"
-    yield from (_cell("th", table.columns[i], table.columns[i].title) for i in kept)
+    yield from (_cell("th", table.columns[i], table.columns[i].title) for i in nonempty)
     yield "</tr></thead><tbody>"
     for row in table.rows:
         yield "<tr>"
-        yield from (_cell("td", table.columns[i], table.columns[i].shown(row[i])) for i in kept)
+        yield from (_cell("td", table.columns[i], table.columns[i].shown(row[i])) for i in nonempty)
         yield "</tr>"
     yield "</tbody></table>"
 

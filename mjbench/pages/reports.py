@@ -9,6 +9,7 @@ from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord
+from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import Run
 from mjbench.loop.latency import LatencyRow
@@ -31,7 +32,6 @@ from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.paired.verdict import CONFIDENCE
-from mjbench.program.environment_records import EnvironmentRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.pages import charts
-from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
+from mjbench.pages.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report import tuning, vega
 from mjbench.status import Status
 from mjbench.tuning.records import AttemptRow, TuneRecord
@@ -82,7 +82,8 @@ def _front_table(record: TuneRecord, present: Present) -> DataTable:
         Column("high", 4),
         Column("error, % of the motion", 3),
     )
-    rows = [(label(()), "", 1.0, None, None, 100 * present.error_bound)]
+    first = (label(()), "", 1.0, None, None, 100 * present.error_bound)
+    rows: list[tuple[Cell, ...]] = [first]
     rows += [
         (
             label(each.settings),

@@ -19,6 +19,7 @@ from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
+from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA, RunHeader
@@ -31,7 +32,6 @@ from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
-from mjbench.program.environment_records import EnvironmentRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord

@@ -1,24 +1,28 @@
 """What `mjbench env` prints: where a step of an environment goes, what its physics costs alone."""
 
+from collections.abc import Callable
+
 from rich.console import Console
 
 from mjbench.comparison.plan import Variant, describe_options
+from mjbench.environment.layers import Layer
+from mjbench.environment.model_changes import Moment
+from mjbench.environment.records import EnvironmentFacts
 from mjbench.instrument.stats import Estimate
+from mjbench.instrument.units import duration
 from mjbench.paths import BASE
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_recording import Moment
-from mjbench.program.environment_records import EnvironmentFacts
+from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
-from mjbench.report.environment_results import EnvironmentRow, VectorRow, nthread
+from mjbench.report.environment_results import EnvironmentRow, VectorRow
 from mjbench.status import Status
 
-# Layers that the first sentence names beside physics: from this share on, and so many.
+# The least share of a layer that the first sentence names beside physics, and the most layers.
 _NAMED_SHARE, _NAMED = 0.01, 4
 # The layers must add up to steps that were timed as a whole, within this share.
 SUM_TOLERANCE = 0.03
 # Threads had fewer cores than they could use if they had less than this share of them.
 _FEW_CORES = 0.8
-# Shares below this are not told apart from none.
+# Smaller shares are shown as less than this.
 _LEAST_SHARE = 0.001
 
 
@@ -49,12 +53,12 @@ def conclusions(row: EnvironmentRow) -> list[str]:
     """Return what follows from an environment's measurement, a sentence each; none without one."""
     if row.step_ns is None or not row.layers:
         return []
-    found = [_shares(row)]
+    sentences = [_shares(row)]
     if physics := _physics_conclusion(row):
-        found.append(physics)
+        sentences.append(physics)
     if vectors := _vector_conclusion(row):
-        found.append(vectors)
-    return found
+        sentences.append(vectors)
+    return sentences
 
 
 def _shares(row: EnvironmentRow) -> str:
@@ -68,7 +72,7 @@ def _shares(row: EnvironmentRow) -> str:
 
 
 def _physics_conclusion(row: EnvironmentRow) -> str:
-    """Return how fast the same physics is without the environment; empty where nobody knows."""
+    """Return how fast the same physics is without the environment; empty if not measured."""
     loop = next((path for path in row.paths if path.path == BASE and path.speedup), None)
     if loop is None or loop.speedup is None:
         return ""
@@ -140,7 +144,7 @@ def _print_step(out: Console, row: EnvironmentRow) -> None:
     assert row.step_ns is not None and row.reset is not None, "it was timed"
     engine = f", {row.steps_per_s:,.0f} of the engine" if row.steps_per_s else ""
     out.print(
-        f"env.step takes {time_text(row.step_ns.median)} ({_ns_interval(row.step_ns)}, 95 %,"
+        f"env.step takes {duration(row.step_ns.median)} ({_interval(row.step_ns, duration)}, 95 %,"
         f" {row.rounds} rounds): {row.env_steps_per_s:,.0f} steps per second{engine}.",
         soft_wrap=True,
     )
@@ -149,8 +153,8 @@ def _print_step(out: Console, row: EnvironmentRow) -> None:
         table.add_row(
             layer.layer.value,
             _share_text(layer.share.median),
-            _percent_interval(layer.share),
-            time_text(layer.ns) if layer.share.median >= _LEAST_SHARE else "",
+            _interval(layer.share, _percent),
+            duration(layer.ns) if layer.share.median >= _LEAST_SHARE else "",
             "",
         )
         for function in layer.functions:
@@ -159,7 +163,7 @@ def _print_step(out: Console, row: EnvironmentRow) -> None:
                 f"  {function.name}",
                 _share_text(function.share),
                 "",
-                time_text(function.share * row.step_ns.median) if is_shown else "",
+                duration(function.share * row.step_ns.median) if is_shown else "",
                 tables.plain(function.calls, 3),
             )
     out.print(table)
@@ -179,17 +183,17 @@ def timing_lines(row: EnvironmentRow) -> list[str]:
     total = f"{100 * timer.sum.median:.1f} %"
     lines = [
         f"Timing {tables.plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
-        f" ({time_text(timer.call_ns)} a call), which is subtracted. The layers then add up to"
-        f" {total} ({_percent_interval(timer.sum)}) of a step that is timed as a whole."
+        f" ({duration(timer.call_ns)} a call), which is subtracted. The layers then add up to"
+        f" {total} ({_interval(timer.sum, _percent)}) of a step that is timed as a whole."
     ]
     if abs(timer.sum.median - 1) > SUM_TOLERANCE:
         lines.append("That is too far from 100 %: the machine is too busy to trust these shares.")
     per_step = (
         "no episode ended"
         if reset.step_ns is None
-        else (f"{time_text(reset.step_ns)} for each step of an episode")
+        else (f"{duration(reset.step_ns)} for each step of an episode")
     )
-    lines.append(f"A reset takes {time_text(reset.ns.median)}: {per_step}.")
+    lines.append(f"A reset takes {duration(reset.ns.median)}: {per_step}.")
     return lines
 
 
@@ -300,27 +304,11 @@ def _named(vector: VectorRow) -> str:
     return f"{vector.form} of {vector.nenv}"
 
 
-def _interval(estimate: Estimate) -> str:
+def _interval(estimate: Estimate, text: Callable[[float], str] = tables.factor) -> str:
     if estimate.low is None or estimate.high is None:
         return "too few rounds"
-    return f"{tables.factor(estimate.low)}–{tables.factor(estimate.high)}"
+    return f"{text(estimate.low)}–{text(estimate.high)}"
 
 
-def _percent_interval(estimate: Estimate) -> str:
-    if estimate.low is None or estimate.high is None:
-        return "too few rounds"
-    return f"{100 * max(0.0, estimate.low):.1f}–{100 * max(0.0, estimate.high):.1f}"
-
-
-def _ns_interval(estimate: Estimate) -> str:
-    if estimate.low is None or estimate.high is None:
-        return "too few rounds"
-    return f"{time_text(estimate.low)}–{time_text(estimate.high)}"
-
-
-def time_text(ns: float) -> str:
-    """Return nanoseconds with the unit that people would choose."""
-    for unit, size in (("s", 1e9), ("ms", 1e6), ("µs", 1e3)):
-        if abs(ns) >= size:
-            return f"{tables.plain(ns / size, 3)} {unit}"
-    return f"{ns:.0f} ns"
+def _percent(share: float) -> str:
+    return f"{100 * max(0.0, share):.1f}"

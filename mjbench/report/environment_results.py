@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 
 from mjbench import paths
-from mjbench.instrument import stats
-from mjbench.instrument.stats import Estimate
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_recording import ModelChange
-from mjbench.program.environment_records import (
+from mjbench.environment.layers import Layer
+from mjbench.environment.model_changes import ModelChange
+from mjbench.environment.records import (
     EnvironmentFacts,
     EnvironmentRecord,
     LayerSamples,
     PhysicsCheck,
     VectorForm,
 )
+from mjbench.instrument import stats
+from mjbench.instrument.stats import Estimate
 from mjbench.status import Status
 
-# Less than any clock tells.
+# Smallest divisor; no clock shows a shorter time.
 _LEAST_NS = 1e-3
 
 
@@ -192,12 +192,6 @@ class EnvironmentRow:
     def share(self, layer: Layer) -> float:
         """Return the share of a layer; 0 where nothing belongs to it."""
         return next((row.share.median for row in self.layers if row.layer == layer), 0.0)
-
-
-def nthread(options: Mapping[str, Any]) -> int:
-    """Return the threads of a path; 1 where it has none."""
-    threads = options.get("threads")
-    return threads if isinstance(threads, int) else 1
 
 
 def derive(record: EnvironmentRecord) -> EnvironmentRow:

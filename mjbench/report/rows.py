@@ -8,6 +8,7 @@ from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord
+from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument import runs
 from mjbench.instrument.runs import Run, to_json
 from mjbench.loop.latency import LatencyRow
@@ -18,7 +19,6 @@ from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
-from mjbench.program.environment_records import EnvironmentRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
 from mjbench.report import environment_results, tuning

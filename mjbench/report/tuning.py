@@ -215,9 +215,7 @@ def notes(record: TuneRecord) -> list[str]:
     if len(failed) > _MOST_FAILED:
         lines.append(f"{len(failed) - _MOST_FAILED} more failed")
     if record.untried:
-        lines.append(
-            f"There was no time for {record.untried} settings: give a longer --budget"
-        )
+        lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
     lines += [
         f"Geom {mesh.geom} collides as the mesh {mesh.mesh}; a {mesh.primitive} would have"
         f" {100 * mesh.share:.0f} % of its volume in common"

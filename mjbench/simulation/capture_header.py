@@ -1,4 +1,4 @@
-"""What a file of captured states says of where they come from, and which models it fits.
+"""The origin of captured states, as their file stores it, and the models that they fit.
 
 Positions and controls mean something only to a model with the same joints and actuators. So states
 of another layout are refused. Whether the masses, the geometry or the options are those of the
@@ -150,15 +150,15 @@ def _header(values: dict[str, Any]) -> CaptureHeader:
             nv=int(layout["nv"]),
             nu=int(layout["nu"]),
             na=int(layout["na"]),
-            joints=_words(layout["joints"]),
+            joints=_texts(layout["joints"]),
         ),
-        digests=_words(values["digests"]),
+        digests=_texts(values["digests"]),
         mujoco_version=one_line(values["mujoco_version"], 60),
         timestep_s=float(values["timestep_s"]),
         steps=int(values["steps"]),
-        changed_inputs=_words(values["changed_inputs"]),
+        changed_inputs=_texts(values["changed_inputs"]),
     )
 
 
-def _words(values: list[Any]) -> tuple[str, ...]:
+def _texts(values: list[Any]) -> tuple[str, ...]:
     return tuple(one_line(value, 60) for value in values)

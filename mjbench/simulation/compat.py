@@ -254,18 +254,6 @@ def flag_enabled(model: mujoco.MjModel, name: str) -> bool | None:
     return None if enables is None else bool(int(model.opt.enableflags) & int(enables))
 
 
-def set_flag(model: mujoco.MjModel, name: str, enabled: bool) -> None:
-    """Enable or disable a flag that this release has (see `flag_enabled`)."""
-    disables = getattr(mujoco.mjtDisableBit, f"mjDSBL_{name.upper()}", None)
-    if disables is not None:
-        bit, field, is_set = int(disables), "disableflags", not enabled
-    else:
-        enables = getattr(mujoco.mjtEnableBit, f"mjENBL_{name.upper()}")
-        bit, field, is_set = int(enables), "enableflags", enabled
-    flags = int(getattr(model.opt, field))
-    setattr(model.opt, field, flags | bit if is_set else flags & ~bit)
-
-
 def has_geom_distance() -> bool:
     """Return whether the engine computes the distance of two geoms."""
     return hasattr(mujoco, "mj_geomDistance")

@@ -7,7 +7,6 @@ function in its place (`mjcb_time`) that returns at once, on any thread and with
 import ctypes
 import functools
 import sys
-from types import TracebackType
 from typing import Any
 
 import mujoco
@@ -30,12 +29,7 @@ class EngineClock:
         """Leave the clock as it was set."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         """Set the clock back as it was before."""
         mujoco.set_mjcb_time(self._previous)
 

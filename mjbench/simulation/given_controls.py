@@ -14,7 +14,7 @@ import numpy as np
 from mjbench.errors import InputError, one_line, shown
 from mjbench.simulation import capture_header
 
-# What the array may be called; the first is taken where both are there.
+# Names of the array; where a file has both, the first.
 _NAMES = ("ctrl", "actions")
 
 
@@ -112,14 +112,14 @@ def _read_array(file: Path, name: str) -> np.ndarray:
             if isinstance(loaded, np.ndarray):
                 return loaded
             names = list(loaded.files)
-            found = next((n for n in _NAMES if n in names), None)
-            if found is not None and capture_header.ARRAY not in names:
-                return np.asarray(loaded[found])
+            array_name = next((n for n in _NAMES if n in names), None)
+            if array_name is not None and capture_header.ARRAY not in names:
+                return np.asarray(loaded[array_name])
     except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
         raise InputError(
             f"cannot read controls from {name}: {one_line(error)}; numpy.savez writes such files"
         ) from error
-    if found is not None:
+    if array_name is not None:
         raise InputError(
             f"{name} holds captured states: give it to --states, which replays its controls"
         )

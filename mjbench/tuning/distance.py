@@ -9,7 +9,7 @@ import numpy as np
 
 from mjbench.tuning.trajectories import Trajectories
 
-# Motion that is smaller, in m or rad, counts as this much: else a model at rest would have large errors.
+# Motion that is smaller, in m or rad, counts as this much: errors of a model at rest are small.
 LEAST_MOTION = 1e-2
 # Runs of which an error is said to hold.
 SHARE = 0.9
@@ -100,7 +100,7 @@ def shares(
     model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
 ) -> np.ndarray:
     """Return (nrun,) largest distances of positions at any time, as shares of the motion."""
-    return shares_over_time(model, scale, runs, reference).max(axis=1)
+    return np.asarray(np.max(shares_over_time(model, scale, runs, reference), axis=1))
 
 
 def distance(
@@ -125,9 +125,9 @@ def bound(values: np.ndarray) -> float:
     """Return what nine of ten values do not exceed, with a confidence of CONFIDENCE.
 
     It is the k-th smallest of n, the first for which the quantile 0.9 is smaller with that
-    probability: k - 1 or fewer of n values are below a quantile p with the probability of a binomial
-    distribution (Conover, Practical Nonparametric Statistics, 1999, section 3.3). With fewer than
-    29 values it is the largest, and the confidence is less.
+    probability: the number of values below a quantile has a binomial distribution (Conover,
+    Practical Nonparametric Statistics, 1999, section 3.3). With fewer than 29 values it is the
+    largest, and the confidence is less.
     """
     ordered = np.sort(values)
     n, below = len(ordered), 0.0

@@ -174,11 +174,10 @@ def flag(name: str, applies: Condition = _always, loses: str = "") -> Values:
         enabled = compat.flag_enabled(observed.model, name)
         if enabled is None or not applies(observed):
             return []
-        changed = copy.copy(observed.model)
-        compat.set_flag(changed, name, not enabled)
+        changed, value = copy.copy(observed.model), "disable" if enabled else "enable"
+        model_options.set_flag(changed.opt, name, value)
         if not _can_step(changed):
             return []
-        value = "disable" if enabled else "enable"
         return [Setting(name, f"{name}={value}", (Edit(Part.FLAG, name, value),), loses=loses)]
 
     return values

@@ -271,3 +271,12 @@ def settings(observed: Observed) -> dict[str, tuple[Setting, ...]]:
     """Return the settings worth trying by the name of their knob, in the order of the table."""
     offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
     return {name: some for name, some in offered.items() if some}
+
+
+def find(name: str) -> Knob:
+    """Return the knob of a name.
+
+    Raises:
+      KeyError: there is none.
+    """
+    return {knob.name: knob for knob in KNOBS}[name]

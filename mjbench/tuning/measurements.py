@@ -65,9 +65,7 @@ class Measurements(Protocol):
         """Return how settings do on the trials."""
         ...
 
-    def compare(
-        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
-    ) -> PairedTime:
+    def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
         """Return how much faster settings are, in fresh processes; they were attempted before."""
         ...
 
@@ -122,9 +120,7 @@ class OnThisMachine:
         self._changed[label(settings)] = file, done.timestep_factor
         return done
 
-    def compare(
-        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
-    ) -> PairedTime:
+    def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
         """See `Measurements.compare`."""
         release = installs.parse_release(installs.INSTALLED)
         options = path_options_of(settings)

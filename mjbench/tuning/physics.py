@@ -57,9 +57,7 @@ def physics(model: mujoco.MjModel, initial_state: np.ndarray, points: np.ndarray
     return Physics(*(float(mean) for mean in np.mean(rows, axis=0)))
 
 
-def _forward(
-    model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, spec: int
-) -> None:
+def _forward(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, spec: int) -> None:
     """Compute what follows from a state, without stepping."""
     mujoco.mj_resetData(model, data)
     compat.set_state(model, data, np.ascontiguousarray(state), spec)

@@ -86,8 +86,8 @@ class TuneRecord:
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, and SAME_ERROR more.
       only: the largest effect allowed.
-      present: what the present settings do, on the starts of the second look; its error bound is the
-        larger of both looks.
+      present: what the present settings do, on the starts of the second look; its error bound is
+        the larger of both looks.
       attempts: settings that were tried, alone and together.
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it.
@@ -126,6 +126,7 @@ class TuneRecord:
         allowed = [
             each
             for each in self.front
-            if each.effect != Effect.APPROXIMATE or (limit is not None and each.error_bound <= limit)
+            if each.effect != Effect.APPROXIMATE
+            or (limit is not None and each.error_bound <= limit)
         ]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)

@@ -136,8 +136,9 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     healthy = ~(present.diverged | reference.diverged | twin.diverged | solver.diverged)
     if not healthy.any():
         raise InputError("the reference diverges from every start: errors cannot be measured")
-    trials, present, reference, twin, solver = (
-        each.only(healthy) for each in (trials, present, reference, twin, solver)
+    trials = trials.only(healthy)
+    present, reference, twin, solver = (
+        runs.only(healthy) for runs in (present, reference, twin, solver)
     )
     starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
     scale = distance.motion(model, starts_qpos, reference)
@@ -159,9 +160,7 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         run_s=trials.ncontrol * trials.control_s,
         starts=starts,
         error=apart(present, reference),
-        error_bound=distance.bound(
-            distance.shares(model, scale, first(present, ncontrol), within)
-        ),
+        error_bound=distance.bound(distance.shares(model, scale, first(present, ncontrol), within)),
         rounding=apart(twin, present),
         solver=apart(solver, present),
         motion_m=scale.position.m,
@@ -215,7 +214,7 @@ def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
 
 
 def perturbed(model: mujoco.MjModel, trials: Trials) -> Trials:
-    """Return trials whose start positions differ in the last place, as rounding would change them."""
+    """Return trials whose start positions differ in the last place, as if by rounding."""
     rng = np.random.default_rng(0)
     states = trials.initial_state.copy()
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))["qpos"]
@@ -245,4 +244,5 @@ def horizon(error: np.ndarray, rounding: np.ndarray) -> int:
     is_near = error_now <= MOST_SHARE
     is_exact = rounding_now <= np.maximum(ROUNDING_OF_ERROR * error_now, ROUNDING_OF_MOTION)
     usable = np.logical_and.accumulate(is_near & is_exact)
-    return max(min(LEAST_NCONTROL, error.shape[1]), int(usable.sum()))
+    least = min(LEAST_NCONTROL, int(error.shape[1]))
+    return max(least, int(usable.sum()))

@@ -31,6 +31,9 @@ MOST_ERROR = 0.5
 SINGLE_S, FINAL_S = 10.0, 15.0
 # Recommendations at most, and seconds that the second look at each takes at least.
 FRONT, LEAST_FINAL_S = 6, 12.0
+# Shares of the time before the second look after which no further setting is attempted alone, and
+# none is compared alone.
+ATTEMPTS_SHARE, SINGLES_SHARE = 0.5, 0.8
 # Combinations that are tried; runs and quads of each in the first rung.
 COMBINATIONS, RUNG_NRUN, RUNG_QUADS = 32, 8, 12
 # A point of the front is faster than those before it by this factor.
@@ -146,7 +149,7 @@ class Search:
         """Try each setting alone; return those that are faster, and not worse than may be."""
         promising: list[Attempt] = []
         for number, setting in enumerate(self._settings):
-            if not self._has_time():
+            if not self._has_time(ATTEMPTS_SHARE):
                 self._untried += 1
                 continue
             self._advance(1, setting.label, number / (2 * len(self._settings)))
@@ -158,7 +161,7 @@ class Search:
         promising.sort(key=_rank)
         faster = []
         for number, attempt in enumerate(promising):
-            if not self._has_time():
+            if not self._has_time(SINGLES_SHARE):
                 self._untried += len(promising) - number
                 for left in promising[number:]:
                     self._note(left)
@@ -168,9 +171,7 @@ class Search:
             paired = self._measure.compare(attempt.settings, self._plan.seed, SINGLE_S)
             self._note(attempt, paired)
             if paired.is_faster and paired.ratio is not None and attempt.accuracy is not None:
-                faster.append(
-                    _Faster(setting, attempt.accuracy.effect, paired.ratio.estimate)
-                )
+                faster.append(_Faster(setting, attempt.accuracy.effect, paired.ratio.estimate))
         return faster
 
     def _is_promising(self, attempt: Attempt) -> bool:
@@ -259,10 +260,14 @@ class Search:
                 )
             )
 
-    def _has_time(self) -> bool:
-        """Return whether anything but the second look may begin."""
+    def _has_time(self, share: float = 1.0) -> bool:
+        """Return whether anything may begin before a share of the search, without its second look.
+
+        Args:
+          share: of the time before the second look.
+        """
         reserved_s = min(FRONT * LEAST_FINAL_S, self._plan.budget_s / 2)
-        return self._clock() - self._begin_s < self._plan.budget_s - reserved_s
+        return self._clock() - self._begin_s < share * (self._plan.budget_s - reserved_s)
 
 
 def combinations(

@@ -7,11 +7,10 @@ from mjbench.errors import InputError, MachineError
 from mjbench.instrument import isolate
 from mjbench.instrument.isolate import Channel
 from mjbench.loop import profile
-from mjbench.simulation import models
+from mjbench.loop.loop_starts import LoopRequest
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
-from mjbench.tuning import mesh_notes, observed
-from mjbench.tuning.knobs import KNOBS
+from mjbench.tuning import knobs, mesh_notes, observed
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.settings import Setting
 
@@ -62,7 +61,7 @@ def survey(request: SurveyRequest, limit_s: float = SILENCE_S) -> Survey:
 def stages(source: ModelSource, limit_s: float = SILENCE_S) -> Mapping[str, float] | None:
     """Return the share of a step by stage; None where it cannot be measured."""
     messages: list[profile.StepTimes] = []
-    request = profile.LoopRequest(source, None)
+    request = LoopRequest(source, None)
     try:
         isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
     except (InputError, MachineError):
@@ -72,9 +71,7 @@ def stages(source: ModelSource, limit_s: float = SILENCE_S) -> Mapping[str, floa
 
 def look(request: SurveyRequest, channel: Channel) -> None:
     """Step the model, and see what there is to try; runs in a child."""
-    channel.doing(f"loading {request.source.name}")
-    model = models.load(request.source)
     channel.doing(f"stepping {request.source.name}")
-    seen = observed.observe(request.source, model, request.seed, request.starts)
-    settings = [setting for knob in KNOBS for setting in knob.values(seen)]
-    channel.send(Survey(settings, mesh_notes.notes(model)))
+    seen = observed.observe(request.source, request.seed, request.starts)
+    settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
+    channel.send(Survey(settings, mesh_notes.mesh_notes(seen.model)))

@@ -4,7 +4,6 @@ Models with different timesteps get each control for the same simulated time, so
 comparable at the end of every control.
 """
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -61,7 +60,7 @@ class Trajectories:
     Attributes:
       qpos: (nrun, ncontrol, nq).
       qvel: (nrun, ncontrol, nv).
-      points: (nrun, NPOINT, nstate) whole states after equal shares of the run, the last at its end.
+      points: (nrun, NPOINT, nstate) whole states after equal shares of the run.
       diverged: (nrun,) bool: which raised a warning of a bad state, or are not finite.
     """
 
@@ -98,7 +97,7 @@ def run(model: mujoco.MjModel, trials: Trials, nthread: int | None = None) -> Tr
       nthread: threads to step with; None for as many as there are cores.
 
     Raises:
-      InputError: its states have other sizes, or its timestep does not divide the time of a control.
+      InputError: its states have other sizes, or its timestep does not divide a control's time.
     """
     spec = compat.state_spec("INTEGRATION")
     if compat.state_size(model, spec) != trials.initial_state.shape[1]:
@@ -135,7 +134,7 @@ def steps_per_control(model: mujoco.MjModel, control_s: float) -> int:
 
 
 def _run(
-    model: mujoco.MjModel, trials: Trials, nstep: int, rows: Sequence[int], out: Trajectories
+    model: mujoco.MjModel, trials: Trials, nstep: int, rows: np.ndarray, out: Trajectories
 ) -> None:
     """Step some runs, and write their states to `out`."""
     spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)

@@ -18,10 +18,12 @@ def test_values_in_range_are_returned() -> None:
     assert checks.seed("seed", 0) == 0
     assert checks.counts("n", 4) == [4]
     assert checks.counts("n", (1, 2, 1)) == [1, 2]
-    assert checks.words("paths", "rollout, mjx") == ["rollout", "mjx"]
-    assert checks.words("paths", ["a", "b,a"]) == ["a", "b"]
+    assert checks.names("paths", "rollout, mjx") == ["rollout", "mjx"]
+    assert checks.names("paths", ["a", "b,a"]) == ["a", "b"]
     assert checks.large_count("total_steps", 1e9, 10**15) == 10**9
     assert checks.choice("metric", "p99", Metric) is Metric.P99
+    assert checks.optional(checks.count, "n", None, 5) is None
+    assert checks.optional(checks.count, "n", 5, 5) == 5
     assert checks.rate_hz("rate_hz", 500, 1e6) == 500.0
 
 
@@ -46,9 +48,10 @@ def test_values_in_range_are_returned() -> None:
         (checks.counts, []),
         (checks.counts, [0]),
         (checks.counts, "12"),
-        (checks.words, []),
-        (checks.words, ","),
-        (checks.words, [3]),
+        (checks.names, []),
+        (checks.names, ","),
+        (checks.names, [3]),
+        (lambda name, value: checks.optional(checks.count, name, value, 5), 6),
         (lambda name, value: checks.large_count(name, value, 100), 1e3),
         (lambda name, value: checks.large_count(name, value, 100), float("inf")),
         (lambda name, value: checks.choice(name, value, Metric), "tea"),

@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import pytest
 
-from mjbench.api.confirmation import Confirmation, part_of
+from mjbench.api.confirmation import Confirmation
 from mjbench.comparison.plan import ComparisonPlan, Variant
+from mjbench.instrument.progress import part_of
 from mjbench.instrument.runs import Record
 from mjbench.paired import contest
 from mjbench.paired.confirmation import ComparedSizes

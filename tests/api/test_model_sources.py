@@ -41,7 +41,7 @@ def test_a_specification_is_compiled_and_stays_as_it_is() -> None:
     assert spec.to_xml() == before
 
 
-def test_models_of_the_same_name_are_told_apart(model: Any) -> None:
+def test_models_of_the_same_name_get_numbers(model: Any) -> None:
     spec = mujoco.MjSpec.from_string(CONTACT_XML)
     spec.modelname = "cartpole"
     with model_sources.sources([spec, "cartpole", spec.compile()]) as sources:

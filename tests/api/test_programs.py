@@ -42,9 +42,9 @@ except KeyboardInterrupt:
 """
 
 
-def python(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+def python(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        [sys.executable, *words],
+        [sys.executable, *arguments],
         cwd=cwd,
         env=ENVIRONMENT,
         capture_output=True,

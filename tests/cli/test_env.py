@@ -11,8 +11,8 @@ QUICK = ["--steps", "40", "--budget", "0", "--threads", "1", "--no-vector"]
 
 
 def test_it_measures_and_writes_json_and_show_prints_it_again(tmp_path: Path) -> None:
-    words = ["env", "example_environments:wrapped", *QUICK, "--json", "out.json"]
-    done = mjbench(*words, cwd=tmp_path)
+    arguments = ["env", "example_environments:wrapped", *QUICK, "--json", "out.json"]
+    done = mjbench(*arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "of env.step is physics" in done.stdout.splitlines()[1]
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
@@ -44,7 +44,7 @@ def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (["env"], "Missing argument"),
         (["env", "robot.xml"], "`mjbench profile` takes models"),
@@ -56,23 +56,34 @@ def test_physics_that_a_plain_loop_does_not_repeat_is_a_finding(tmp_path: Path) 
         (["env", "a:make", "--no-vector", "--num-envs", "2"], "not both"),
     ],
 )
-def test_bad_input_ends_in_one_clear_line(tmp_path: Path, words: list[str], message: str) -> None:
-    done = mjbench(*words, cwd=tmp_path)
+def test_bad_input_ends_in_one_clear_line(
+    tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    done = mjbench(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert message in done.stderr
 
 
 def test_a_hanging_environment_is_killed(tmp_path: Path) -> None:
-    words = ["env", "example_environments:Hangs", *QUICK, "--time-limit", "4s"]
-    done = mjbench(*words, cwd=tmp_path)
+    arguments = ["env", "example_environments:Hangs", *QUICK, "--time-limit", "4s"]
+    done = mjbench(*arguments, cwd=tmp_path)
     assert done.returncode == 3
     assert "no answer within 4 s, killed (--time-limit)" in done.stderr
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("gymnasium"), reason="needs gymnasium")
 def test_an_environment_of_gymnasium_is_measured(tmp_path: Path) -> None:
-    words = ["env", "InvertedPendulum-v5", "--steps", "50", "--budget", "0", "--json", "out.json"]
-    done = mjbench(*words, cwd=tmp_path)
+    arguments = [
+        "env",
+        "InvertedPendulum-v5",
+        "--steps",
+        "50",
+        "--budget",
+        "0",
+        "--json",
+        "out.json",
+    ]
+    done = mjbench(*arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert row["facts"]["wrappers"][0] == "TimeLimit"

@@ -49,18 +49,18 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def results(folder: Path, *words: str) -> Sequence[dict[str, Any]]:
-    done = run_mjbench(*words, "--json", "out.json", cwd=folder)
+def results(folder: Path, *arguments: str) -> Sequence[dict[str, Any]]:
+    done = run_mjbench(*arguments, "--json", "out.json", cwd=folder)
     assert done.returncode == 0, done.stderr
     rows: Sequence[dict[str, Any]] = json.loads((folder / "out.json").read_text())["results"]
     return rows
 
 
-@pytest.mark.parametrize("words", TAKES_STATES, ids=" ".join)
-def test_a_missing_file_is_refused_before_anything_is_measured(words: Sequence[str]) -> None:
-    options = ["--states"] if words[0] in TAKES_NO_ACTIONS else ["--states", "--actions"]
+@pytest.mark.parametrize("arguments", TAKES_STATES, ids=" ".join)
+def test_a_missing_file_is_refused_before_anything_is_measured(arguments: Sequence[str]) -> None:
+    options = ["--states"] if arguments[0] in TAKES_NO_ACTIONS else ["--states", "--actions"]
     for option in options:
-        done = CliRunner().invoke(cli, [*words, option, "none.npz"])
+        done = CliRunner().invoke(cli, [*arguments, option, "none.npz"])
         assert done.exit_code == 2
         assert done.stderr == f"mjbench: {option} none.npz: no such file\n"
 
@@ -104,8 +104,8 @@ def test_states_of_another_model_cost_one_line(folder: Path) -> None:
 
 
 def test_latency_of_captured_states_says_so(folder: Path) -> None:
-    words = ("latency", "cartpole", "--nstep", "200", "--rate", "10000", "--hold", "2")
-    free, _ = results(folder, *words, "--states", "states.npz")
+    arguments = ("latency", "cartpole", "--nstep", "200", "--rate", "10000", "--hold", "2")
+    free, _ = results(folder, *arguments, "--states", "states.npz")
     assert free["starts"]["file"] == "states.npz"
 
 

@@ -16,7 +16,7 @@ REQUIREMENTS = [
 
 
 @pytest.mark.parametrize(
-    ("extra", "words"),
+    ("extra", "arguments"),
     [
         ("report", '"jinja2>=3.1" vl-convert-python'),
         ("site", '"jinja2>=3.1" vl-convert-python "sphinx>=8"'),
@@ -25,10 +25,10 @@ REQUIREMENTS = [
     ],
 )
 def test_packages_of_an_extra_are_named(
-    monkeypatch: pytest.MonkeyPatch, extra: str, words: str
+    monkeypatch: pytest.MonkeyPatch, extra: str, arguments: str
 ) -> None:
     monkeypatch.setattr(importlib.metadata, "requires", lambda name: REQUIREMENTS)
-    assert extras.install_command(extra) == f"python -m pip install {words}"
+    assert extras.install_command(extra) == f"python -m pip install {arguments}"
 
 
 def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,6 +39,8 @@ def test_without_metadata_it_is_the_command_for_a_clone(monkeypatch: pytest.Monk
     assert extras.install_command("cli") == 'python -m pip install ".[cli]"'
 
 
-@pytest.mark.parametrize("extra", ["cli", "mjx", "warp", "history", "report", "site"])
+@pytest.mark.parametrize(
+    "extra", ["cli", "env", "history", "mjx", "report", "run", "site", "test", "warp"]
+)
 def test_every_extra_of_mjbench_has_packages(extra: str) -> None:
     assert ".[" not in extras.install_command(extra)

@@ -99,14 +99,14 @@ def test_a_program_does_the_same_and_what_is_kept_is_replayed_to_the_last_bit(
     np.testing.assert_array_equal(np.array(states), np.array(without))
     recorded = captured_states(capture, HUMANOID)
     assert recorded.nrow <= max_states
-    kept, data = rows(recorded, HUMANOID), mujoco.MjData(HUMANOID)
+    recorded_states, data = rows(recorded, HUMANOID), mujoco.MjData(HUMANOID)
     for i in range(recorded.nrow - 1):
         if recorded.segment[i] != recorded.segment[i + 1]:
             continue
-        compat.set_state(HUMANOID, data, kept[i], SPEC)
+        compat.set_state(HUMANOID, data, recorded_states[i], SPEC)
         data.ctrl[:] = recorded.fields["ctrl"][i + 1]
         mujoco.mj_step(HUMANOID, data)
-        np.testing.assert_array_equal(state_of(HUMANOID, data), kept[i + 1])
+        np.testing.assert_array_equal(state_of(HUMANOID, data), recorded_states[i + 1])
 
 
 def test_all_steps_of_a_short_program_are_kept(tmp_path: Path) -> None:
@@ -115,8 +115,8 @@ def test_all_steps_of_a_short_program_are_kept(tmp_path: Path) -> None:
     recorded = captured_states(capture, HUMANOID)
     # a segment begins with the state before its first step; the reset begins another
     assert np.bincount(recorded.segment).tolist() == [40, 22]
-    kept = rows(recorded, HUMANOID)
-    np.testing.assert_array_equal(np.delete(kept, [0, 40], axis=0), np.array(states))
+    recorded_states = rows(recorded, HUMANOID)
+    np.testing.assert_array_equal(np.delete(recorded_states, [0, 40], axis=0), np.array(states))
     assert capture.result == Captured(
         file=tmp_path / "states.npz",
         model="humanoid",

@@ -118,8 +118,8 @@ def test_an_access_in_every_step_is_bound_before_the_loop(
     ],
 )
 def test_what_is_not_certain_stays_and_says_why(file: Path, line: str, reason: str) -> None:
-    (found,) = reasons(file, SCRIPT.format(before="from robots import mjdata", line=line))
-    assert found.startswith(reason)
+    (actual,) = reasons(file, SCRIPT.format(before="from robots import mjdata", line=line))
+    assert actual.startswith(reason)
 
 
 @pytest.mark.parametrize("end", ["break", "return", "raise ValueError", "continue"])

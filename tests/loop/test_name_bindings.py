@@ -73,9 +73,9 @@ def test_a_name_that_nothing_binds_again_stays() -> None:
 )
 def test_a_name_of_another_scope_stays_if_it_is_bound_once(text: str, reason: str) -> None:
     tree, names = bindings(text)
-    found = names.rebinding("x", loop_in(tree))
-    assert found.startswith(reason)
-    assert bool(found) == bool(reason)
+    actual = names.rebinding("x", loop_in(tree))
+    assert actual.startswith(reason)
+    assert bool(actual) == bool(reason)
 
 
 @pytest.mark.parametrize(

@@ -32,10 +32,10 @@ def test_a_short_run_is_kept_whole() -> None:
 @pytest.mark.parametrize("most", [1, 2, 7, 100])
 @pytest.mark.parametrize("length", [1, 10, 95, 1_000, 123_456])
 def test_windows_are_in_order_apart_and_no_more_than_asked_for(most: int, length: int) -> None:
-    kept = begins(length, most)
-    assert 1 <= len(kept) <= most
-    assert len(kept) >= min(most // 2, length // NSTEP)  # strata are merged in pairs
-    assert all(later - earlier >= NSTEP for earlier, later in itertools.pairwise(kept))
+    windows = begins(length, most)
+    assert 1 <= len(windows) <= most
+    assert len(windows) >= min(most // 2, length // NSTEP)  # strata are merged in pairs
+    assert all(later - earlier >= NSTEP for earlier, later in itertools.pairwise(windows))
 
 
 def test_windows_are_everywhere_in_the_run_with_equal_density() -> None:

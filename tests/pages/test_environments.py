@@ -3,9 +3,9 @@
 import pytest
 from example_environment_records import record
 
+from mjbench.environment.records import EnvironmentRecord, PhysicsCheck
 from mjbench.pages import environments
 from mjbench.pages.content import Tone
-from mjbench.program.environment_records import EnvironmentRecord, PhysicsCheck
 from mjbench.report import vega
 from mjbench.status import Status
 

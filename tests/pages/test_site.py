@@ -67,11 +67,11 @@ def assert_complete(folder: Path, *pages: str) -> None:
     """Check that pages load nothing from elsewhere, and that their links lead to something."""
     for name in pages:
         page = folder / name
-        found = _Links(page.read_text())
-        assert found.loaded
-        for target in (*found.loaded, *found.links):
+        page_links = _Links(page.read_text())
+        assert page_links.loaded
+        for target in (*page_links.loaded, *page_links.links):
             if re.match("[a-z]+:", target):
-                assert target not in found.loaded
+                assert target not in page_links.loaded
                 continue
             file = page.parent / re.split("[?#]", target)[0]
             assert file.exists(), f"{name}: {target}"
@@ -182,13 +182,13 @@ def test_a_folder_that_is_no_site_is_not_replaced(
     precious = tmp_path / "precious"
     precious.mkdir()
     (precious / "file").touch()
-    words = ["site", "--project", str(ROOT), "-o"]
-    result = CliRunner().invoke(cli, [*words, str(precious)])
+    command = ["site", "--project", str(ROOT), "-o"]
+    result = CliRunner().invoke(cli, [*command, str(precious)])
     assert result.exit_code == 2
     assert "is no site of mjbench" in result.output
     (precious / site.MARKER).touch()
-    assert CliRunner().invoke(cli, [*words, str(precious)]).exit_code == 0
-    assert CliRunner().invoke(cli, [*words, str(tmp_path / "new")]).exit_code == 0
+    assert CliRunner().invoke(cli, [*command, str(precious)]).exit_code == 0
+    assert CliRunner().invoke(cli, [*command, str(tmp_path / "new")]).exit_code == 0
     assert built == [precious, tmp_path / "new"]
     empty = tmp_path / "empty"
     empty.mkdir()
@@ -206,8 +206,8 @@ def test_a_run_file_that_cannot_be_read_is_left_out_and_named(
     folder.mkdir(parents=True)
     (folder / "broken.jsonl").write_text("nonsense\n")
     (folder / "run.jsonl").write_text(RUN.read_text())
-    words = ["site", "--project", str(tmp_path), "-o", str(tmp_path / "site")]
-    result = CliRunner().invoke(cli, words)
+    command = ["site", "--project", str(tmp_path), "-o", str(tmp_path / "site")]
+    result = CliRunner().invoke(cli, command)
     assert result.exit_code == 0, result.output
     assert "left out: " in result.output
     assert [named.file.name for named in projects[0].runs] == ["run.jsonl"]

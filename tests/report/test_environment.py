@@ -7,8 +7,8 @@ import pytest
 from example_environment_records import facts, record, steady
 from rich.console import Console
 
-from mjbench.program.environment_recording import ModelChange, Moment
-from mjbench.program.environment_records import (
+from mjbench.environment.model_changes import ModelChange, Moment
+from mjbench.environment.records import (
     EnvironmentRecord,
     PathSamples,
     PhysicsCheck,

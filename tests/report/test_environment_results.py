@@ -3,9 +3,9 @@
 import pytest
 from example_environment_records import ROUNDS, facts, record, steady
 
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_records import EnvironmentRecord, LayerSamples, PhysicsCheck
-from mjbench.program.environment_timer import TimerCost
+from mjbench.environment.layers import Layer
+from mjbench.environment.records import EnvironmentRecord, LayerSamples, PhysicsCheck
+from mjbench.environment.timer import TimerCost
 from mjbench.report.environment_results import derive
 from mjbench.status import Status
 

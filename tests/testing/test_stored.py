@@ -72,8 +72,8 @@ def test_the_interval_allows_for_what_differs_between_occasions() -> None:
 
 
 def test_a_stored_occasion_is_found() -> None:
-    found = stored.find(saved(msgspec.to_builtins(occasion())), TEST)
-    assert judge(found, occasion()) == Answer.NOT_SLOWER
+    before = stored.find(saved(msgspec.to_builtins(occasion())), TEST)
+    assert judge(before, occasion()) == Answer.NOT_SLOWER
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,5 @@ def test_nine_runs_in_ten_are_nearer():
 def test_the_bound_holds_of_nine_runs_in_ten_with_its_confidence():
     rng = np.random.default_rng(0)
     true_quantile = np.exp(1.2815515655)  # of a lognormal at 0.9
-    holds = [
-        distance.bound(rng.lognormal(size=64)) >= true_quantile for _ in range(2000)
-    ]
+    holds = [distance.bound(rng.lognormal(size=64)) >= true_quantile for _ in range(2000)]
     assert np.mean(holds) > 0.94  # 0.95 or more, but for 2,000 draws

@@ -64,7 +64,7 @@ def apply(spec: mujoco.MjSpec, settings: Iterable[Setting]) -> mujoco.MjModel:
         if edit.part == Part.FLAG:
             before = compat.flag_enabled(model, edit.name)
             assert before is (edit.value == "disable")
-            compat.set_flag(model, edit.name, edit.value == "enable")
+            model_options.set_flag(model.opt, edit.name, edit.value)
         else:
             before = getattr(model.opt, edit.name)
             model_options.set_option(model, edit.name, edit.value)
@@ -347,10 +347,10 @@ def test_a_flag_that_enabled_in_older_releases_is_the_same_knob(
     monkeypatch.setattr(mujoco, "mjtDisableBit", SimpleNamespace())
     model = seen(model_xml()).model
     assert compat.flag_enabled(model, "island") is False
-    compat.set_flag(model, "island", True)
+    model_options.set_flag(model.opt, "island", "enable")
     assert compat.flag_enabled(model, "island") is True
     assert model.opt.enableflags == 1 << 10
-    compat.set_flag(model, "island", False)
+    model_options.set_flag(model.opt, "island", "disable")
     assert model.opt.enableflags == 0
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tuning_models import GEOMETRY, ROD_GAP_M, rods
 
-from mjbench.simulation import compat, models
+from mjbench.simulation import model_options, models
 from mjbench.simulation.models import ModelSource
 from mjbench.tuning import geom_pairs, observed, random_poses
 from mjbench.tuning.observed import Observed, observe_model
@@ -173,9 +173,9 @@ def test_filters_are_those_of_the_engine() -> None:
 def test_filters_follow_the_flags() -> None:
     model = mujoco.MjModel.from_xml_string(GEOMETRY)
     before = len(geom_pairs.read(model).geoms)
-    compat.set_flag(model, "filterparent", False)
+    model_options.set_flag(model.opt, "filterparent", "disable")
     assert len(geom_pairs.read(model).geoms) > before
-    compat.set_flag(model, "contact", False)
+    model_options.set_flag(model.opt, "contact", "disable")
     assert len(geom_pairs.read(model).geoms) == 0
 
 

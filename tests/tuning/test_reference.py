@@ -60,7 +60,8 @@ def test_a_converged_model_is_the_users_but_for_time_and_solver(tmp_path):
 
 def test_a_model_that_diverges_is_refused(tmp_path):
     unstable = """<mujoco><option timestep="0.5"/><worldbody><body><joint stiffness="1e9"/>
-    <geom size="0.1" pos="1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe></mujoco>"""
+    <geom size="0.1" pos="1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe>
+    </mujoco>"""
     with pytest.raises(InputError, match="diverge"):
         reference.baseline(model_of(tmp_path, unstable), TrialPlan(0, StartPlan()))
 
@@ -105,7 +106,5 @@ def test_perturbed_starts_differ_in_the_last_place():
     difference = np.abs(other.initial_state - trials.initial_state)
     assert 0 < difference.max() < 1e-14
     runs = [trajectories.run(model, each) for each in (trials, other)]
-    scale = distance.motion(
-        model, trials.initial_state[:, 1 : 1 + model.nq], runs[0]
-    )
+    scale = distance.motion(model, trials.initial_state[:, 1 : 1 + model.nq], runs[0])
     assert distance.distance(model, scale, *runs).share < 1e-9

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from mjbench.environment.source import Origin, resolve
 from mjbench.errors import InputError
-from mjbench.program.environment_source import Origin, resolve
 
 HERE = Path("/somewhere")
 

@@ -8,11 +8,11 @@ import example_environments as examples
 import numpy as np
 import pytest
 
+from mjbench.environment import engine
+from mjbench.environment.adapters import adapt
+from mjbench.environment.layers import Layer
+from mjbench.environment.passes import EnvironmentPasses
 from mjbench.errors import InputError
-from mjbench.program import environment_passes
-from mjbench.program.environment_adapter import adapt
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_passes import EnvironmentPasses
 
 
 def passes(environment: Any, nstep: int = 40) -> EnvironmentPasses:
@@ -79,7 +79,7 @@ def test_layers_are_timed_beside_a_plain_pass(
     environment: Any, layers: dict[tuple[Layer, str], int]
 ) -> None:
     both = passes(environment)
-    plain, layered = both.side_by_side(environment_passes.bindings(), random.Random(0))
+    plain, layered = both.side_by_side(engine.bindings(), random.Random(0))
     assert layered.times.digest == plain.digest == both.plain().digest
     called = {(t.layer, t.name): t.calls for t in layered.layers}
     assert called == {key: 40 * count for key, count in layers.items()}

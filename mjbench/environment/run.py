@@ -13,28 +13,30 @@ from typing import Any
 import numpy as np
 
 from mjbench.comparison.plan import Variant
+from mjbench.environment import (
+    adapters,
+    construction,
+    engine,
+    physics_comparison,
+    workload,
+)
+from mjbench.environment.adapters import EnvironmentAdapter
+from mjbench.environment.model_changes import ModelChange
+from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass
+from mjbench.environment.physics_comparison import PhysicsComparison
+from mjbench.environment.recording import EngineWatch, Recording, StepTrace
+from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
+from mjbench.environment.source import EnvironmentSource
+from mjbench.environment.timer import LayerTime, TimerCost, measure_cost
+from mjbench.environment.workload import PhysicsAlone
 from mjbench.errors import InputError
 from mjbench.instrument import machine, timing
 from mjbench.instrument.isolate import Channel
-from mjbench.program import (
-    environment_adapter,
-    environment_comparison,
-    environment_making,
-    environment_passes,
-    environment_workload,
-)
-from mjbench.program.environment_adapter import EnvironmentAdapter
-from mjbench.program.environment_comparison import PhysicsComparison
-from mjbench.program.environment_passes import EnvironmentPasses, LayeredPass, Pass
-from mjbench.program.environment_recording import EngineWatch, ModelChange, Recording, StepTrace
-from mjbench.program.environment_records import EnvironmentFacts, PhysicsCheck
-from mjbench.program.environment_source import EnvironmentSource
-from mjbench.program.environment_timer import LayerTime, TimerCost, measure_cost
-from mjbench.program.environment_workload import PhysicsAlone
+from mjbench.paths.parallelism import nthread
 from mjbench.simulation import work
 from mjbench.status import Status
 
-# Steps by which the time of a step is found, at first and where that takes few seconds.
+# Steps that show how long one takes: a few, then more if these would take less than a second.
 _FIRST_NSTEP, _WARM_UP_NSTEP, _WARM_UP_S = 5, 50, 1.0
 # Steps of a pass unless the user says: as many as take this long, within these bounds.
 PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
@@ -42,8 +44,8 @@ PASS_S, LEAST_NSTEP, MOST_NSTEP = 0.1, 50, 1000
 LEAST_ROUNDS, MOST_ROUNDS = 7, 100
 # A child may be silent for this many times as long as its work should take.
 _PATIENCE = 20
-# How often the parent is told that steps are being taken, in seconds.
-_SIGN_OF_LIFE_S = 1.0
+# Seconds between two messages that allow the child further silence.
+_HEARTBEAT_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,11 @@ class EnvironmentRequest:
     nstep: int | None
     variants: tuple[Variant, ...]
     budget_s: float
+
+    @property
+    def most_threads(self) -> int:
+        """The most threads that a path has."""
+        return max((nthread(variant.options) for variant in self.variants), default=1)
 
 
 @dataclass(frozen=True)
@@ -122,56 +129,55 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     variant; an `EnvironmentRound` for each round; `PathDisagreed` for each path that was wrong.
     """
     channel.doing("making the environment")
-    adapter = environment_adapter.adapt(environment_making.make(request.source))
+    adapter = adapters.adapt(construction.make(request.source))
     channel.doing("stepping the environment")
-    alive = _signs_of_life(channel)
-    nstep = request.nstep or _affordable_nstep(adapter, request.seed, alive)
+    heartbeat = _heartbeat(channel)
+    nstep = request.nstep or _affordable_nstep(adapter, request.seed, heartbeat)
     actions = _actions(adapter, nstep, request.seed)
     passes = EnvironmentPasses(adapter, actions, request.seed)
     channel.doing("recording the steps of the environment")
     watch = EngineWatch()
-    recorded = passes.recorded(watch, alive)
+    recorded = passes.recorded(watch, heartbeat)
     recording = watch.recording()
     _check_steps_engine(recording, nstep)
-    first = passes.plain(alive)
+    first = passes.plain(heartbeat)
     repeats = first.digest == recorded.digest
-    nthread = max((variant.options.get("threads", 1) for variant in request.variants), default=1)
-    physics = _physics_alone(recording, repeats, request.seed, nthread)
+    physics = _physics_alone(recording, repeats, request.seed, request.most_threads)
     facts = _facts(adapter, recording, first, request.seed, repeats)
     check = _check(recording, physics)
     channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
     comparison = None
     if isinstance(physics, PhysicsAlone):
-        comparison = environment_comparison.prepare(physics, request.variants, channel)
+        comparison = physics_comparison.prepare(physics, request.variants, channel)
     _time(passes, comparison, request, channel)
 
 
-def _signs_of_life(channel: Channel) -> Callable[[], None]:
-    """Return a function that tells the parent now and then that the child is at work."""
+def _heartbeat(channel: Channel) -> Callable[[], None]:
+    """Return a function that allows the child further silence, at most once a second."""
     last = time.monotonic()
 
-    def alive() -> None:
+    def beat() -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last > _SIGN_OF_LIFE_S:
+        if now - last > _HEARTBEAT_S:
             last = now
             channel.allow_silence(0.0)
 
-    return alive
+    return beat
 
 
 def _actions(adapter: EnvironmentAdapter, count: int, seed: int) -> list[Any]:
-    with environment_making.blamed("its action space"):
+    with construction.as_input_error("its action space"):
         return adapter.draw_actions(count, seed)
 
 
-def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, alive: Callable[[], None]) -> int:
+def _affordable_nstep(adapter: EnvironmentAdapter, seed: int, heartbeat: Callable[[], None]) -> int:
     """Return how many steps a pass has: as many as take PASS_S."""
     actions = _actions(adapter, _WARM_UP_NSTEP, seed)
-    few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(alive)
+    few = EnvironmentPasses(adapter, actions[:_FIRST_NSTEP], seed).plain(heartbeat)
     step_s = float(np.median(few.step_ns)) * 1e-9
     if step_s * _WARM_UP_NSTEP < _WARM_UP_S:
-        more = EnvironmentPasses(adapter, actions, seed).plain(alive)
+        more = EnvironmentPasses(adapter, actions, seed).plain(heartbeat)
         step_s = float(more.step_ns.mean()) * 1e-9
     return int(min(MOST_NSTEP, max(LEAST_NSTEP, PASS_S / max(step_s, 1e-9))))
 
@@ -197,15 +203,15 @@ def _check_steps_engine(recording: Recording, nstep: int) -> None:
 def _physics_alone(
     recording: Recording, repeats: bool, seed: int, nthread: int
 ) -> PhysicsAlone | str:
-    """Return the physics to compare with; or why there is no comparison, in words."""
-    physics = environment_workload.alone(recording, seed, nthread)
+    """Return the physics to compare with; or why there is no comparison, in one line."""
+    physics = workload.alone(recording, seed, nthread)
     if isinstance(physics, str):
         return physics
     if not repeats:
         return "with the same seed and actions, the environment does not do the same again"
     if not np.isfinite(physics.final_state).all():
         return "its states are not finite"
-    return environment_comparison.difference_from(physics) or physics
+    return physics_comparison.difference_from(physics) or physics
 
 
 def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
@@ -214,7 +220,7 @@ def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
         covered, run, holds = len(physics.numbers), physics.run, physics.holds
         return PhysicsCheck(Status.OK, "", recording.checked, covered, run, holds)
     if recording.difference is not None:
-        detail = environment_comparison.described(*recording.difference)
+        detail = physics_comparison.described(*recording.difference)
         return PhysicsCheck(Status.DISAGREES, detail, recording.checked)
     return PhysicsCheck(Status.UNAVAILABLE, physics, recording.checked)
 
@@ -244,16 +250,16 @@ def _facts(
 
 def _calls(trace: StepTrace) -> list[str]:
     """Return the engine's functions that a step called, such as `mj_step(nstep=5)`."""
-    words: list[str] = []
+    calls: list[str] = []
     for name, nstep in trace.calls:
-        words.append(f"{name}(nstep={nstep})" if name == "mj_step" and nstep != 1 else name)
+        calls.append(f"{name}(nstep={nstep})" if name == "mj_step" and nstep != 1 else name)
     period = next(
-        (n for n in range(1, len(words) + 1) if words == words[:n] * (len(words) // n)), 0
+        (n for n in range(1, len(calls) + 1) if calls == calls[:n] * (len(calls) // n)), 0
     )
-    repeats = len(words) // period if period else 1
+    repeats = len(calls) // period if period else 1
     if repeats == 1:
-        return words
-    unit = words[0] if period == 1 else f"({', '.join(words[:period])})"
+        return calls
+    unit = calls[0] if period == 1 else f"({', '.join(calls[:period])})"
     return [f"{repeats} × {unit}"]
 
 
@@ -294,20 +300,17 @@ class _Turns:
     ):
         self._passes, self._comparison = passes, comparison
         self._variants, self._channel = request.variants, channel
-        self._elsewhere = environment_passes.bindings()
+        self._elsewhere = engine.bindings()
         self._random = random.Random(request.seed)
         self._rng = np.random.default_rng([request.seed, 6])
-        cores = min(
-            machine.usable_cores(),
-            max((v.options.get("threads", 1) for v in request.variants), default=1),
-        )
+        cores = min(machine.usable_cores(), request.most_threads)
         self._calibration = machine.Calibration(cores) if cores > 1 and comparison else None
 
     def round(self) -> EnvironmentRound:
         """Time both passes and every path once, in random order."""
         passes: list[tuple[Pass, LayeredPass]] = []
         path_ns: dict[int, float] = {}
-        cores = [1.0]
+        cores: list[float] = []
         turns: list[Callable[[], None]] = [
             lambda: passes.append(self._both_passes()),
             lambda: cores.append(self._cores()),
@@ -318,7 +321,7 @@ class _Turns:
         self._random.shuffle(turns)
         for turn in turns:
             turn()
-        return self._result(*passes[0], path_ns, cores[-1])
+        return self._result(*passes[0], path_ns, cores[0])
 
     def _result(
         self, plain: Pass, layered: LayeredPass, path_ns: Mapping[int, float], cores: float

@@ -8,12 +8,12 @@ import numpy as np
 from mjbench.comparison import selection
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.program import environment_comparison
-from mjbench.program.environment_adapter import adapt
-from mjbench.program.environment_comparison import CHOICES, PATHS
-from mjbench.program.environment_passes import EnvironmentPasses
-from mjbench.program.environment_recording import EngineWatch
-from mjbench.program.environment_workload import PhysicsAlone, alone
+from mjbench.environment import physics_comparison
+from mjbench.environment.adapters import adapt
+from mjbench.environment.passes import EnvironmentPasses
+from mjbench.environment.physics_comparison import CHOICES, PATHS
+from mjbench.environment.recording import EngineWatch
+from mjbench.environment.workload import PhysicsAlone, alone
 from mjbench.status import Status
 
 
@@ -41,7 +41,7 @@ def compared(environment: Any, variants: tuple[Variant, ...]) -> Any:
     physics = alone(watch.recording(), 0, 2)
     assert isinstance(physics, PhysicsAlone)
     channel = Channel()
-    comparison = environment_comparison.prepare(physics, variants, channel)  # type: ignore[arg-type]
+    comparison = physics_comparison.prepare(physics, variants, channel)  # type: ignore[arg-type]
     return comparison, [message for message in channel.sent if isinstance(message, AgreementReport)]
 
 

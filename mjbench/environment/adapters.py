@@ -1,9 +1,9 @@
 """How environments of each framework are reset with a seed, given actions, and read.
 
-Frameworks are told apart by what an environment has, not by its class, so an environment of the
-user's own needs no package: Gymnasium's has `action_space`, dm_control's a method `action_spec`,
-robosuite's a pair `action_spec`. Physics is found elsewhere, from the engine's functions (see
-`environment_recording`).
+An environment's attributes show its framework, not its class, so an environment of the user's own
+needs no package: Gymnasium's has `action_space`, dm_control's a method `action_spec`,
+robosuite's a pair `action_spec`. How it does
+physics is read from its calls of the engine (see `environment.recording`).
 """
 
 import contextlib
@@ -14,12 +14,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mjbench.environment import callees
+from mjbench.environment.callees import Callee
+from mjbench.environment.layers import Layer
 from mjbench.errors import InputError, one_line
-from mjbench.program import environment_callees
-from mjbench.program.environment_callees import Callee
-from mjbench.program.environment_layers import Layer
 
-# Where a wrapper keeps the environment inside it.
+# Attributes in which a wrapper holds the environment inside it.
 _INNER = ("env", "_env", "environment", "_environment")
 _MAX_WRAPPERS = 100
 # Seeds of NumPy's older generators have 32 bits.
@@ -35,7 +35,7 @@ class EnvironmentAdapter(ABC):
       wrappers: the environments around the core, the outermost first.
 
     Class attributes:
-      framework: whose environment it is, for people.
+      framework: its name, for people.
     """
 
     framework: ClassVar[str]
@@ -57,11 +57,11 @@ class EnvironmentAdapter(ABC):
         import importlib.metadata
 
         classes = [kind for each in (*self.wrappers, self.core) for kind in type(each).__mro__]
-        found = {}
+        versions = {}
         for package in sorted({kind.__module__.partition(".")[0] for kind in classes}):
             with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-                found[package] = importlib.metadata.version(package)
-        return found
+                versions[package] = importlib.metadata.version(package)
+        return versions
 
     def inner_steps(self) -> list[Callee]:
         """Return the steps inside the outermost one, as functions to time."""
@@ -77,7 +77,7 @@ class EnvironmentAdapter(ABC):
         name = type(environment).__name__
         if environment is not self.core:
             return Layer.WRAPPERS, name
-        info = ", with info" if environment_callees.builds_info(environment) else ""
+        info = ", with info" if callees.builds_info(environment) else ""
         return Layer.REST, f"lines of {name}.step{info}"
 
     def resetting(self, seed: int) -> Callable[[], Any]:
@@ -135,7 +135,7 @@ class GymnasiumAdapter(EnvironmentAdapter):
         return lambda: reset()
 
     def is_over(self, outcome: Any) -> bool:
-        """See `EnvironmentAdapter.is_over`; after two values come one flag or two."""
+        """See `EnvironmentAdapter.is_over`; between reward and info are one flag or two."""
         _check_tuple(outcome, (4, 5))
         return any(bool(flag) for flag in outcome[2:-1])
 
@@ -144,7 +144,7 @@ class GymnasiumAdapter(EnvironmentAdapter):
         return _number(outcome[1])
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
-        """See `EnvironmentAdapter.draw_actions`; from the action space where it draws itself."""
+        """See `EnvironmentAdapter.draw_actions`; by the action space's `sample()`, if any."""
         space = self.environment.action_space
         if callable(getattr(space, "sample", None)):
             if callable(getattr(space, "seed", None)):

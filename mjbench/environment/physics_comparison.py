@@ -15,10 +15,10 @@ from mjbench import paths
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.verification import FurtherCases, ReferenceCase, verify
+from mjbench.environment.workload import PhysicsAlone
 from mjbench.errors import MachineError
 from mjbench.instrument import timing
 from mjbench.instrument.isolate import Channel
-from mjbench.program.environment_workload import PhysicsAlone
 from mjbench.simulation import agreement, compat, work
 from mjbench.simulation.agreement import Difference
 from mjbench.simulation.model_guard import ModelGuard
@@ -39,7 +39,7 @@ class PhysicsComparison:
 
     Attributes:
       prepared: the paths that agree, by the index of the variant.
-      differences: the first of each whose timed block was wrong.
+      differences: the first one of each path whose timed block was wrong, by the same index.
     """
 
     physics: PhysicsAlone
@@ -96,7 +96,7 @@ def difference_from(physics: PhysicsAlone) -> str:
 
 
 def described(number: int, difference: Difference) -> str:
-    """Return a difference between the environment and a plain loop, in words.
+    """Return a difference between the environment and a plain loop as a sentence.
 
     Args:
       number: of the environment's step after which it shows.
@@ -136,8 +136,7 @@ def prepare(
             channel.send(AgreementReport(index, Status.UNAVAILABLE, detail))
             continue
         report, prepared = verify(index, variant, case, further)
-        changed = guard.change()
-        if changed:
+        if changed := guard.change():
             raise MachineError(f"{variant} changes the model, which all paths share: {changed}")
         channel.send(report)
         if prepared is not None:

@@ -3,8 +3,8 @@
 At every call and return of a timed function the time since the one before is charged to the
 function that ran meanwhile. So the times of all layers add up to the step, whatever calls what.
 Timing costs time itself, more than a loop of such calls shows, because the engine leaves little of
-the timer in the caches. So nothing is subtracted here: `LayerTime` counts the calls that cost, for
-those who know what a call costs beside this environment (see `report.environment_results`).
+the timer in the caches. So nothing is subtracted here: `LayerTime` counts the calls, and
+`report.environment_results` subtracts what each costs beside this environment.
 """
 
 import contextlib
@@ -15,12 +15,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mjbench.environment import engine
+from mjbench.environment.callees import Callee
+from mjbench.environment.engine import Binding
+from mjbench.environment.layers import PHYSICS_FUNCTIONS, Layer
 from mjbench.instrument.bounds import NonNegativeFloat
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.program import environment_engine
-from mjbench.program.environment_callees import Callee
-from mjbench.program.environment_engine import Binding
-from mjbench.program.environment_layers import PHYSICS_FUNCTIONS, Layer
 
 ClockNs = Callable[[], int]
 # Calls of a block when the timer's own cost is measured, and blocks; the fastest counts.
@@ -197,8 +197,8 @@ def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[No
         layer = Layer.PHYSICS if name in PHYSICS_FUNCTIONS else Layer.ENGINE
         return lambda function: timer.timed(function, layer, name)
 
-    wrappers = {name: wrapper(name) for name in environment_engine.function_names()}
-    with environment_engine.replaced(wrappers, elsewhere):
+    wrappers = {name: wrapper(name) for name in engine.function_names()}
+    with engine.replaced(wrappers, elsewhere):
         yield
 
 

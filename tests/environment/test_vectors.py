@@ -10,10 +10,10 @@ import pytest
 from commands import PYTHONPATH
 from example_environment_records import record
 
-from mjbench.program import environment_vectors
-from mjbench.program.environment_records import EnvironmentRecord, VectorForm
-from mjbench.program.environment_source import resolve
-from mjbench.program.environment_vectors import FormReport, NoForms, VectorPlan, VectorRound
+from mjbench.environment import observations, vector_run, vectors
+from mjbench.environment.records import EnvironmentRecord, VectorForm
+from mjbench.environment.source import resolve
+from mjbench.environment.vector_run import FormReport, NoForms, VectorPlan, VectorRound
 from mjbench.status import Status
 
 PLAN = VectorPlan(seed=0, nenv=(1, 2), budget_s=0.0, limit_s=60.0)
@@ -80,19 +80,19 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 def added(folder: Path, name: str, plan: VectorPlan = PLAN) -> EnvironmentRecord:
     (folder / "point_env.py").write_text(POINT)
     source = resolve(f"point_env:{name}", folder)
-    return environment_vectors.added(record(vectors=[]), source, plan)
+    return vectors.added(record(vectors=[]), source, plan)
 
 
 @needs_gymnasium
 def test_both_forms_do_what_one_environment_does_and_are_timed(tmp_path: Path) -> None:
-    vectors = added(tmp_path, "Point").vectors
-    assert [(v.form, v.nenv) for v in vectors] == [
+    measured = added(tmp_path, "Point").vectors
+    assert [(v.form, v.nenv) for v in measured] == [
         (VectorForm.SYNC, 1),
         (VectorForm.ASYNC, 1),
         (VectorForm.SYNC, 2),
         (VectorForm.ASYNC, 2),
     ]
-    for vector in vectors:
+    for vector in measured:
         assert (vector.status, vector.detail) == (Status.OK, "")
         assert len(vector.ns) == len(vector.single_ns) >= 7
 
@@ -133,7 +133,7 @@ def test_other_environments_have_none(name: str, reason: str) -> None:
     from commands import TESTS
 
     source = resolve(f"example_environments:{name}", TESTS)
-    measured = environment_vectors.added(record(), source, PLAN)
+    measured = vectors.added(record(), source, PLAN)
     assert measured.no_vectors.startswith(reason)
     assert measured.no_vectors
 
@@ -141,14 +141,14 @@ def test_other_environments_have_none(name: str, reason: str) -> None:
 def test_without_gymnasium_there_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
     import example_environments as examples
 
-    from mjbench.program.environment_adapter import adapt
+    from mjbench.environment.adapters import adapt
 
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    assert "not installed" in environment_vectors._no_forms(adapt(examples.make()))
+    assert "not installed" in vector_run._no_forms(adapt(examples.make()))
 
 
 def measurement(*messages: object) -> Any:
-    received = environment_vectors._Measurement(PLAN)
+    received = vectors._Measurement(PLAN)
     for message in messages:
         received.receive(message)
     return received
@@ -178,8 +178,8 @@ def test_observations_are_compared_bit_by_bit_in_the_types_of_the_form() -> None
         "a": np.array([[9.0, 9.0], [0.1, 0.2]], dtype=np.float32),
         "b": (np.array([9, 3]),),
     }
-    copied = environment_vectors._copied(single)
-    assert environment_vectors._equal(copied, batched, 1)
-    assert not environment_vectors._equal(copied, batched, 0)
+    copied = observations.copied(single)
+    assert observations.equal(copied, batched, 1)
+    assert not observations.equal(copied, batched, 0)
     batched["a"][1, 0] = np.nextafter(np.float32(0.1), np.float32(1))
-    assert not environment_vectors._equal(copied, batched, 1)
+    assert not observations.equal(copied, batched, 1)

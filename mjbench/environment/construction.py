@@ -1,7 +1,7 @@
-"""Make an environment from its source, in the process that is to step it.
+"""Create an environment from its source, in the process that is to step it.
 
-Whatever the user's code raises becomes one line that names its file and line. What is not installed
-is said with the command that installs it.
+What the user's code raises becomes one line with its file and line. The error for a package that is
+not installed has the command that installs it.
 """
 
 import contextlib
@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from mjbench.environment.source import EnvironmentSource, Origin
 from mjbench.errors import (
     InputError,
     MjbenchError,
@@ -22,7 +23,6 @@ from mjbench.errors import (
     suggestion,
 )
 from mjbench.instrument import extras
-from mjbench.program.environment_source import EnvironmentSource, Origin
 
 _OWN_FOLDER = str(Path(__file__).resolve().parents[1])
 _LIBRARY_FOLDERS = tuple(
@@ -48,8 +48,8 @@ def make(source: EnvironmentSource) -> Any:
 
 
 @contextlib.contextmanager
-def blamed(what: str) -> Iterator[None]:
-    """Turn whatever the user's code raises into an InputError that names its file and line.
+def as_input_error(what: str) -> Iterator[None]:
+    """Turn what the user's code raises into an InputError with its file and line.
 
     Args:
       what: what failed, such as `its step`.
@@ -68,7 +68,7 @@ def blamed(what: str) -> Iterator[None]:
 def place_of(error: BaseException) -> str:
     """Return the file and line that raised, such as ` (my_env.py:42)`; empty where unknown.
 
-    Where that is in a library, the line of the user's own code that led there comes first.
+    If a library raised it, the user's own line that led there comes first.
     """
     frames = [
         frame
@@ -90,7 +90,7 @@ def _from_gymnasium(source: EnvironmentSource) -> Any:
     module, _, name = source.attribute.rpartition(":")
     if module:
         _user_module(module, source.folder)
-    with blamed("making it"):
+    with as_input_error("making it"):
         try:
             return gymnasium.make(name)
         except gymnasium.error.DependencyNotInstalled as error:
@@ -104,7 +104,7 @@ def _from_gymnasium(source: EnvironmentSource) -> Any:
 def _from_dm_control(source: EnvironmentSource) -> Any:
     """Return the environment of a task of dm_control's suite."""
     _imported("dm_control", "python -m pip install dm_control")
-    with blamed("making it"):
+    with as_input_error("making it"):
         from dm_control import suite
 
         names = [f"dm_control:{domain}-{task}" for domain, task in suite.ALL_TASKS]
@@ -117,7 +117,7 @@ def _from_factory(source: EnvironmentSource) -> Any:
     """Return what a function of the user's returns."""
     factory = _user_module(source.module, source.folder)
     for name in source.attribute.split("."):
-        known = [word for word in dir(factory) if not word.startswith("_")]
+        known = [each for each in dir(factory) if not each.startswith("_")]
         try:
             factory = getattr(factory, name)
         except AttributeError:
@@ -127,7 +127,7 @@ def _from_factory(source: EnvironmentSource) -> Any:
             f"{source.attribute} is {type(factory).__name__}, not a function that returns an"
             " environment"
         )
-    with blamed(f"{source.attribute}()"):
+    with as_input_error(f"{source.attribute}()"):
         return factory()
 
 
@@ -140,7 +140,7 @@ def _user_module(name: str, folder: Path) -> Any:
     os.chdir(folder)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
-    with blamed(f"importing {name}"):
+    with as_input_error(f"importing {name}"):
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:
@@ -156,7 +156,7 @@ def _imported(package: str, command: str) -> Any:
       InputError: it is not installed, or cannot be imported.
     """
     try:
-        with blamed(f"importing {package}"):
+        with as_input_error(f"importing {package}"):
             return importlib.import_module(package)
     except InputError as error:
         if isinstance(error.__cause__, ModuleNotFoundError) and error.__cause__.name == package:

@@ -6,25 +6,23 @@ to the last bit. What is written to the state between calls is noted by field, a
 change of the model.
 """
 
-import collections
-import copy
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from mjbench.environment import engine
+from mjbench.environment.model_changes import ModelChange, ModelVersions, Moment
 from mjbench.loop.engine_functions import EngineFunction
-from mjbench.program import environment_engine
 from mjbench.simulation import agreement, compat
 from mjbench.simulation.agreement import Difference
-from mjbench.simulation.model_guard import ModelGuard
+from mjbench.simulation.state_reader import StateReader
 
-# Functions that end a step; the first also begins it. `mj_step1` begins one.
+# `mj_step` does a whole step, `mj_step1` begins one, and `mj_step2` ends it.
 _STEP, _BEGIN, _END = "mj_step", "mj_step1", "mj_step2"
 # Functions by which a program integrates itself.
 _INTEGRATORS = ("mj_Euler", "mj_RungeKutta", "mj_implicit", "mj_implicitFast")
@@ -33,34 +31,11 @@ _WATCHED = (_STEP, _BEGIN, _END, *_INTEGRATORS)
 _CALLBACKS = ("passive", "control", "contactfilter", "sensor", "act_dyn", "act_gain", "act_bias")
 
 
-class Moment(StrEnum):
-    """When an environment changes its model."""
-
-    RESET = "by a reset"
-    STEP = "between steps"
-
-
-@dataclass(frozen=True)
-class ModelChange:
-    """A change of the model that an environment makes.
-
-    Attributes:
-      field: the first one that differs, such as `opt.gravity`.
-      moment: when.
-      count: how often.
-    """
-
-    field: str
-    moment: Moment
-    count: int
-
-
 @dataclass(frozen=True, eq=False)
 class StepTrace:
     """What one step of an environment asked of the engine.
 
     Attributes:
-      episode: number of the episode.
       version: of the model (see `Recording`).
       start: (nstate,) mjSTATE_INTEGRATION at the first call that ends a step, controls included.
       end: (nstate,) the state after the last such call.
@@ -73,7 +48,6 @@ class StepTrace:
       is_same_model: whether the model was the same at the end of the environment's step.
     """
 
-    episode: int
     version: int
     start: np.ndarray
     end: np.ndarray
@@ -102,7 +76,7 @@ class Recording:
       changes: of the model.
       version: of the model that most steps were taken with.
       model: a copy of that model; None where the engine was never stepped.
-      obstacle: why no plain loop can do the same, in words; empty where nothing stands in the way.
+      obstacle: why no plain loop can do the same, in one line; empty where one can.
       other_calls: whether the environment called other functions of the engine.
     """
 
@@ -122,36 +96,34 @@ class EngineWatch:
     def __init__(self) -> None:
         self._thread = threading.get_ident()
         self._step: EngineFunction = mujoco.mj_step
-        self._versions = _ModelVersions()
+        self._versions = ModelVersions()
         self._traces: list[StepTrace | None] = []
         self._current: _OpenTrace | None = None
         self._last_data: Any = None
         self._last_row: np.ndarray | None = None
-        self._replay: _Replay | None = None
+        self._plain_steps: _PlainSteps | None = None
         self._obstacles: list[str] = []
         self._other_calls = False
-        self._episode = -1
-        self._columns_of: tuple[Any, dict[str, slice]] | None = None
+        self._reader_of: tuple[Any, StateReader] | None = None
 
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Watch while the block runs."""
-        names = environment_engine.function_names()
+        names = engine.function_names()
         wrappers: dict[str, Callable[[EngineFunction], EngineFunction]] = {
             name: self._wrapper(name) for name in names
         }
-        with environment_engine.replaced(wrappers, environment_engine.bindings(names)):
+        with engine.replaced(wrappers, engine.bindings()):
             yield
 
     def begin_episode(self) -> None:
         """Note that the environment was reset: what was written since is no input of a step."""
-        self._episode += 1
         self._last_row = self._last_data = None
         self._versions.moment = Moment.RESET
 
     def run(self, step: Callable[[], Any]) -> Any:
         """Run one step of the environment, and return its result."""
-        self._current = _OpenTrace(self._episode)
+        self._current = _OpenTrace()
         try:
             outcome = step()
         finally:
@@ -174,11 +146,11 @@ class EngineWatch:
         if installed:
             self._obstacles.append(f"installs a callback of the engine, {installed[0]}")
         version, model = self._versions.most_used()
-        replay = self._replay
+        plain_steps = self._plain_steps
         return Recording(
             tuple(self._traces),
-            replay.checked if replay else 0,
-            replay.difference if replay else None,
+            plain_steps.checked if plain_steps else 0,
+            plain_steps.difference if plain_steps else None,
             self._versions.changes(),
             version,
             model,
@@ -207,7 +179,7 @@ class EngineWatch:
                 nstep = _nstep(name, arguments, keywords)
                 self._before(name, nstep, model, data)
                 result = function(*arguments, **keywords)
-                self._after(name, nstep, model, data)
+                self._after(nstep, model, data)
                 return result
 
             return call
@@ -218,7 +190,8 @@ class EngineWatch:
         """Note the state that a call begins with, and what was written since the call before."""
         trace = self._current
         assert trace is not None, "a step is being run"
-        row = _state(model, data)
+        reader = self._reader(model)
+        row = reader.read(model, data)
         if trace.model is None:
             trace.model, trace.version = model, self._versions.of(model)
             trace.follows = data is self._last_data
@@ -228,33 +201,33 @@ class EngineWatch:
         if data is self._last_data and self._last_row is not None:
             # what was written before the first step of the engine is part of the start
             written = trace.entered if trace.start is None else trace.written
-            written |= _differing_fields(self._columns(model), self._last_row, row)
+            written |= reader.differing(self._last_row, row)
         if name in _INTEGRATORS:
             self._obstacles.append(f"integrates by {name} instead of mj_step")
         if nstep:
             if trace.start is None:
                 trace.start = row
-            controls = row[self._columns(model).get("ctrl", slice(0, 0))]
+            controls = row[reader.columns.get("ctrl", slice(0, 0))]
             trace.control.extend([controls] * nstep)
         trace.calls.append((name, nstep))
         self._last_row = row
 
-    def _columns(self, model: Any) -> dict[str, slice]:
-        """Return the columns of each field in a state of a model; looked up once per model."""
-        if self._columns_of is None or self._columns_of[0] is not model:
-            columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-            self._columns_of = (model, columns)
-        return self._columns_of[1]
+    def _reader(self, model: Any) -> StateReader:
+        """Return what reads the states of a model; prepared once per model."""
+        if self._reader_of is None or self._reader_of[0] is not model:
+            self._reader_of = (model, StateReader(model))
+        return self._reader_of[1]
 
-    def _after(self, name: str, nstep: int, model: Any, data: Any) -> None:
+    def _after(self, nstep: int, model: Any, data: Any) -> None:
         """Note the state that a call ended in; repeat the call, and compare."""
         trace = self._current
         assert trace is not None and self._last_row is not None, "a step is being run"
-        row = _state(model, data)
+        reader = self._reader(model)
+        row = reader.read(model, data)
         if nstep:
-            if self._replay is None or self._replay.model is not model:
-                self._replay = _Replay(self._step, model, self._columns(model), self._replay)
-            self._replay.check(len(self._traces), self._last_row, row, nstep)
+            if self._plain_steps is None or self._plain_steps.model is not model:
+                self._plain_steps = _PlainSteps(self._step, model, reader, self._plain_steps)
+            self._plain_steps.check(len(self._traces), self._last_row, row, nstep)
             trace.end = row
         self._last_row, self._last_data = row, data
 
@@ -263,7 +236,6 @@ class EngineWatch:
 class _OpenTrace:
     """A step that is being taken; see `StepTrace`."""
 
-    episode: int
     model: Any = None
     version: int = 0
     start: np.ndarray | None = None
@@ -279,7 +251,6 @@ class _OpenTrace:
         if self.start is None or self.end is None:
             return None
         return StepTrace(
-            self.episode,
             self.version,
             self.start,
             self.end,
@@ -292,7 +263,7 @@ class _OpenTrace:
         )
 
 
-class _Replay:
+class _PlainSteps:
     """Repeats calls with a model on an MjData of its own.
 
     Attributes:
@@ -305,73 +276,29 @@ class _Replay:
         self,
         step: EngineFunction,
         model: Any,
-        columns: Mapping[str, slice],
-        earlier: "_Replay | None",
+        reader: StateReader,
+        earlier: "_PlainSteps | None",
     ):
         self.model = model
         self.checked: int = earlier.checked if earlier else 0
         self.difference: tuple[int, Difference] | None = earlier.difference if earlier else None
-        self._step, self._data, self._columns = step, mujoco.MjData(model), columns
-        self._has_reset = compat.has_sleep(model)
+        self._step, self._data, self._reader = step, mujoco.MjData(model), reader
+        self._needs_reset = compat.has_sleep(model)
 
     def check(self, number: int, before: np.ndarray, after: np.ndarray, nstep: int) -> None:
         """Take steps from a state, and compare with the state that the environment reached."""
-        if self._has_reset:
+        if self._needs_reset:
             mujoco.mj_resetData(self.model, self._data)
-        compat.set_state(self.model, self._data, before, compat.state_spec("INTEGRATION"))
+        compat.set_state(self.model, self._data, before, self._reader.spec)
         self._step(self.model, self._data, nstep)
-        reached = _state(self.model, self._data)
+        reached = self._reader.read(self.model, self._data)
         self.checked += 1
         if self.difference is None:
-            difference = agreement.first_differing_entry(after[None], reached[None], self._columns)
+            difference = agreement.first_differing_entry(
+                after[None], reached[None], self._reader.columns
+            )
             if difference is not None:
                 self.difference = (number, difference)
-
-
-class _ModelVersions:
-    """Numbers the contents that an environment's model has had.
-
-    Attributes:
-      moment: of the next change.
-    """
-
-    def __init__(self) -> None:
-        self.moment = Moment.RESET
-        self._guard: ModelGuard | None = None
-        self._changes: collections.Counter[tuple[str, Moment]] = collections.Counter()
-        self._number, self._used = 0, 0
-        self._copy: Any = None
-        self._best: tuple[int, int, Any] = (0, 0, None)
-
-    def of(self, model: Any) -> int:
-        """Return the number of a model's content; note a change."""
-        if self._guard is not None:
-            changed = self._guard.difference(model)
-            if changed is None:
-                return self._number
-            self._changes[changed, self.moment] += 1
-            self._number += 1
-        self._close()
-        self._guard, self._copy, self._used = ModelGuard(model), copy.copy(model), 0
-        return self._number
-
-    def count(self) -> None:
-        """Count a step with the current content."""
-        self._used += 1
-
-    def _close(self) -> None:
-        if self._copy is not None and self._used > self._best[0]:
-            self._best = (self._used, self._number - 1, self._copy)
-
-    def most_used(self) -> tuple[int, Any]:
-        """Return the number of the content that most steps were taken with, and a copy of it."""
-        if self._used > self._best[0]:
-            return self._number, self._copy
-        return self._best[1:]
-
-    def changes(self) -> list[ModelChange]:
-        """Return the changes so far, the most frequent first."""
-        return [ModelChange(*key, count) for key, count in self._changes.most_common()]
 
 
 def _nstep(name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> int:
@@ -382,21 +309,3 @@ def _nstep(name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> 
         return 1
     given = [a for a in arguments if not isinstance(a, mujoco.MjModel | mujoco.MjData)]
     return int(keywords.get("nstep", given[0] if given else 1))
-
-
-def _state(model: Any, data: Any) -> np.ndarray:
-    """Return (nstate,) mjSTATE_INTEGRATION of a simulation now."""
-    spec = compat.state_spec("INTEGRATION")
-    row = np.empty(compat.state_size(model, spec))
-    compat.get_state(model, data, row, spec)
-    return row
-
-
-def _differing_fields(
-    columns: Mapping[str, slice], before: np.ndarray, after: np.ndarray
-) -> set[str]:
-    """Return the fields other than ctrl in which two states differ in any bit."""
-    differs = before.view(np.uint64) != after.view(np.uint64)
-    if not differs.any():
-        return set()
-    return {name for name, place in columns.items() if name != "ctrl" and differs[place].any()}

@@ -1,7 +1,7 @@
 """Passes over the recorded actions: each resets to the same starts and takes the same steps.
 
-A plain pass times steps and resets and nothing else. A layered pass also times the functions inside
-a step. Both sum up what the environment returned, which shows whether they did the same.
+A plain pass times only steps and resets. A layered pass also times the functions inside a step.
+The digest of what the environment returned shows whether two passes did the same.
 """
 
 import contextlib
@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from mjbench.program import environment_callees, environment_engine
-from mjbench.program.environment_adapter import EnvironmentAdapter
-from mjbench.program.environment_engine import Binding
-from mjbench.program.environment_making import blamed
-from mjbench.program.environment_recording import EngineWatch
-from mjbench.program.environment_timer import (
+from mjbench.environment import callees
+from mjbench.environment.adapters import EnvironmentAdapter
+from mjbench.environment.construction import as_input_error
+from mjbench.environment.engine import Binding
+from mjbench.environment.recording import EngineWatch
+from mjbench.environment.timer import (
     ClockNs,
     LayerTime,
     LayerTimer,
@@ -61,12 +61,14 @@ class LayeredPass:
     layers: Sequence[LayerTime]
 
 
-# Prepares an episode, after its reset, and gives what takes and times a step of it.
-_BeginEpisode = Callable[[], contextlib.AbstractContextManager[Callable[[Any], tuple[Any, int]]]]
+# Prepares an episode after its reset, and yields a function that returns the outcome of a step and
+# its nanoseconds.
+_TimedStep = Callable[[Any], tuple[Any, int]]
+_BeginEpisode = Callable[[], contextlib.AbstractContextManager[_TimedStep]]
 
 
 class EnvironmentPasses:
-    """Replays actions in an environment, as often as one likes."""
+    """Replays actions in an environment, any number of times."""
 
     def __init__(
         self,
@@ -79,21 +81,21 @@ class EnvironmentPasses:
         self._adapter, self._actions, self._seed = adapter, actions, seed
         self._clock_ns = clock_ns
 
-    def plain(self, alive: Callable[[], None] = lambda: None) -> Pass:
+    def plain(self, heartbeat: Callable[[], None] = lambda: None) -> Pass:
         """Return the times of a pass.
 
         Args:
-          alive: called after every step, untimed.
+          heartbeat: called after every step, untimed.
 
         Raises:
           InputError: the environment raised something.
         """
-        replay = self._replay(self._begin_plain, alive)
+        replay = self._replay(self._begin_plain, heartbeat)
         while replay.run_episode():
             pass
         return replay.result()
 
-    def recorded(self, watch: EngineWatch, alive: Callable[[], None]) -> Pass:
+    def recorded(self, watch: EngineWatch, heartbeat: Callable[[], None]) -> Pass:
         """Return a pass that `watch` watches; its times include the watching.
 
         Raises:
@@ -101,7 +103,7 @@ class EnvironmentPasses:
         """
         clock_ns = self._clock_ns
 
-        def begin_episode() -> contextlib.AbstractContextManager[Callable[[Any], Any]]:
+        def begin_episode() -> contextlib.AbstractContextManager[_TimedStep]:
             step = self._step()
             watch.begin_episode()
 
@@ -112,7 +114,7 @@ class EnvironmentPasses:
 
             return contextlib.nullcontext(run)
 
-        replay = self._replay(begin_episode, alive)
+        replay = self._replay(begin_episode, heartbeat)
         with watch.watching():
             while replay.run_episode():
                 pass
@@ -134,15 +136,15 @@ class EnvironmentPasses:
         plain = self._replay(self._begin_plain)
         layered = self._replay(lambda: self._begin_layered(timer, elsewhere))
         both = [plain, layered]
-        goes_on = True
-        while goes_on:
+        more_follow = True
+        while more_follow:
             rng.shuffle(both)
             remaining = [replay.run_episode() for replay in both]
-            goes_on = any(remaining)
+            more_follow = any(remaining)
         called = [layer for layer in timer.layers() if layer.calls]
         return plain.result(), LayeredPass(layered.result(), called)
 
-    def _begin_plain(self) -> contextlib.AbstractContextManager[Callable[[Any], tuple[Any, int]]]:
+    def _begin_plain(self) -> contextlib.AbstractContextManager[_TimedStep]:
         """Prepare an episode whose steps are timed as a whole."""
         clock_ns, step = self._clock_ns, self._step()
 
@@ -156,14 +158,14 @@ class EnvironmentPasses:
     @contextlib.contextmanager
     def _begin_layered(
         self, timer: LayerTimer, elsewhere: Sequence[Binding]
-    ) -> Iterator[Callable[[Any], tuple[Any, int]]]:
+    ) -> Iterator[_TimedStep]:
         """Prepare an episode whose steps are timed by layer."""
         adapter = self._adapter
         layer, name = adapter.outermost_layer()
         # a reset may have replaced what the environment holds
-        callees = [*adapter.inner_steps(), *environment_callees.find(adapter.core)]
+        timed = [*adapter.inner_steps(), *callees.find(adapter.core)]
         step = self._step()
-        with engine_timed(timer, elsewhere), functions_timed(timer, callees):
+        with engine_timed(timer, elsewhere), functions_timed(timer, timed):
             yield timer.outermost(step, layer, name)
 
     def _step(self) -> Callable[[Any], Any]:
@@ -171,15 +173,15 @@ class EnvironmentPasses:
         return step
 
     def _replay(
-        self, begin_episode: _BeginEpisode, alive: Callable[[], None] = lambda: None
+        self, begin_episode: _BeginEpisode, heartbeat: Callable[[], None] = lambda: None
     ) -> "_Replay":
         return _Replay(
-            self._adapter, self._actions, self._seed, begin_episode, alive, self._clock_ns
+            self._adapter, self._actions, self._seed, begin_episode, heartbeat, self._clock_ns
         )
 
 
 class _Replay:
-    """A pass that is being made, episode by episode."""
+    """A pass, episode by episode."""
 
     def __init__(
         self,
@@ -187,11 +189,11 @@ class _Replay:
         actions: Sequence[Any],
         seed: int,
         begin_episode: _BeginEpisode,
-        alive: Callable[[], None],
+        heartbeat: Callable[[], None],
         clock_ns: ClockNs,
     ):
         self._adapter, self._actions, self._seed = adapter, actions, seed
-        self._begin_episode, self._alive, self._clock_ns = begin_episode, alive, clock_ns
+        self._begin_episode, self._heartbeat, self._clock_ns = begin_episode, heartbeat, clock_ns
         self._step_ns = np.zeros(len(actions), dtype=np.int64)
         self._reset_ns: list[int] = []
         self._lengths: list[int] = []
@@ -211,12 +213,12 @@ class _Replay:
         with self._begin_episode() as step:
             is_over = False
             while not is_over and self._number < len(self._actions):
-                with blamed("its step"):
+                with as_input_error("its step"):
                     outcome, self._step_ns[self._number] = step(self._actions[self._number])
                     is_over = adapter.is_over(outcome)
                     self._digest.add(adapter.reward(outcome))
                 self._number += 1
-                self._alive()
+                self._heartbeat()
         if is_over:
             self._lengths.append(self._number - first)
         self._digest.add((is_over, outcome))
@@ -224,7 +226,7 @@ class _Replay:
 
     def _reset(self) -> int:
         """Reset the environment, and return how many nanoseconds it took."""
-        with blamed("its reset"):
+        with as_input_error("its reset"):
             reset = self._adapter.resetting(self._seed + len(self._reset_ns))
             begin = self._clock_ns()
             reset()
@@ -261,8 +263,3 @@ class _Digest:
     def text(self) -> str:
         """Return the digest of what was added."""
         return self._content.hexdigest()
-
-
-def bindings() -> list[Binding]:
-    """Return where modules that are loaded now hold functions of the engine."""
-    return environment_engine.bindings(environment_engine.function_names())

@@ -1,4 +1,4 @@
-"""MuJoCo's functions, replaced wherever a program holds them, while it runs.
+"""Replace MuJoCo's functions wherever a running program holds them.
 
 `mujoco.mj_step` finds a replacement in the module `mujoco`. A name bound by `from mujoco import
 mj_step` does not, so every module that holds one of the functions is given the replacement, too.
@@ -15,8 +15,8 @@ import mujoco
 from mjbench.loop import engine_functions
 from mjbench.loop.engine_functions import EngineFunction
 
-# Modules that keep MuJoCo's own functions.
-_KEEP = ("mujoco", "mjbench")
+# Packages whose modules go on with MuJoCo's own functions.
+_UNCHANGED = ("mujoco", "mjbench")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,21 +41,17 @@ def function_names() -> list[str]:
     ]
 
 
-def bindings(names: Sequence[str]) -> list[Binding]:
-    """Return where modules other than `mujoco` hold functions of the engine now.
-
-    Args:
-      names: of the functions.
-    """
-    by_identity = {id(getattr(mujoco, name)): name for name in names if hasattr(mujoco, name)}
-    found = []
+def bindings() -> list[Binding]:
+    """Return where modules other than `mujoco` hold functions of the engine now."""
+    by_identity = {id(getattr(mujoco, name)): name for name in function_names()}
+    held = []
     for module_name, module in list(sys.modules.items()):
-        if module_name.partition(".")[0] in _KEEP or not isinstance(module, ModuleType):
+        if module_name.partition(".")[0] in _UNCHANGED or not isinstance(module, ModuleType):
             continue
         for attribute, value in list(vars(module).items()):
             if (name := by_identity.get(id(value))) is not None:
-                found.append(Binding(module, attribute, name))
-    return found
+                held.append(Binding(module, attribute, name))
+    return held
 
 
 @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
 A step is read with those it overrides and calls by `super().step(…)`. Functions that it calls are
 methods of the environment or of what it holds (`self.sim.step()`), and functions of its module.
-What those call in turn is found where its name says which layer it belongs to.
+Functions that those call are included if their name says which layer they belong to.
 """
 
 import ast
@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mjbench.program.environment_layers import Layer, layer_of
+from mjbench.environment.layers import Layer, layer_of
 
-# What functions of these layers call is looked for, too; what others call belongs to them.
+# Layers whose functions' own callees are timed, too; other functions include what they call.
 _ENTERED = {Layer.STEPPING, Layer.ACTION, Layer.INFO, Layer.TERMINATION, Layer.REST}
 
 
@@ -61,15 +61,15 @@ def find(environment: object) -> list[Callee]:
       environment: the innermost one, without wrappers. What it holds may be replaced by a reset,
         so this result holds until the next.
     """
-    found: dict[tuple[int, str], Callee] = {}
+    callees: dict[tuple[int, str], Callee] = {}
     for function in _steps(environment):
         for callee in _callees_of(environment, function):
-            found.setdefault((id(callee.owner), callee.attribute), callee)
+            callees.setdefault((id(callee.owner), callee.attribute), callee)
             if callee.layer in _ENTERED and not isinstance(callee.owner, types.ModuleType):
                 for inner in _known_callees(callee):
-                    found.setdefault((id(inner.owner), inner.attribute), inner)
-    found.pop((id(environment), "step"), None)
-    return list(found.values())
+                    callees.setdefault((id(inner.owner), inner.attribute), inner)
+    callees.pop((id(environment), "step"), None)
+    return list(callees.values())
 
 
 def builds_info(environment: object) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjbench.program.environment_recording import Recording, StepTrace
+from mjbench.environment.recording import Recording, StepTrace
 from mjbench.simulation.workload import Workload
 
 # Steps of the environment in a simulation, at most; and the share of its steps that shorter
@@ -31,21 +31,19 @@ class PhysicsAlone:
       final_state: (nbatch, nstate) states that the environment was in at their ends.
       numbers: (nbatch * run,) of the environment's steps that it covers.
       run: steps of the environment in each simulation.
-      frame_skip: steps of the engine in each step of the environment.
-      holds: whether the control is held for all of them; otherwise the environment computes
-        another for each.
+      holds: whether a control is held for all steps of the engine in a step of the environment;
+        otherwise the environment computes another for each.
     """
 
     workload: Workload
     final_state: np.ndarray
     numbers: np.ndarray
     run: int
-    frame_skip: int
     holds: bool
 
 
 def alone(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | str:
-    """Return the physics of a recording; or why a plain loop cannot do it, in words.
+    """Return the physics of a recording; or why a plain loop cannot do it, in one line.
 
     Args:
       recording: of an environment that steps the engine.
@@ -99,9 +97,9 @@ def _assembled(
         for first in range(0, len(run) - length + 1, length)
     ]
     holds = all((trace.control == trace.control[0]).all() for trace in usable.values())
-    kept = slice(0, 1) if holds else slice(None)
+    control_rows = slice(0, 1) if holds else slice(None)
     control = np.array(
-        [np.concatenate([usable[n].control[kept] for n in piece]) for piece in pieces]
+        [np.concatenate([usable[n].control[control_rows] for n in piece]) for piece in pieces]
     )
     assert recording.model is not None, "it was stepped"
     workload = Workload(
@@ -116,7 +114,6 @@ def _assembled(
         np.array([usable[piece[-1]].end for piece in pieces]),
         np.array([n for piece in pieces for n in piece]),
         length,
-        frame_skip,
         holds,
     )
 
@@ -133,7 +130,7 @@ def _runs(usable: dict[int, StepTrace]) -> list[list[int]]:
 
 
 def _run_length(lengths: Sequence[int], nthread: int) -> int:
-    """Return how long simulations are: as long as most steps are in one, and threads have some."""
+    """Return the longest run that covers most steps and gives every thread enough simulations."""
     total = sum(lengths)
     longest = 1
     for length in range(1, MAX_RUN + 1):
@@ -143,6 +140,6 @@ def _run_length(lengths: Sequence[int], nthread: int) -> int:
     return longest
 
 
-def _listed(words: Sequence[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     """Return `a`, `a and b`, or `a, b and c`."""
-    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else words[0]
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

@@ -1,7 +1,7 @@
 """Measure an environment: the parent's side, which imports nothing of the environment's.
 
 Two child processes: one for the environment, its layers and the same physics by other paths, one
-for its vectorised forms. Whatever becomes of a child, what it had sent is kept.
+for its vectorised forms. The record also holds what a child sent before it failed.
 """
 
 import dataclasses
@@ -12,19 +12,19 @@ from mjbench import paths
 from mjbench.comparison import selection
 from mjbench.comparison.messages import AgreementReport
 from mjbench.comparison.plan import Variant
-from mjbench.instrument import isolate
-from mjbench.instrument.isolate import Ended
-from mjbench.program import environment_vectors
-from mjbench.program.environment_comparison import CHOICES, PATHS
-from mjbench.program.environment_records import EnvironmentRecord, LayerSamples, PathSamples
-from mjbench.program.environment_run import (
+from mjbench.environment import vectors
+from mjbench.environment.physics_comparison import CHOICES, PATHS
+from mjbench.environment.records import EnvironmentRecord, LayerSamples, PathSamples
+from mjbench.environment.run import (
     EnvironmentReady,
     EnvironmentRequest,
     EnvironmentRound,
     PathDisagreed,
 )
-from mjbench.program.environment_source import EnvironmentSource
-from mjbench.program.environment_vectors import VectorPlan
+from mjbench.environment.source import EnvironmentSource
+from mjbench.environment.vector_run import VectorPlan
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Ended
 from mjbench.status import Status
 
 
@@ -52,7 +52,7 @@ class EnvironmentPlan:
 def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentRecord:
     """Return what was measured of an environment.
 
-    Also Ctrl-C ends with what was measured until then.
+    After Ctrl-C, the record holds what was measured before.
 
     Raises:
       MachineError: no process can be started.
@@ -61,7 +61,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     measurement = _Measurement(source, variants)
     try:
         ended = isolate.run(
-            "mjbench.program.environment_run:measure_in_child",
+            "mjbench.environment.run:measure_in_child",
             EnvironmentRequest(source, plan.seed, plan.nstep, variants, plan.budget_s),
             measurement.receive,
             plan.limit_s,
@@ -72,7 +72,7 @@ def measure(source: EnvironmentSource, plan: EnvironmentPlan) -> EnvironmentReco
     if record.status != Status.OK or not plan.nenv:
         return record
     vector_plan = VectorPlan(plan.seed, plan.nenv, plan.budget_s, plan.limit_s)
-    return environment_vectors.added(record, source, vector_plan)
+    return vectors.added(record, source, vector_plan)
 
 
 class _Measurement:

@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjbench.program.environment_adapter import adapt
-from mjbench.program.environment_passes import EnvironmentPasses
-from mjbench.program.environment_recording import EngineWatch, Moment, Recording
+from mjbench.environment.adapters import adapt
+from mjbench.environment.model_changes import Moment
+from mjbench.environment.passes import EnvironmentPasses
+from mjbench.environment.recording import EngineWatch, Recording
 
 NSTEP = 40
 

@@ -1,7 +1,6 @@
-"""Environments are measured in processes of their own, and whatever becomes of those is said."""
+"""Environments are measured in child processes, and the record says how those ended."""
 
 import dataclasses
-import os
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +8,12 @@ import pytest
 from commands import PYTHONPATH, TESTS
 from example_environment_records import record as invented_record
 
-from mjbench.program import environment
-from mjbench.program.environment import EnvironmentPlan
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_recording import Moment
-from mjbench.program.environment_records import EnvironmentRecord
-from mjbench.program.environment_source import resolve
+from mjbench.environment import measurement
+from mjbench.environment.layers import Layer
+from mjbench.environment.measurement import EnvironmentPlan
+from mjbench.environment.model_changes import Moment
+from mjbench.environment.records import EnvironmentRecord
+from mjbench.environment.source import resolve
 from mjbench.status import Status
 
 PLAN = EnvironmentPlan(nstep=40, seed=0, threads=(1, 2), nenv=(), budget_s=0.0, limit_s=60.0)
@@ -27,7 +26,7 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def measured(factory: str, **plan: Any) -> EnvironmentRecord:
     source = resolve(f"example_environments:{factory}", TESTS)
-    return environment.measure(source, dataclasses.replace(PLAN, **plan))
+    return measurement.measure(source, dataclasses.replace(PLAN, **plan))
 
 
 def test_an_environment_is_measured_and_compared() -> None:
@@ -159,11 +158,11 @@ def test_an_environment_that_crashes_ends_its_own_process_alone() -> None:
 def test_the_users_folder_is_the_current_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "robot.xml").write_text(Path(TESTS / "example_environments.py").read_text())
+    (tmp_path / "robot.xml").write_text("<mujoco/>")
     (tmp_path / "local_env.py").write_text(
         "from pathlib import Path\nimport example_environments\n"
         "def make():\n    Path('robot.xml').read_text()\n    return example_environments.make()\n"
     )
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([PYTHONPATH]))
-    record = environment.measure(resolve("local_env:make", tmp_path), PLAN)
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
+    record = measurement.measure(resolve("local_env:make", tmp_path), PLAN)
     assert (record.status, record.detail) == (Status.OK, "")

@@ -1,4 +1,4 @@
-"""What is stored of an environment: every sample, and what was found out before timing.
+"""What is stored of an environment: every sample, and what was recorded before timing.
 
 Frozen dataclasses, which also travel from the child processes to the parent.
 """
@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar
 
+from mjbench.environment.layers import Layer
+from mjbench.environment.model_changes import ModelChange
+from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
 from mjbench.instrument.bounds import (
     AnyFloat,
@@ -17,9 +20,6 @@ from mjbench.instrument.bounds import (
     PositiveFloat,
     PositiveInt,
 )
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_recording import ModelChange
-from mjbench.program.environment_timer import TimerCost
 from mjbench.simulation.work import ModelFacts
 from mjbench.status import Status
 

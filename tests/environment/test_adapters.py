@@ -1,4 +1,4 @@
-"""Environments of each framework, told apart by what they have."""
+"""Environments of each framework, recognised by their attributes."""
 
 import random
 from types import SimpleNamespace
@@ -8,16 +8,16 @@ import example_environments as examples
 import numpy as np
 import pytest
 
-from mjbench.errors import InputError
-from mjbench.program import environment_adapter
-from mjbench.program.environment_adapter import (
+from mjbench.environment import adapters
+from mjbench.environment.adapters import (
     DmControlAdapter,
     GymnasiumAdapter,
     RobosuiteAdapter,
     adapt,
     draw_uniform,
 )
-from mjbench.program.environment_layers import Layer
+from mjbench.environment.layers import Layer
+from mjbench.errors import InputError
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_wrappers_are_peeled_in_their_order() -> None:
 def test_a_wrapper_of_itself_ends() -> None:
     environment = examples.wrapped()
     environment.env.env = environment
-    assert len(environment_adapter.chain_of(environment)) == 2
+    assert len(adapters.chain_of(environment)) == 2
 
 
 class Seedless:

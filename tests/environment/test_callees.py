@@ -7,16 +7,16 @@ from typing import Any
 import example_environments as examples
 import pytest
 
-from mjbench.program import environment_callees
-from mjbench.program.environment_layers import Layer
+from mjbench.environment import callees
+from mjbench.environment.layers import Layer
 
 
-def found(environment: object) -> dict[str, Layer]:
-    return {callee.name: callee.layer for callee in environment_callees.find(environment)}
+def layers_by_name(environment: object) -> dict[str, Layer]:
+    return {callee.name: callee.layer for callee in callees.find(environment)}
 
 
 def test_methods_and_functions_of_the_module_are_found_with_their_layers() -> None:
-    assert found(examples.make()) == {
+    assert layers_by_name(examples.make()) == {
         "do_simulation": Layer.STEPPING,
         "_get_obs": Layer.OBSERVATION,
         "score": Layer.REWARD,
@@ -24,22 +24,22 @@ def test_methods_and_functions_of_the_module_are_found_with_their_layers() -> No
     }
 
 
-def test_methods_of_what_an_environment_holds_are_found() -> None:
-    callees = environment_callees.find(environment := examples.dm_control())
-    owners = {callee.name: callee.owner for callee in callees}
+def test_methods_of_what_an_environment_holds_are_layers_by_name() -> None:
+    environment = examples.dm_control()
+    owners = {callee.name: callee.owner for callee in callees.find(environment)}
     assert owners["step"] is environment._physics
     assert owners["get_reward"] is environment.task
 
 
 def test_what_a_callee_calls_is_found_where_its_name_says_its_layer() -> None:
-    assert found(examples.robosuite())["reward"] == Layer.REWARD
+    assert layers_by_name(examples.robosuite())["reward"] == Layer.REWARD
 
 
 def test_what_a_reset_replaced_is_found_anew() -> None:
     environment = examples.robosuite()
-    (before,) = [c.owner for c in environment_callees.find(environment) if c.name == "step1"]
+    (before,) = [c.owner for c in callees.find(environment) if c.name == "step1"]
     environment.reset()
-    (after,) = [c.owner for c in environment_callees.find(environment) if c.name == "step1"]
+    (after,) = [c.owner for c in callees.find(environment) if c.name == "step1"]
     assert before is not after
     assert after is environment.sim
 
@@ -55,7 +55,13 @@ class Derived(examples.Env):
 
 
 def test_a_base_class_that_is_called_is_read_too() -> None:
-    assert set(found(Derived())) == {"log", "do_simulation", "_get_obs", "score", "doubled"}
+    assert set(layers_by_name(Derived())) == {
+        "log",
+        "do_simulation",
+        "_get_obs",
+        "score",
+        "doubled",
+    }
 
 
 def plain_decorator(function: Any) -> Any:
@@ -94,7 +100,7 @@ class DecoratedTwice:
 
 @pytest.mark.parametrize("kind", [Decorated, DecoratedTwice])
 def test_decorators_hide_nothing(kind: type) -> None:
-    assert found(kind()) == {"_get_obs": Layer.OBSERVATION}
+    assert layers_by_name(kind()) == {"_get_obs": Layer.OBSERVATION}
 
 
 class Awkward:
@@ -128,15 +134,15 @@ class Slotted:
 
 
 def test_what_cannot_be_replaced_is_left_out() -> None:
-    assert found(Awkward()) == {}
+    assert layers_by_name(Awkward()) == {}
 
 
 def test_an_environment_without_source_has_no_callees() -> None:
     namespace: dict[str, Any] = {}
     exec("class Hidden:\n    def step(self, action):\n        return self._get_obs()", namespace)
-    assert found(namespace["Hidden"]()) == {}
+    assert layers_by_name(namespace["Hidden"]()) == {}
 
 
 def test_lines_that_put_information_together_are_recognised() -> None:
-    assert environment_callees.builds_info(examples.make())
-    assert not environment_callees.builds_info(examples.dm_control())
+    assert callees.builds_info(examples.make())
+    assert not callees.builds_info(examples.dm_control())

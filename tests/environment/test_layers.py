@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjbench.program.environment_layers import Layer, layer_of
+from mjbench.environment.layers import Layer, layer_of
 
 
 @pytest.mark.parametrize(

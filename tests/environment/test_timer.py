@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from mjbench.program.environment_callees import Callee
-from mjbench.program.environment_layers import Layer
-from mjbench.program.environment_timer import (
-    LayerTime,
+from mjbench.environment.callees import Callee
+from mjbench.environment.layers import Layer
+from mjbench.environment.timer import (
     LayerTimer,
     functions_timed,
     measure_cost,
@@ -160,7 +159,3 @@ def test_the_cost_is_what_the_timer_adds_inside_and_outside() -> None:
     assert cost.inside_ns == pytest.approx(10, abs=0.1)
     assert cost.outside_ns == pytest.approx(10, abs=0.1)
     assert cost.total_ns == cost.inside_ns + cost.outside_ns
-
-
-def test_times_are_plain_values() -> None:
-    assert LayerTime(Layer.REST, "a", 1, 1, 0, 5) == LayerTime(Layer.REST, "a", 1, 1, 0, 5)

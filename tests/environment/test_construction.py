@@ -9,9 +9,9 @@ from pathlib import Path
 import example_environments as examples
 import pytest
 
+from mjbench.environment import construction
+from mjbench.environment.source import EnvironmentSource, resolve
 from mjbench.errors import InputError
-from mjbench.program import environment_making
-from mjbench.program.environment_source import EnvironmentSource, resolve
 
 TESTS = Path(__file__).parents[1]
 
@@ -30,14 +30,14 @@ def source(name: str, folder: Path = TESTS) -> EnvironmentSource:
 
 
 def test_a_factory_makes_an_environment_in_its_folder() -> None:
-    environment = environment_making.make(source("example_environments:make"))
+    environment = construction.make(source("example_environments:make"))
     assert isinstance(environment, examples.Env)
     assert Path.cwd() == TESTS
 
 
 def test_a_module_in_the_users_folder_is_found(tmp_path: Path) -> None:
     (tmp_path / "made_up_env.py").write_text("class Tasks:\n    reach = staticmethod(lambda: 5)\n")
-    assert environment_making.make(source("made_up_env:Tasks.reach", tmp_path)) == 5
+    assert construction.make(source("made_up_env:Tasks.reach", tmp_path)) == 5
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_a_module_in_the_users_folder_is_found(tmp_path: Path) -> None:
 )
 def test_a_factory_that_fails_is_one_line(name: str, message: str) -> None:
     with pytest.raises(InputError) as failed:
-        environment_making.make(source(name))
+        construction.make(source(name))
     assert message in str(failed.value)
     assert "\n" not in str(failed.value)
 
@@ -60,20 +60,20 @@ def test_a_factory_that_fails_is_one_line(name: str, message: str) -> None:
 def test_a_module_that_lacks_another_names_that_one(tmp_path: Path) -> None:
     (tmp_path / "needy_env.py").write_text("import not_installed_anywhere\n")
     with pytest.raises(InputError, match="not_installed_anywhere") as failed:
-        environment_making.make(source("needy_env:make", tmp_path))
+        construction.make(source("needy_env:make", tmp_path))
     assert "needy_env.py:1" in str(failed.value)
 
 
 def test_a_failure_in_a_library_names_the_users_line_first(tmp_path: Path) -> None:
     (tmp_path / "json_env.py").write_text("import json\n\ndef make():\n    json.loads('{')\n")
     with pytest.raises(InputError, match=r"\(json_env\.py:4, from decoder\.py:\d+\)"):
-        environment_making.make(source("json_env:make", tmp_path))
+        construction.make(source("json_env:make", tmp_path))
 
 
 def test_code_that_ends_the_process_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "exiting_env.py").write_text("import sys\nsys.exit(3)\n")
     with pytest.raises(InputError, match="importing exiting_env raised SystemExit: 3"):
-        environment_making.make(source("exiting_env:make", tmp_path))
+        construction.make(source("exiting_env:make", tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -84,17 +84,17 @@ def test_a_package_that_is_missing_is_named_with_its_command(
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)  # as if it were not installed
     with pytest.raises(InputError) as failed:
-        environment_making.make(source(name))
+        construction.make(source(name))
     assert f"{package} is not installed here: python -m pip install" in str(failed.value)
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("gymnasium"), reason="needs gymnasium")
 def test_an_unknown_id_names_similar_ones() -> None:
     with pytest.raises(InputError, match="did you mean Humanoid-v5"):
-        environment_making.make(source("Humanoidd-v5"))
+        construction.make(source("Humanoidd-v5"))
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("dm_control"), reason="needs dm_control")
 def test_an_unknown_task_names_similar_ones() -> None:
     with pytest.raises(InputError, match="did you mean dm_control:humanoid-walk"):
-        environment_making.make(source("dm_control:humanoid-wlak"))
+        construction.make(source("dm_control:humanoid-wlak"))

@@ -1,11 +1,11 @@
-"""Several environments at once, by Gymnasium's SyncVectorEnv and AsyncVectorEnv.
+"""Time vectorised forms of an environment, in a child process (see `isolate`).
 
-Environment i of a vectorised form is reset with seed + i and is given actions of its own. One
-environment alone does the same for each i, one after the other, and resets itself in the same
-steps; observations must be equal to the last bit. A form that ends the child loses its own row.
+Environment i of a form is reset with seed + i and has actions of its own. One environment alone
+does the same for each i, one after the other, and resets in the same steps; observations must be
+equal to the last bit.
 """
 
-import dataclasses
+import functools
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from mjbench.errors import InputError, describe
-from mjbench.instrument import isolate
+from mjbench.environment import adapters, construction, observations
+from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
+from mjbench.environment.records import VectorForm
+from mjbench.environment.source import EnvironmentSource
+from mjbench.errors import describe
 from mjbench.instrument.isolate import Channel
-from mjbench.program import environment_adapter, environment_making
-from mjbench.program.environment_adapter import EnvironmentAdapter, GymnasiumAdapter
-from mjbench.program.environment_records import EnvironmentRecord, VectorForm, VectorSamples
-from mjbench.program.environment_source import EnvironmentSource
 from mjbench.status import Status
 
 # Steps of a block: as many as take one environment this long, within these bounds.
 BLOCK_S, LEAST_NSTEP, MOST_NSTEP = 0.2, 20, 1000
 LEAST_ROUNDS, MOST_ROUNDS = 7, 100
+# A child may be silent for this many times as long as its work should take.
 _PATIENCE = 20
 
 
@@ -78,7 +78,7 @@ class FormReport:
 
 @dataclass(frozen=True)
 class NoForms:
-    """There are no vectorised forms of this environment; why, in words."""
+    """Why there are no vectorised forms of this environment, in one line."""
 
     reason: str
 
@@ -91,105 +91,6 @@ class VectorRound:
     single_ns: Mapping[int, float]
 
 
-def added(
-    record: EnvironmentRecord, source: EnvironmentSource, plan: VectorPlan
-) -> EnvironmentRecord:
-    """Return a record with the vectorised forms of its environment, measured in child processes.
-
-    Args:
-      record: of an environment that was measured.
-      source: of the environment.
-      plan: which forms.
-
-    Raises:
-      MachineError: no process can be started.
-    """
-    step_s = float(np.median(record.step_ns)) * 1e-9
-    measurement = _Measurement(plan)
-    fatal: dict[int, FormReport] = {}
-    while True:
-        measurement.forget_all_but(fatal)
-        request = VectorRequest(source, plan, step_s, frozenset(fatal))
-        try:
-            ended = isolate.run(
-                "mjbench.program.environment_vectors:measure_in_child",
-                request,
-                measurement.receive,
-                plan.limit_s,
-            )
-        except KeyboardInterrupt:
-            return dataclasses.replace(
-                record,
-                status=Status.INTERRUPTED,
-                detail="in vectorised forms",
-                vectors=measurement.samples(Status.INTERRUPTED, "stopped before it was timed"),
-            )
-        culprit = ended.activity.index if ended.activity else None
-        if ended.status == Status.OK or culprit is None or culprit in fatal:
-            break
-        fatal[culprit] = FormReport(culprit, ended.status, ended.detail)
-    if measurement.no_forms or (ended.status == Status.INPUT and not measurement.has_reports):
-        return dataclasses.replace(record, no_vectors=measurement.no_forms or ended.detail)
-    samples = measurement.samples(ended.status, ended.detail or "it was not timed")
-    return dataclasses.replace(record, vectors=samples)
-
-
-class _Measurement:
-    """What is known of vectorised forms so far.
-
-    Attributes:
-      no_forms: why there are none; empty where there are.
-    """
-
-    def __init__(self, plan: VectorPlan):
-        self._forms = plan.forms()
-        self.no_forms = ""
-        self._reports: dict[int, FormReport] = {}
-        self._rounds: list[VectorRound] = []
-
-    @property
-    def has_reports(self) -> bool:
-        """Whether any form was looked at."""
-        return bool(self._reports)
-
-    def forget_all_but(self, fatal: Mapping[int, FormReport]) -> None:
-        """Drop what is about to be measured again."""
-        self._reports, self._rounds = dict(fatal), []
-
-    def receive(self, message: object) -> None:
-        """Store a message of the child."""
-        match message:
-            case NoForms(reason):
-                self.no_forms = reason
-            case FormReport():
-                self._reports[message.index] = message
-            case VectorRound():
-                self._rounds.append(message)
-            case _:
-                raise TypeError(f"unexpected message {message!r}")
-
-    def samples(self, status: Status, detail: str) -> list[VectorSamples]:
-        """Return the samples of every form; one that nothing is known of ended as given."""
-        return [self._sample(i, FormReport(i, status, detail)) for i in range(len(self._forms))]
-
-    def _sample(self, index: int, unknown: FormReport) -> VectorSamples:
-        form, nenv = self._forms[index]
-        report = self._reports.get(index, unknown)
-        if report.status != Status.OK:
-            return VectorSamples(form, nenv, report.status, report.detail)
-        rounds = [each for each in self._rounds if index in each.ns]
-        if not rounds:
-            return VectorSamples(form, nenv, unknown.status, unknown.detail)
-        return VectorSamples(
-            form,
-            nenv,
-            report.status,
-            report.detail,
-            [each.ns[index] for each in rounds],
-            [each.single_ns[index] for each in rounds],
-        )
-
-
 def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     """Measure vectorised forms.
 
@@ -197,7 +98,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     each round, and another `FormReport` for each form that was wrong in a timed block.
     """
     channel.doing("making the environment for its vectorised forms")
-    adapter = environment_adapter.adapt(environment_making.make(request.source))
+    adapter = adapters.adapt(construction.make(request.source))
     reason = _no_forms(adapter)
     if reason:
         channel.send(NoForms(reason))
@@ -227,7 +128,7 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
         if form is not None:
             forms[index] = form
     if forms:
-        _time(forms, singles, request, channel)
+        _time(_Turns(forms, singles, plan.seed, channel), plan.budget_s, channel)
     for form in forms.values():
         form.close()
 
@@ -259,7 +160,7 @@ class _Single:
         """Return whether another run observes the same as the last one."""
         before = self.observations
         self.run()
-        return _leaves(before) == _leaves(self.observations)
+        return observations.to_bytes(before) == observations.to_bytes(self.observations)
 
     def run(self) -> float:
         """Take all steps, keep copies of the observations, and return the seconds of the steps.
@@ -268,9 +169,9 @@ class _Single:
           InputError: the environment raised something.
         """
         environment, resets_next = self._environment, _resets_in_next_step()
-        with environment_making.blamed("its step"):
+        with construction.as_input_error("its step"):
             observation, _ = environment.reset(seed=self.seed)
-            self.observations = [_copied(observation)]
+            self.observations = [observations.copied(observation)]
             seconds, is_over = 0.0, False
             for action in self.actions:
                 begin = time.perf_counter()
@@ -282,7 +183,7 @@ class _Single:
                     if is_over and not resets_next:
                         observation, _ = environment.reset()
                 seconds += time.perf_counter() - begin
-                self.observations.append(_copied(observation))
+                self.observations.append(observations.copied(observation))
         return seconds
 
 
@@ -309,7 +210,7 @@ class _Form:
             if k:
                 observation = self.environments.step(self.batched[k - 1])[0]
             for i, single in enumerate(self.singles):
-                if not _equal(single.observations[k], observation, i):
+                if not observations.equal(single.observations[k], observation, i):
                     return f"environment {i} observes something else after step {k}"
         return ""
 
@@ -323,7 +224,7 @@ class _Form:
             observation = step(actions)[0]
         seconds = time.perf_counter() - begin
         for i, single in enumerate(self.singles):
-            if not _equal(single.observations[-1], observation, i):
+            if not observations.equal(single.observations[-1], observation, i):
                 return seconds, f"in a timed block, environment {i} observes something else"
         return seconds, ""
 
@@ -361,65 +262,73 @@ class _Factory:
     source: EnvironmentSource
 
     def __call__(self) -> Any:
-        return environment_making.make(self.source)
+        return construction.make(self.source)
 
 
-def _time(
-    forms: Mapping[int, _Form],
-    singles: Sequence[_Single],
-    request: VectorRequest,
-    channel: Channel,
-) -> None:
-    """Time rounds until the budget is used; send each."""
-    wrong: dict[int, str] = {}
-    shuffle = random.Random(request.plan.seed).shuffle
+class _Turns:
+    """Rounds in which vectorised forms and single environments take turns.
 
-    def round_of_all() -> VectorRound:
-        seconds: dict[int, float] = {}
-        single_s = [0.0] * len(singles)
+    Attributes:
+      wrong: the first difference of each form that was wrong in a timed block, by its index.
+    """
+
+    def __init__(
+        self,
+        forms: Mapping[int, _Form],
+        singles: Sequence[_Single],
+        seed: int,
+        channel: Channel,
+    ):
+        self.wrong: dict[int, str] = {}
+        self._forms, self._singles, self._channel = forms, singles, channel
+        self._random = random.Random(seed)
+
+    def round(self) -> VectorRound:
+        """Time every form and every single environment once, in random order."""
+        form_s: dict[int, float] = {}
+        single_s = [0.0] * len(self._singles)
 
         def time_form(index: int) -> None:
-            channel.doing("timing a vectorised form", index)
-            seconds[index], difference = forms[index].run()
+            self._channel.doing("timing a vectorised form", index)
+            form_s[index], difference = self._forms[index].run()
             if difference:
-                wrong.setdefault(index, difference)
+                self.wrong.setdefault(index, difference)
 
         def time_single(i: int) -> None:
-            channel.doing("timing one environment")
-            single_s[i] = singles[i].run()
+            self._channel.doing("timing one environment")
+            single_s[i] = self._singles[i].run()
 
         turns: list[Callable[[], None]] = [
-            *(_bound(time_form, index) for index in forms),
-            *(_bound(time_single, i) for i in range(len(singles))),
+            *(functools.partial(time_form, index) for index in self._forms),
+            *(functools.partial(time_single, i) for i in range(len(self._singles))),
         ]
-        shuffle(turns)
+        self._random.shuffle(turns)
         for turn in turns:
             turn()
         ns, single_ns = {}, {}
-        for index, form in forms.items():
+        for index, form in self._forms.items():
             nenv = len(form.singles)
             count = nenv * len(form.batched)
-            ns[index] = 1e9 * seconds[index] / count
+            ns[index] = 1e9 * form_s[index] / count
             single_ns[index] = 1e9 * sum(single_s[:nenv]) / count
         return VectorRound(ns, single_ns)
 
+
+def _time(turns: _Turns, budget_s: float, channel: Channel) -> None:
+    """Time rounds until the budget is used; send each, and then the forms that were wrong."""
     begin = time.perf_counter()
-    round_of_all()  # touches all memory
+    turns.round()  # touches all memory
     longest_s = time.perf_counter() - begin
     begin = time.perf_counter()
     for number in range(MOST_ROUNDS):
         channel.allow_silence(_PATIENCE * longest_s)
         round_begin = time.perf_counter()
-        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > request.plan.budget_s:
+        if number >= LEAST_ROUNDS and round_begin - begin + longest_s > budget_s:
             break
-        channel.send(round_of_all())
+        channel.send(turns.round())
         longest_s = max(longest_s, time.perf_counter() - round_begin)
-    for index, difference in wrong.items():
+    for index, difference in turns.wrong.items():
         channel.send(FormReport(index, Status.DISAGREES, difference))
-
-
-def _bound(function: Callable[[int], None], argument: int) -> Callable[[], None]:
-    return lambda: function(argument)
 
 
 def _resets_in_next_step() -> bool:
@@ -430,41 +339,3 @@ def _resets_in_next_step() -> bool:
     import gymnasium
 
     return hasattr(gymnasium.vector, "AutoresetMode")
-
-
-def _copied(observation: Any) -> Any:
-    """Return a copy of an observation, as environments may use its memory again.
-
-    Raises:
-      InputError: it is made of something else than arrays, numbers, mappings and tuples.
-    """
-    match observation:
-        case Mapping():
-            return {key: _copied(value) for key, value in observation.items()}
-        case tuple() | list():
-            return tuple(_copied(value) for value in observation)
-        case np.ndarray() | np.generic() | float() | int():
-            return np.array(observation)
-    raise InputError(f"an observation of type {type(observation).__name__} cannot be compared")
-
-
-def _leaves(observation: Any) -> list[bytes]:
-    """Return the bytes of every array in a copied observation."""
-    if isinstance(observation, np.ndarray):
-        return [observation.tobytes()]
-    values = observation.values() if isinstance(observation, dict) else observation
-    return [leaf for value in values for leaf in _leaves(value)]
-
-
-def _equal(single: Any, batched: Any, i: int) -> bool:
-    """Return whether entry `i` of batched observations is that of one environment, bit by bit.
-
-    A vectorised form converts observations to the types of the observation space.
-    """
-    if isinstance(single, dict):
-        return all(_equal(value, batched[key], i) for key, value in single.items())
-    if isinstance(single, tuple):
-        return all(_equal(value, part, i) for value, part in zip(single, batched, strict=True))
-    got = np.asarray(batched[i])
-    expected = np.asarray(single).astype(got.dtype).reshape(got.shape)
-    return bool(expected.tobytes() == got.tobytes())

@@ -5,14 +5,13 @@ from typing import Any
 import example_environments as examples
 import mujoco
 
-from mjbench.program import environment_engine
+from mjbench.environment import engine
 
 
 def test_names_bound_by_an_import_are_found() -> None:
-    names = environment_engine.function_names()
-    assert {"mj_step", "mj_step1", "mj_forward"} <= set(names)
-    found = [b for b in environment_engine.bindings(names) if b.module is examples]
-    assert [(b.attribute, b.function) for b in found] == [
+    assert {"mj_step", "mj_step1", "mj_forward"} <= set(engine.function_names())
+    held = [b for b in engine.bindings() if b.module is examples]
+    assert [(b.attribute, b.function) for b in held] == [
         ("mj_rnePostConstraint", "mj_rnePostConstraint")
     ]
 
@@ -35,7 +34,7 @@ def test_calls_reach_the_replacement_and_later_ones_do_not() -> None:
     environment = examples.make()
     environment.reset(seed=0)
     wrappers = {name: noting(name) for name in names}
-    with environment_engine.replaced(wrappers, environment_engine.bindings(names)):
+    with engine.replaced(wrappers, engine.bindings()):
         environment.step([0.0])
     assert calls == ["mj_step", "mj_rnePostConstraint"]
     environment.step([0.0])

@@ -1,0 +1,1 @@
+"""Environments of reinforcement learning: where the time of their step goes."""
