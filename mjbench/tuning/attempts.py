@@ -64,7 +64,6 @@ class Accuracy:
     Attributes:
       effect: on the states of all runs.
       error: distance from the reference, within the horizon.
-      error_bound: as a share of the motion, with confidence (see `distance.bound`).
       distance: from the runs with present settings.
       physics: of the states along the runs.
       run_errors: of each run from the reference, as a share of the motion.
@@ -72,7 +71,6 @@ class Accuracy:
 
     effect: Effect
     error: Distance
-    error_bound: float
     distance: Distance
     physics: Physics
     run_errors: Sequence[float]
@@ -232,14 +230,12 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         nearest = max(SOLVER_FACTOR * facts.solver.share, ROUNDING_FACTOR * facts.rounding.share)
         is_near = apart.share <= min(nearest, facts.error.share)
         effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
-    run_errors = distance.shares(model, scale, within, baseline.reference)
     return Accuracy(
         effect,
         distance.distance(model, scale, within, baseline.reference),
-        distance.bound(run_errors),
         apart,
         physics(model, baseline.trials.initial_state, runs.points),
-        run_errors.tolist(),
+        distance.shares(model, scale, within, baseline.reference).tolist(),
     )
 
 

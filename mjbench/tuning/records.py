@@ -8,6 +8,7 @@ from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, Positive
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.status import Status
 from mjbench.tuning.attempts import Accuracy, Effect
+from mjbench.tuning.distance import Distance
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Setting
@@ -47,8 +48,7 @@ class Recommendation:
       effect: on the motion; the larger of both looks.
       ratio: time of a simulated second over that of the present settings, in fresh processes on the
         starts of the second look, with its 95 % interval.
-      error_bound: nine runs in ten err by no more, as a share of the motion: the larger of both
-        looks.
+      error: the larger of both looks.
       accuracy: of the second look.
       samples: raw times of each launch.
     """
@@ -56,7 +56,7 @@ class Recommendation:
     settings: Sequence[Setting]
     effect: Effect
     ratio: Ratio
-    error_bound: NonNegativeFloat
+    error: Distance
     accuracy: Accuracy
     samples: Sequence[LaunchRow] = ()
 
@@ -86,8 +86,8 @@ class TuneRecord:
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, and SAME_ERROR more.
       only: the largest effect allowed.
-      present: what the present settings do, on the starts of the second look; its error bound is
-        the larger of both looks.
+      present: what the present settings do, on the starts of the second look; its error is the
+        larger of both looks.
       attempts: settings that were tried, alone and together.
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it.
@@ -118,7 +118,7 @@ class TuneRecord:
         """The largest error allowed, as a share of the motion; None before it is known."""
         if self.max_error is not None:
             return self.max_error
-        return (1 + SAME_ERROR) * self.present.error_bound if self.present else None
+        return (1 + SAME_ERROR) * self.present.error.share if self.present else None
 
     def best(self) -> Recommendation | None:
         """Return the fastest recommendation whose error is allowed; None without one."""
@@ -127,6 +127,6 @@ class TuneRecord:
             each
             for each in self.front
             if each.effect != Effect.APPROXIMATE
-            or (limit is not None and each.error_bound <= limit)
+            or (limit is not None and each.error.share <= limit)
         ]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)

@@ -19,7 +19,13 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning.attempts import Attempt, Effect
 from mjbench.tuning.measurements import Measurements, PairedTime
-from mjbench.tuning.records import AttemptRow, Recommendation, TuneRecord, Withdrawal
+from mjbench.tuning.records import (
+    SAME_ERROR,
+    AttemptRow,
+    Recommendation,
+    TuneRecord,
+    Withdrawal,
+)
 from mjbench.tuning.reference import Present, TrialPlan
 from mjbench.tuning.settings import Setting, label
 
@@ -117,7 +123,7 @@ class Search:
         self._present = self._measure.baseline(TrialPlan(plan.seed, plan.starts))
         faster = self._each_alone()
         lossless = [each for each in faster if not each.setting.loses]
-        front = pareto_front(self._together(lossless), plan.max_error, self._present.error_bound)
+        front = pareto_front(self._together(lossless), plan.max_error, self._present.error.share)
         if front:
             self._second_look(front)
 
@@ -186,8 +192,8 @@ class Search:
         accuracy = attempt.accuracy
         if accuracy is None or accuracy.effect.rank > self._plan.only.rank:
             return False
-        most = self._plan.max_error or max(MOST_ERROR, 2 * self._present.error_bound)
-        return accuracy.effect != Effect.APPROXIMATE or accuracy.error_bound <= most
+        most = self._plan.max_error or max(MOST_ERROR, 2 * self._present.error.share)
+        return accuracy.effect != Effect.APPROXIMATE or accuracy.error.share <= most
 
     def _note(self, attempt: Attempt, paired: PairedTime | None = None) -> None:
         """Note how settings did."""
@@ -208,6 +214,7 @@ class Search:
     def _together(self, faster: Sequence[_Faster]) -> list[Attempt]:
         """Try combinations of settings that are faster alone; return how the last ones did."""
         chosen = combinations(faster, COMBINATIONS, random.Random(self._plan.seed))
+        exact = {each.setting.label for each in faster if each.effect != Effect.APPROXIMATE}
         nrun, quads, rung = RUNG_NRUN, RUNG_QUADS, 0
         while True:
             is_last = len(chosen) <= 2 * FRONT
@@ -224,7 +231,10 @@ class Search:
             able = [each for each in done if self._is_allowed(each)]
             if is_last or len(done) < len(chosen):
                 return able
-            chosen = [each.settings for each in better_half(able)]
+            # what changes less is recommended beside what is faster, so the two do not compete
+            of_exact = [each for each in able if all(one.label in exact for one in each.settings)]
+            others = [each for each in able if each not in of_exact]
+            chosen = [each.settings for each in better_half(of_exact) + better_half(others)]
             nrun, quads, rung = 2 * nrun, 2 * quads, rung + 1
 
     # -- second look --------------------------------------------------------------------------
@@ -236,8 +246,8 @@ class Search:
         self._advance(3, "present settings from new starts", 0.0)
         ncontrol = self._present.horizon_ncontrol
         second_present = self._measure.baseline(TrialPlan(plan.seed + 1, plan.starts, ncontrol))
-        error_bound = max(self._present.error_bound, second_present.error_bound)
-        self._present = replace(second_present, error_bound=error_bound)
+        error = self._present.error.larger(second_present.error)
+        self._present = replace(second_present, error=error)
         for number, first in enumerate(front):
             self._advance(3, label(first.settings), number / len(front))
             second = self._measure.attempt(first.settings, quads=0)
@@ -254,7 +264,7 @@ class Search:
                     first.settings,
                     max(first.accuracy.effect, second.accuracy.effect, key=lambda e: e.rank),
                     paired.ratio,
-                    max(first.accuracy.error_bound, second.accuracy.error_bound),
+                    first.accuracy.error.larger(second.accuracy.error),
                     second.accuracy,
                     paired.launches,
                 )
@@ -356,7 +366,7 @@ def pareto_front(
         if of_effect:
             _add_if_faster(front, min(of_effect, key=_time_ratio))
     approximate = [each for each in attempts if _effect(each) == Effect.APPROXIMATE]
-    limit = max_error or 1.05 * present_error
+    limit = max_error or (1 + SAME_ERROR) * present_error
     within = [each for each in approximate if _error(each) <= limit]
     if within:
         _add_if_faster(front, min(within, key=_time_ratio))
@@ -389,10 +399,10 @@ def why_not(first: Attempt, second: Attempt, present: Present, plan: SearchPlan)
     if was.effect != Effect.APPROXIMATE:
         return ""
     limit = plan.max_error
-    if limit is None and was.error_bound <= 1.05 * present.error_bound:
-        limit = 1.05 * present.error_bound
-    if limit is not None and now.error_bound > limit >= was.error_bound:
-        return f"errs by {100 * now.error_bound:.2g} % of the motion from new starts"
+    if limit is None and was.error.share <= (1 + SAME_ERROR) * present.error.share:
+        limit = (1 + SAME_ERROR) * present.error.share
+    if limit is not None and now.error.share > limit >= was.error.share:
+        return f"errs by {100 * now.error.share:.2g} % of the motion from new starts"
     return ""
 
 
@@ -415,7 +425,7 @@ def _effect(attempt: Attempt) -> Effect:
 
 def _error(attempt: Attempt) -> float:
     assert attempt.accuracy is not None, "it did not fail"
-    return attempt.accuracy.error_bound
+    return attempt.accuracy.error.share
 
 
 def _time_ratio(attempt: Attempt) -> float:
