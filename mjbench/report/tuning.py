@@ -12,7 +12,7 @@ from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.attempts import Effect
 from mjbench.tuning.distance import Distance
-from mjbench.tuning.records import AttemptRow, Recommendation, TuneRecord
+from mjbench.tuning.records import SAME_ERROR, AttemptRow, Recommendation, TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import Part, Setting, edits_of, label, path_options_of
 
@@ -108,7 +108,10 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
         return " with the same results"
     if each.effect == Effect.EQUIVALENT:
         return " within the solver's tolerance"
-    return _within(record)
+    assert record.present is not None, "it was measured"
+    if each.error.share <= (1 + SAME_ERROR) * record.present.error.share:
+        return " without a larger error"
+    return f" with an error of at most {percent(each.error.share)} of the motion"
 
 
 def _print_front(out: Console, record: TuneRecord, present: Present) -> None:

@@ -272,7 +272,8 @@ def _time_ratio(
     nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
     rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
     drawn = trials.only(rows).first(ncontrol)
-    present, other = _block(model, {}, drawn), _block(changed, options, drawn)
+    path = paths.find(path_of(options))
+    present, other = _block(model, path, {}, drawn), _block(changed, path, options, drawn)
     for block in (present, other):
         block()
     orders = timing.draw_orders(quads)
@@ -282,15 +283,17 @@ def _time_ratio(
 
 
 def _block(
-    model: mujoco.MjModel, options: dict[str, str | int], trials: Trials
+    model: mujoco.MjModel,
+    path: paths.SteppingPath,
+    options: dict[str, str | int],
+    trials: Trials,
 ) -> Callable[[], None]:
-    """Return a block that does the trials by the path that has these options.
+    """Return a block that does the trials by a path.
 
     Raises:
       InputError: the path cannot run here.
     """
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), HOLD, 0)
-    path = paths.find(path_of(options))
     reason = path.unavailable() or path.unsuited(drawn, options)
     if reason:
         raise InputError(reason)

@@ -13,8 +13,10 @@ from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Setting
 
-# Errors that differ by this share of theirs count as the same.
+# Errors that differ by this share of theirs count as the same,
 SAME_ERROR = 0.05
+# and an error of this share of the motion counts as none.
+NO_ERROR = 0.005
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class TuneRecord:
       detail: one line; empty when ok.
       seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
-        settings, and SAME_ERROR more.
+        settings, as `allowed_error` has it.
       only: the largest effect allowed.
       present: what the present settings do, on the starts of the second look; its error is the
         larger of both looks.
@@ -116,9 +118,9 @@ class TuneRecord:
     @property
     def error_limit(self) -> float | None:
         """The largest error allowed, as a share of the motion; None before it is known."""
-        if self.max_error is not None:
+        if self.present is None:
             return self.max_error
-        return (1 + SAME_ERROR) * self.present.error.share if self.present else None
+        return allowed_error(self.max_error, self.present.error.share)
 
     def best(self) -> Recommendation | None:
         """Return the fastest recommendation whose error is allowed; None without one."""
@@ -130,3 +132,13 @@ class TuneRecord:
             or (limit is not None and each.error.share <= limit)
         ]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)
+
+
+def allowed_error(max_error: float | None, present_error: float) -> float:
+    """Return the largest error of settings that are recommended, as a share of the motion.
+
+    Args:
+      max_error: that the user allows; None for that of the present settings.
+      present_error: of these.
+    """
+    return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)

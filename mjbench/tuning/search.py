@@ -20,11 +20,11 @@ from mjbench.status import Status
 from mjbench.tuning.attempts import Attempt, Effect
 from mjbench.tuning.measurements import Measurements, PairedTime
 from mjbench.tuning.records import (
-    SAME_ERROR,
     AttemptRow,
     Recommendation,
     TuneRecord,
     Withdrawal,
+    allowed_error,
 )
 from mjbench.tuning.reference import Present, TrialPlan
 from mjbench.tuning.settings import Setting, label
@@ -42,8 +42,9 @@ FRONT, LEAST_FINAL_S = 6, 12.0
 ATTEMPTS_SHARE, SINGLES_SHARE = 0.5, 0.8
 # Combinations that are tried; runs and quads of each in the first rung.
 COMBINATIONS, RUNG_NRUN, RUNG_QUADS = 32, 8, 12
-# A point of the front is faster than those before it by this factor.
-DISTINCT = 0.98
+# A point of the front takes at most this share of the time of the one before it; one with an error
+# larger than allowed, this share.
+DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
 
 # Called with how many parts of the search are done, what goes on, and a share of 0.
 Advance = Callable[[int, str, float], None]
@@ -159,7 +160,9 @@ class Search:
                 self._untried += 1
                 continue
             self._advance(1, setting.label, number / (2 * len(self._settings)))
-            attempt = self._measure.attempt((setting,))
+            attempt = self._measure.attempt((setting,), RUNG_NRUN)
+            if self._is_promising(attempt):
+                attempt = self._measure.attempt((setting,))
             if self._is_promising(attempt):
                 promising.append(attempt)
             else:
@@ -366,18 +369,18 @@ def pareto_front(
         if of_effect:
             _add_if_faster(front, min(of_effect, key=_time_ratio))
     approximate = [each for each in attempts if _effect(each) == Effect.APPROXIMATE]
-    limit = max_error or (1 + SAME_ERROR) * present_error
+    limit = allowed_error(max_error, present_error)
     within = [each for each in approximate if _error(each) <= limit]
     if within:
         _add_if_faster(front, min(within, key=_time_ratio))
     for each in sorted((e for e in approximate if _error(e) > limit), key=_error):
-        _add_if_faster(front, each)
+        _add_if_faster(front, each, DISTINCT_BEYOND)
     return front[:FRONT]
 
 
-def _add_if_faster(front: list[Attempt], attempt: Attempt) -> None:
-    """Add an attempt to a front, if it is faster than the last one."""
-    if not front or _time_ratio(attempt) < DISTINCT * _time_ratio(front[-1]):
+def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
+    """Add an attempt to a front, if it takes at most this share of the time of the last one."""
+    if _time_ratio(attempt) < factor * (_time_ratio(front[-1]) if front else 1.0):
         front.append(attempt)
 
 
@@ -398,10 +401,8 @@ def why_not(first: Attempt, second: Attempt, present: Present, plan: SearchPlan)
         return f"{was.effect} in the search, {now.effect} from new starts"
     if was.effect != Effect.APPROXIMATE:
         return ""
-    limit = plan.max_error
-    if limit is None and was.error.share <= (1 + SAME_ERROR) * present.error.share:
-        limit = (1 + SAME_ERROR) * present.error.share
-    if limit is not None and now.error.share > limit >= was.error.share:
+    limit = allowed_error(plan.max_error, present.error.share)
+    if now.error.share > limit >= was.error.share:
         return f"errs by {100 * now.error.share:.2g} % of the motion from new starts"
     return ""
 
