@@ -1,11 +1,12 @@
 """How much does `mjbench run` slow a program, and do its samples cover the program's time?
 
-    python -m benchmarks.observing [MODEL …] [--seconds S] [--rounds N] [--rate HZ]
+    python -m benchmarks.observing [PROGRAM …] [--seconds S] [--rounds N] [--rate HZ]
 
-runs a loop around `mj_step`, with a small observation, alone and under `mjbench run`, in turns. The
-loop says how many steps it did in so many seconds. The table has, for each model, what observing
-costs with its 95 % interval, what `mjbench run` itself says that it costs, and the time of the
-samples of the loop as a share of the loop's own.
+runs programs alone and under `mjbench run`, in turns. A program is a model's name, for a loop around
+`mj_step` with a small observation; or `processes`, for a loop that waits for four processes, each of
+which steps the humanoid 20 times. It says how many steps it did in so many seconds. The table has,
+for each program, what observing costs with its 95 % interval, what `mjbench run` itself says that it
+costs, and the time of the samples of the main loop as a share of the loop's own.
 """
 
 import argparse
@@ -21,9 +22,10 @@ from pathlib import Path
 from mjbench.instrument import stats
 from mjbench.simulation import models
 
-# The engine's step takes about 2, 20 and 300 µs in these.
-MODELS = ("cartpole", "humanoid", "pile")
-PROGRAM = """
+# The engine's step takes about 2, 20 and 300 µs in the models.
+PROCESSES = "processes"
+PROGRAMS = ("cartpole", "humanoid", "pile", PROCESSES)
+OF_MODEL = """
 import sys, time
 import mujoco, numpy as np
 
@@ -38,6 +40,37 @@ while (elapsed := time.perf_counter() - begin) < float(sys.argv[2]):
     if nstep % 10_000 == 0:
         mujoco.mj_resetData(model, data)
 print(elapsed, nstep)
+"""
+OF_PROCESSES = """
+import multiprocessing, sys, time
+import mujoco
+
+def work(path, pipe):
+    model = mujoco.MjModel.from_xml_path(path)
+    data = mujoco.MjData(model)
+    while (nstep := pipe.recv()):
+        for _ in range(nstep):
+            mujoco.mj_step(model, data)
+        if data.time > 20:
+            mujoco.mj_resetData(model, data)
+        pipe.send(data.qpos.copy())
+
+if __name__ == "__main__":
+    pairs = [multiprocessing.Pipe() for _ in range(4)]
+    pipes = [here for here, _ in pairs]
+    processes = [multiprocessing.Process(target=work, args=(sys.argv[1], p)) for _, p in pairs]
+    for process in processes:
+        process.start()
+    begin, nstep = time.perf_counter(), 0
+    while (elapsed := time.perf_counter() - begin) < float(sys.argv[2]):
+        for _ in range(10):
+            for pipe in pipes:
+                pipe.send(20)
+            states = [pipe.recv() for pipe in pipes]
+        nstep += 10 * 20 * len(pipes)
+    for pipe in pipes:
+        pipe.send(0)
+    print(elapsed, nstep)
 """
 
 
@@ -57,26 +90,26 @@ class Observed:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure each model, and print the table; return 0."""
+    """Measure each program, and print the table; return 0."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("models", nargs="*", default=MODELS)
+    parser.add_argument("programs", nargs="*", default=PROGRAMS)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rounds", type=int, default=8)
     parser.add_argument("--rate", help="samples per second; by default as mjbench run chooses")
     options = parser.parse_args(arguments)
     rate = ["--rate", options.rate] if options.rate else []
-    print(f"{'model':18} {'costs':>7} {'interval':>18} {'it says':>8} {'samples / time':>15}")
-    for name in options.models:
+    print(f"{'program':18} {'costs':>7} {'interval':>18} {'it says':>8} {'samples / time':>15}")
+    for name in options.programs:
         print(_line(name, options.seconds, options.rounds, rate), flush=True)
     return 0
 
 
 def _line(name: str, seconds: float, rounds: int, rate: Sequence[str]) -> str:
-    """Return the line of a model."""
-    path = models.resolve(name).path
+    """Return the line of a program."""
+    path = models.resolve("humanoid" if name == PROCESSES else name).path
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "loop.py"
-        program.write_text(PROGRAM)
+        program.write_text(OF_PROCESSES if name == PROCESSES else OF_MODEL)
         program_command = [str(program), str(path), str(seconds)]
         alone, observed = [], []
         for number in range(rounds):
@@ -113,9 +146,11 @@ def _observed(program_command: Sequence[str], folder: Path, rate: Sequence[str])
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     elapsed_s, nstep = map(float, done.stdout.split())
     (row,) = json.loads(document.read_text())["results"]
-    paused, (steps,) = row["paused_share"] or 0.0, row["steps"]
-    sampled_s = sum(loop["time"]["seconds"] for loop in row["loops"])
-    return Observed(elapsed_s / nstep, paused + steps["cost_share"], sampled_s / elapsed_s)
+    sampled_s = sum(
+        loop["time"]["seconds"] for loop in row["loops"] if loop["time"]["in_main"]
+    )
+    cost_share = (row["paused_share"] or 0.0) + max(each["cost_share"] for each in row["steps"])
+    return Observed(elapsed_s / nstep, cost_share, sampled_s / elapsed_s)
 
 
 if __name__ == "__main__":

@@ -30,9 +30,9 @@ _START_S = 10.0
 # Seconds for the program to end after Ctrl-C, and again after SIGTERM.
 _END_S = 10.0
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
-LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.02
+LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
 # Fewer samples per second tell too little, whatever they cost.
-LEAST_RATE_HZ = 5
+LEAST_RATE_HZ = 3
 # Seconds after the first step from which its pauses count: before, the profiler reads libraries.
 _CALM_S = 1.0
 # The state of a process that a profiler has stopped.

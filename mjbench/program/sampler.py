@@ -15,7 +15,7 @@ from mjbench.errors import UnavailableError, one_line
 from mjbench.instrument import extras
 
 # Samples per second. Each stops the program for about half a millisecond (docs/method/run.md).
-DEFAULT_RATE_HZ = 20
+DEFAULT_RATE_HZ = 10
 # Seconds in which the profiler notices that the program has ended.
 ENDING_S = 2.0
 # Seconds that the profiler may take to write its file, once the program has ended.
