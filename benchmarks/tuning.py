@@ -68,7 +68,7 @@ class Promise:
       settings: what people read.
       effect: on the motion, as promised.
       time_ratio: of a simulated second, over that of the present settings.
-      error_bound: of nine runs in ten, as a share of the motion, as promised.
+      error: of nine runs in ten, as a share of the motion, as promised.
       later_effects: from further starts.
       later_nrun: runs from further starts.
       later_exceeding: how many of them err by more than promised.
@@ -78,7 +78,7 @@ class Promise:
     settings: str
     effect: Effect
     time_ratio: float
-    error_bound: float
+    error: float
     later_effects: Sequence[Effect]
     later_nrun: int
     later_exceeding: int
@@ -150,7 +150,7 @@ def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
         package,
         record.status,
         record.detail,
-        record.present.error_bound if record.present else None,
+        record.present.error.share if record.present else None,
         promises,
         len(record.withdrawn),
         len(record.attempts),
@@ -177,14 +177,14 @@ def checked(pool: WorkerPool, source: ModelSource, record: TuneRecord, seed: int
                 later_effects=[*promise.later_effects, attempt.accuracy.effect],
                 later_nrun=promise.later_nrun + len(errors),
                 later_exceeding=promise.later_exceeding
-                + sum(error > promise.error_bound for error in errors),
+                + sum(error > promise.error for error in errors),
             )
     return promises
 
 
 def _promise(each: Recommendation, is_best: bool) -> Promise:
     return Promise(
-        label(each.settings), each.effect, each.ratio.estimate, each.error_bound, [], 0, 0, is_best
+        label(each.settings), each.effect, each.ratio.estimate, each.error.share, [], 0, 0, is_best
     )
 
 

@@ -73,8 +73,8 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
     yield (
         f"Searched until {tally.date} with MuJoCo {tally.mujoco} on {tally.processor}, with a"
         f" budget of {tally.budget_s:g} s a model. Each column includes what changes less. Settings"
-        " are those recommended first. A promise is that nine runs in ten err by no more than printed,"
-        " and that settings which change no state still change none; it is checked in"
+        " are those recommended first. A promise is that nine runs in ten err by no more than"
+        " printed, and that settings which change no state still change none; it is checked in"
         f" {max((promise.later_nrun for promise in promises), default=0)} runs from starts that"
         " neither look of the search had. The search itself"
         f" withdrew {sum(model.withdrawn for model in searched)} settings at its second look."
@@ -91,6 +91,6 @@ def _broken(model: "TunedModel", promise: "Promise") -> str:
     worst = max(promise.later_effects, key=lambda effect: effect.rank)
     return (
         f"- {model.model}: {promise.settings}: promised {promise.effect} with an error of"
-        f" {100 * promise.error_bound:.2g} %; it was {worst}, and {promise.later_exceeding} of"
+        f" {100 * promise.error:.2g} %; it was {worst}, and {promise.later_exceeding} of"
         f" {promise.later_nrun} runs erred by more"
     )

@@ -6,6 +6,7 @@ from mjbench.pages import charts
 from mjbench.pages.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report import tuning, tuning_accelerated, vega
 from mjbench.status import Status
+from mjbench.tuning import knobs
 from mjbench.tuning.accelerated_records import EngineProgram, EngineTuneRecord
 from mjbench.tuning.records import AttemptRow, TuneRecord
 from mjbench.tuning.reference import Present
@@ -44,14 +45,14 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
         Column("time of a simulated second", 4),
         Column("point"),
     )
-    rows = [(label(()), 100 * present.error_bound, 1.0, _PRESENT)]
+    rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
     rows += [
-        (label(row.settings), 100 * row.accuracy.error_bound, row.time_ratio, _TRIED)
+        (label(row.settings), 100 * row.accuracy.error.share, row.time_ratio, _TRIED)
         for row in record.attempts
         if row.accuracy is not None and row.time_ratio is not None
     ]
     rows += [
-        (label(each.settings), 100 * each.error_bound, each.ratio.estimate, _RECOMMENDED)
+        (label(each.settings), 100 * each.error.share, each.ratio.estimate, _RECOMMENDED)
         for each in record.front
     ]
     data = DataTable("Time and error", columns, rows)
@@ -83,7 +84,7 @@ def _front_table(record: TuneRecord, present: Present) -> DataTable:
         Column("high", 4),
         Column("error, % of the motion", 3),
     )
-    first = (label(()), "", 1.0, None, None, 100 * present.error_bound)
+    first = (label(()), "", 1.0, None, None, 100 * present.error.share)
     rows: list[tuple[Cell, ...]] = [first]
     rows += [
         (
@@ -92,7 +93,7 @@ def _front_table(record: TuneRecord, present: Present) -> DataTable:
             each.ratio.estimate,
             each.ratio.low,
             each.ratio.high,
-            100 * each.error_bound,
+            100 * each.error.share,
         )
         for each in record.front
     ]
@@ -106,16 +107,18 @@ def _alone_table(record: TuneRecord) -> DataTable:
         Column("results"),
         Column("time of a simulated second", 4),
         Column("why it can help"),
+        Column("what it may change"),
     )
     alone = [row for row in record.attempts if len(row.settings) == 1]
     return DataTable("Settings", columns, [_alone_row(row, record) for row in alone])
 
 
-def _alone_row(row: AttemptRow, record: TuneRecord) -> tuple[str, str, float | None, str]:
+def _alone_row(row: AttemptRow, record: TuneRecord) -> tuple[str, str, float | None, str, str]:
     (setting,) = row.settings
     effect = row.accuracy.effect.value if row.accuracy is not None else row.detail
     ratio = row.ratio.estimate if row.ratio is not None else row.time_ratio
-    return setting.label, effect, ratio, tuning.why(setting, record)
+    changes = knobs.find(setting.knob).changes
+    return setting.label, effect, ratio, tuning.why(setting, record), changes
 
 
 def engine_sections(records: Sequence[EngineTuneRecord], command: str) -> Iterator[Section]:
@@ -147,16 +150,15 @@ def _engine_table(record: EngineTuneRecord, present: EngineProgram) -> DataTable
         Column("transfer error, % of the motion", 3),
         Column("compile s", 3),
     )
-    rows: list[tuple[str, float | None, float | None, float | None, float | None, float]] = [
-        (label(()), 1.0, None, None, _percent(present), present.compile_s)
-    ]
+    first = (label(()), 1.0, None, None, _percent(present), present.compile_s)
+    rows: list[tuple[Cell, ...]] = [first]
     rows += [
         (
             f"{label(each.settings)} (recommended)",
             each.ratio.estimate,
             each.ratio.low,
             each.ratio.high,
-            100 * each.error_bound,
+            100 * each.error.share,
             each.program.compile_s,
         )
         for each in record.front
@@ -178,4 +180,4 @@ def _engine_table(record: EngineTuneRecord, present: EngineProgram) -> DataTable
 
 def _percent(program: EngineProgram) -> float | None:
     """Return a transfer error in percent of the motion."""
-    return None if program.error is None else 100 * program.error.bound
+    return None if program.error is None else 100 * program.error.share

@@ -11,8 +11,8 @@ from mjbench.report import tables
 from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.attempts import Effect
-from mjbench.tuning.distance import Units
-from mjbench.tuning.records import AttemptRow, Recommendation, TuneRecord
+from mjbench.tuning.distance import Distance
+from mjbench.tuning.records import SAME_ERROR, AttemptRow, Recommendation, TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import Part, Setting, edits_of, label, path_options_of
 
@@ -34,20 +34,20 @@ class TunedRow:
       settings: what people read.
       effect: on the motion.
       ratio: time of a simulated second over that of the present settings.
-      error_bound: as a share of the motion.
+      error: of nine runs in ten, as a share of the motion.
     """
 
     model: str
     settings: str
     effect: Effect
     ratio: Ratio
-    error_bound: float
+    error: float
 
 
 def rows(record: TuneRecord) -> list[TunedRow]:
     """Return the recommendations of a search, a row each."""
     return [
-        TunedRow(record.model, label(each.settings), each.effect, each.ratio, each.error_bound)
+        TunedRow(record.model, label(each.settings), each.effect, each.ratio, each.error.share)
         for each in record.front
     ]
 
@@ -70,7 +70,7 @@ def print_record(out: Console, record: TuneRecord) -> None:
 
 
 def conclusion(record: TuneRecord) -> str:
-    """Return what a search came to, in one sentence."""
+    """Return what a search came to, in one sentence; what changes no result comes first."""
     model = record.model
     if record.status == Status.INTERRUPTED:
         return f"{model}: interrupted before settings could be recommended"
@@ -79,9 +79,16 @@ def conclusion(record: TuneRecord) -> str:
     best = record.best()
     if best is None:
         return f"{model}: no settings are certainly faster{_within(record)}"
+    exact = [each for each in record.front if each.effect.rank < best.effect.rank]
+    parts = [_part(each, record) for each in [*exact, best]]
+    return f"{model}: {'; '.join(parts)}"
+
+
+def _part(each: Recommendation, record: TuneRecord) -> str:
+    """Return what a recommendation comes to."""
     return (
-        f"{model}: {tables.factor(1 / best.ratio.estimate)} times as fast{_results(best, record)}:"
-        f" {label(best.settings)}"
+        f"{tables.factor(1 / each.ratio.estimate)} times as fast{_results(each, record)}:"
+        f" {label(each.settings)}"
     )
 
 
@@ -96,12 +103,15 @@ def _within(record: TuneRecord) -> str:
     return f" with an error of at most {percent(record.max_error)} of the motion"
 
 
-def _results(best: Recommendation, record: TuneRecord) -> str:
-    if best.effect == Effect.FREE:
-        return " with the same results, to the last bit"
-    if best.effect == Effect.EQUIVALENT:
-        return " with results within the solver's tolerance"
-    return _within(record)
+def _results(each: Recommendation, record: TuneRecord) -> str:
+    if each.effect == Effect.FREE:
+        return " with the same results"
+    if each.effect == Effect.EQUIVALENT:
+        return " within the solver's tolerance"
+    assert record.present is not None, "it was measured"
+    if each.error.share <= (1 + SAME_ERROR) * record.present.error.share:
+        return " without a larger error"
+    return f" with an error of at most {percent(each.error.share)} of the motion"
 
 
 def _print_front(out: Console, record: TuneRecord, present: Present) -> None:
@@ -109,12 +119,12 @@ def _print_front(out: Console, record: TuneRecord, present: Present) -> None:
     table = tables.plain_table(
         ["results", "time of a simulated second", "error", "settings"], right=(1, 2)
     )
-    table.add_row("", "1", _error(present.error_bound, present.error.position), "as they are")
+    table.add_row("", "1", _error(present.error), "as they are")
     for each in record.front:
         table.add_row(
             _RESULTS[each.effect],
             interval(each.ratio),
-            _error(each.error_bound, each.accuracy.error.position),
+            _error(each.error),
             label(each.settings),
         )
     out.print(table)
@@ -150,12 +160,14 @@ def why(setting: Setting, record: TuneRecord) -> str:
     parts = []
     if knob.stages and record.stages is not None:
         share = sum(record.stages.get(stage, 0.0) for stage in knob.stages)
-        parts.append(f"{' and '.join(knob.stages)}: {100 * share:.0f} % of a step")
+        parts.append(f"{', '.join(knob.stages)}: {100 * share:.0f} % of a step")
+    if knob.helps:
+        parts.append(knob.helps)
     if setting.evidence:
         parts.append(setting.evidence)
     if setting.loses:
         parts.append(f"gives up {setting.loses}")
-    return "; ".join(parts) or knob.changes
+    return "; ".join(parts)
 
 
 def paste_lines(settings: Sequence[Setting]) -> list[str]:
@@ -224,13 +236,14 @@ def notes(record: TuneRecord) -> list[str]:
     return lines
 
 
-def _error(bound: float, position: Units) -> str:
+def _error(error: Distance) -> str:
     """Return an error as a share of the motion, and in units."""
+    position = error.position
     parts = [
         *([f"{_length(position.m)}"] if position.m is not None else []),
         *([f"{plain(position.rad, 2)} rad"] if position.rad is not None else []),
     ]
-    return f"{percent(bound)} of the motion ({', '.join(parts)})"
+    return f"{percent(error.share)} of the motion ({', '.join(parts)})"
 
 
 def _length(metres: float) -> str:

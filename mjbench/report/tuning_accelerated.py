@@ -31,21 +31,21 @@ class EngineTunedRow:
       engine: path that steps it.
       settings: what people read.
       ratio: time of a batched step over that with the present settings.
-      error_bound: of the transfer error, as a share of the motion.
+      error: transfer error of nine runs in ten, as a share of the motion.
     """
 
     model: str
     engine: str
     settings: str
     ratio: Ratio
-    error_bound: float
+    error: float
 
 
 def rows(record: EngineTuneRecord) -> list[EngineTunedRow]:
     """Return the recommendations of a search, a row each."""
     return [
         EngineTunedRow(
-            record.model, record.engine, label(each.settings), each.ratio, each.error_bound
+            record.model, record.engine, label(each.settings), each.ratio, each.error.share
         )
         for each in record.front
     ]
@@ -102,7 +102,7 @@ def _print_table(out: Console, record: EngineTuneRecord, present: EngineProgram)
         table.add_row(
             f"{label(each.settings)} (recommended)",
             interval(each.ratio),
-            f"{percent(each.error_bound)} of the motion",
+            f"{percent(each.error.share)} of the motion",
             plain(each.program.compile_s, 3),
         )
     for attempt in tried(record):
@@ -133,7 +133,7 @@ def notes(record: EngineTuneRecord, facts: EngineFacts) -> list[str]:
         f"A transfer error is the distance of {facts.precision} runs from C's with the present"
         f" settings, over {plain(facts.horizon_s, 3)} s of {facts.nrun} runs: nine runs in ten"
         f" differ by no more. Rounding starts and controls to {facts.precision} alone makes"
-        f" {percent(facts.rounding.bound)}.",
+        f" {percent(facts.rounding.share)}.",
         f"A batched step is of {record.nbatch} simulations on {facts.device}; compiling is not in"
         " its time. Ratios with an interval are from fresh processes, others from one.",
     ]
@@ -168,4 +168,4 @@ def _buffer_lines(settings: Sequence[EngineSetting]) -> list[str]:
 
 
 def _error(program: EngineProgram) -> str:
-    return "" if program.error is None else f"{percent(program.error.bound)} of the motion"
+    return "" if program.error is None else f"{percent(program.error.share)} of the motion"

@@ -34,10 +34,9 @@ from mjbench.tuning.accelerated_records import (
     EngineAttempt,
     EngineFacts,
     EngineProgram,
-    TransferError,
 )
 from mjbench.tuning.accelerated_settings import EngineSetting
-from mjbench.tuning.distance import Motion
+from mjbench.tuning.distance import Distance, Motion
 from mjbench.tuning.reference import HOLD, TrialPlan
 from mjbench.tuning.settings import edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
@@ -312,12 +311,9 @@ def _runs(
     return Trajectories(qpos, qvel, np.empty((nrun, 0, 0)), lost)
 
 
-def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> TransferError:
+def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> Distance:
     """Return how far runs are from C's."""
-    shares = distance.shares(model, baseline.motion, runs, baseline.runs)
-    return TransferError(
-        distance.distance(model, baseline.motion, runs, baseline.runs), distance.bound(shares)
-    )
+    return distance.distance(model, baseline.motion, runs, baseline.runs)
 
 
 def _timed(present: Compiled, other: Compiled, channel: Channel, limit_s: float) -> LaunchRow:

@@ -26,30 +26,18 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class TransferError:
-    """How far runs are from C's with the present settings, from the same starts, over the horizon.
-
-    Attributes:
-      distance: as nine runs in ten are at most.
-      bound: as a share of the motion, with confidence (see `distance.bound`).
-    """
-
-    distance: Distance
-    bound: NonNegativeFloat
-
-
-@dataclass(frozen=True)
 class EngineProgram:
     """A compiled step with some settings.
 
     Attributes:
-      error: of its runs; None where only time was measured.
+      error: the transfer error: distance of its runs from C's with the present settings, from the
+        same starts, over the horizon; None where only time was measured.
       trace_s: seconds from Python to the compiler's input; None where there is no such stage.
       compile_s: seconds that the compiler took.
       buffer_sizes: of the engine, by its names.
     """
 
-    error: TransferError | None
+    error: Distance | None
     trace_s: NonNegativeFloat | None
     compile_s: NonNegativeFloat
     buffer_sizes: Mapping[str, int]
@@ -87,9 +75,9 @@ class EngineAttempt:
         return None if log_ratio is None else math.exp(log_ratio)
 
     @property
-    def error_bound(self) -> float | None:
-        """The bound of the transfer error; None where it was not measured."""
-        return self.program.error.bound if self.program and self.program.error else None
+    def error_share(self) -> float | None:
+        """The transfer error, as a share of the motion; None where it was not measured."""
+        return self.program.error.share if self.program and self.program.error else None
 
 
 @dataclass(frozen=True)
@@ -100,14 +88,14 @@ class EngineRecommendation:
       settings: to have together.
       ratio: time of a batched step over that with the present settings, with the 95 % interval of
         Student's t over processes.
-      error_bound: of the transfer error, as a share of the motion: the larger of both looks.
+      error: the transfer error: the larger of both looks.
       program: of the second look.
       samples: raw times of each process.
     """
 
     settings: Sequence[EngineSetting]
     ratio: Ratio
-    error_bound: NonNegativeFloat
+    error: Distance
     program: EngineProgram
     samples: Sequence[LaunchRow]
 
@@ -141,7 +129,7 @@ class EngineFacts:
     horizon_s: PositiveFloat
     horizon_ncontrol: PositiveInt
     starts: Starts
-    rounding: TransferError
+    rounding: Distance
     settings: Sequence[EngineSetting]
 
 
@@ -199,7 +187,7 @@ def error_limit(
     if max_error is not None:
         return max_error
     assert present is not None and present.error is not None, "it was measured"
-    return max((1 + SAME_ERROR) * present.error.bound, facts.rounding.bound)
+    return max((1 + SAME_ERROR) * present.error.share, facts.rounding.share)
 
 
 def over_processes(samples: Sequence[LaunchRow]) -> Ratio:

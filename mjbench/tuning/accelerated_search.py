@@ -304,13 +304,14 @@ class EngineSearch:
         if failed is not None:
             self._withdrawn.append(EngineWithdrawal(settings, failed))
             return
-        error, samples = second.error_bound, [each.samples for each in launches if each.samples]
-        assert error is not None and second.program and first.error_bound is not None
+        assert first.program and first.program.error, "it was measured"
+        assert second.program and second.program.error, "likewise"
+        error, samples = second.program.error, [each.samples for each in launches if each.samples]
         ratio = over_processes(samples)
         reason = ""
-        if error > limit:
+        if error.share > limit:
             reason = (
-                f"transfer error of {100 * error:.2g} % of the motion from new starts, where"
+                f"transfer error of {100 * error.share:.2g} % of the motion from new starts, where"
                 f" {100 * limit:.2g} % is allowed"
             )
         elif ratio.high is None or ratio.high >= 1 or ratio.estimate > 1 - MIN_EFFECT / 2:
@@ -320,7 +321,7 @@ class EngineSearch:
             return
         self._front.append(
             EngineRecommendation(
-                settings, ratio, max(error, first.error_bound), second.program, samples
+                settings, ratio, first.program.error.larger(error), second.program, samples
             )
         )
 
@@ -383,8 +384,8 @@ def _helpful(attempts: Sequence[EngineAttempt], limit: float) -> list[EngineAtte
     helpful = [
         each
         for each in attempts
-        if each.error_bound is not None
-        and each.error_bound <= limit
+        if each.error_share is not None
+        and each.error_share <= limit
         and _time_ratio(each) <= 1 - LEAST_GAIN
     ]
     return sorted(helpful, key=_time_ratio)

@@ -64,7 +64,6 @@ class Accuracy:
     Attributes:
       effect: on the states of all runs.
       error: distance from the reference, within the horizon.
-      error_bound: as a share of the motion, with confidence (see `distance.bound`).
       distance: from the runs with present settings.
       physics: of the states along the runs.
       run_errors: of each run from the reference, as a share of the motion.
@@ -72,7 +71,6 @@ class Accuracy:
 
     effect: Effect
     error: Distance
-    error_bound: float
     distance: Distance
     physics: Physics
     run_errors: Sequence[float]
@@ -232,14 +230,12 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
         nearest = max(SOLVER_FACTOR * facts.solver.share, ROUNDING_FACTOR * facts.rounding.share)
         is_near = apart.share <= min(nearest, facts.error.share)
         effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
-    run_errors = distance.shares(model, scale, within, baseline.reference)
     return Accuracy(
         effect,
         distance.distance(model, scale, within, baseline.reference),
-        distance.bound(run_errors),
         apart,
         physics(model, baseline.trials.initial_state, runs.points),
-        run_errors.tolist(),
+        distance.shares(model, scale, within, baseline.reference).tolist(),
     )
 
 
@@ -276,7 +272,8 @@ def _time_ratio(
     nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
     rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
     drawn = trials.only(rows).first(ncontrol)
-    present, other = _block(model, {}, drawn), _block(changed, options, drawn)
+    path = paths.find(path_of(options))
+    present, other = _block(model, path, {}, drawn), _block(changed, path, options, drawn)
     for block in (present, other):
         block()
     orders = timing.draw_orders(quads)
@@ -286,15 +283,17 @@ def _time_ratio(
 
 
 def _block(
-    model: mujoco.MjModel, options: dict[str, str | int], trials: Trials
+    model: mujoco.MjModel,
+    path: paths.SteppingPath,
+    options: dict[str, str | int],
+    trials: Trials,
 ) -> Callable[[], None]:
-    """Return a block that does the trials by the path that has these options.
+    """Return a block that does the trials by a path.
 
     Raises:
       InputError: the path cannot run here.
     """
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), HOLD, 0)
-    path = paths.find(path_of(options))
     reason = path.unavailable() or path.unsuited(drawn, options)
     if reason:
         raise InputError(reason)

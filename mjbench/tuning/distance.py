@@ -29,10 +29,15 @@ class Units:
     m: float | None
     rad: float | None
 
+    def larger(self, other: "Units") -> "Units":
+        """Return the larger of both, unit by unit."""
+        pairs = (self.m, other.m), (self.rad, other.rad)
+        return Units(*(None if a is None or b is None else max(a, b) for a, b in pairs))
+
 
 @dataclass(frozen=True)
 class Distance:
-    """How far runs are apart, as nine runs in ten are at most.
+    """How far runs are apart: what nine runs in ten do not exceed (see `bound`).
 
     Each run counts with its largest distance at any time, a root mean square over the degrees of
     freedom of a unit.
@@ -46,6 +51,14 @@ class Distance:
     share: float
     position: Units
     velocity: Units
+
+    def larger(self, other: "Distance") -> "Distance":
+        """Return the larger of both, in each of their numbers."""
+        return Distance(
+            max(self.share, other.share),
+            self.position.larger(other.position),
+            self.velocity.larger(other.velocity),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +123,10 @@ def distance(
     position = _largest_rms(_position_errors(model, reference.qpos, runs), scale.is_rad)
     velocity = _largest_rms(runs.qvel - reference.qvel, scale.is_rad)
     return Distance(
-        of_nine_in_ten(shares(model, scale, runs, reference)),
-        Units(*(None if v is None else of_nine_in_ten(v) for v in _of_units(position))),
-        Units(*(None if v is None else of_nine_in_ten(v) for v in _of_units(velocity))),
+        bound(shares(model, scale, runs, reference)),
+        Units(*(None if v is None else bound(v) for v in _of_units(position))),
+        Units(*(None if v is None else bound(v) for v in _of_units(velocity))),
     )
-
-
-def of_nine_in_ten(values: np.ndarray) -> float:
-    """Return the value that nine of ten do not exceed: the smallest such of those given."""
-    return float(np.quantile(values, SHARE, method="higher"))
 
 
 def bound(values: np.ndarray) -> float:

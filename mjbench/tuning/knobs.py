@@ -32,6 +32,7 @@ class Knob:
         the whole step.
       changes: what it may change, in one short sentence.
       since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
+      helps: why it can, where it is not for its stages, in a few words.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Knob:
     stages: tuple[str, ...]
     changes: str
     since: str
+    helps: str = ""
 
 
 def _has_constraints(observed: Observed) -> bool:
@@ -60,6 +62,7 @@ KNOBS: Sequence[Knob] = (
         (),
         "All motion: integration errors grow, and contacts become softer.",
         _OLDEST,
+        "fewer steps in a second",
     ),
     Knob(
         "integrator",
@@ -144,6 +147,7 @@ KNOBS: Sequence[Knob] = (
         (),
         "Bodies that hardly move stop entirely.",
         "3.4.0",
+        "resting bodies are left out of a step",
     ),
     Knob(
         "island",
@@ -249,6 +253,7 @@ KNOBS: Sequence[Knob] = (
         (),
         "Nothing, as long as the model has none of them.",
         _OLDEST,
+        "no look for them",
     ),
     Knob(
         "engine clock",
@@ -256,6 +261,7 @@ KNOBS: Sequence[Knob] = (
         (),
         "Nothing but mjData.timer.",
         "3.3.1",
+        "a step reads it around every stage",
     ),
     Knob(
         "engine threads",
@@ -263,6 +269,7 @@ KNOBS: Sequence[Knob] = (
         (),
         "Nothing but rounding.",
         "3.10.0",
+        "several cores share a step",
     ),
 )
 

@@ -126,7 +126,9 @@ class OnThisMachine:
         options = path_options_of(settings)
         path = attempts.path_of(options)
         name, (file, timestep_factor) = self._source.name, self._changed[label(settings)]
-        baseline = Target(release, ModelSource(name, self._model_file), paths.BASE)
+        baseline = Target(
+            release, ModelSource(name, self._model_file), path, paths.find(path).complete({})
+        )
         candidate = Target(
             release,
             ModelSource(name, file),

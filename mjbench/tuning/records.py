@@ -8,12 +8,15 @@ from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, Positive
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.status import Status
 from mjbench.tuning.attempts import Accuracy, Effect
+from mjbench.tuning.distance import Distance
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Setting
 
-# Errors that differ by this share of theirs count as the same.
+# Errors that differ by this share of theirs count as the same,
 SAME_ERROR = 0.05
+# and an error of this share of the motion counts as none.
+NO_ERROR = 0.005
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,7 @@ class Recommendation:
       effect: on the motion; the larger of both looks.
       ratio: time of a simulated second over that of the present settings, in fresh processes on the
         starts of the second look, with its 95 % interval.
-      error_bound: nine runs in ten err by no more, as a share of the motion: the larger of both
-        looks.
+      error: the larger of both looks.
       accuracy: of the second look.
       samples: raw times of each launch.
     """
@@ -56,7 +58,7 @@ class Recommendation:
     settings: Sequence[Setting]
     effect: Effect
     ratio: Ratio
-    error_bound: NonNegativeFloat
+    error: Distance
     accuracy: Accuracy
     samples: Sequence[LaunchRow] = ()
 
@@ -84,10 +86,10 @@ class TuneRecord:
       detail: one line; empty when ok.
       seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
-        settings, and SAME_ERROR more.
+        settings, as `allowed_error` has it.
       only: the largest effect allowed.
-      present: what the present settings do, on the starts of the second look; its error bound is
-        the larger of both looks.
+      present: what the present settings do, on the starts of the second look; its error is the
+        larger of both looks.
       attempts: settings that were tried, alone and together.
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it.
@@ -116,9 +118,9 @@ class TuneRecord:
     @property
     def error_limit(self) -> float | None:
         """The largest error allowed, as a share of the motion; None before it is known."""
-        if self.max_error is not None:
+        if self.present is None:
             return self.max_error
-        return (1 + SAME_ERROR) * self.present.error_bound if self.present else None
+        return allowed_error(self.max_error, self.present.error.share)
 
     def best(self) -> Recommendation | None:
         """Return the fastest recommendation whose error is allowed; None without one."""
@@ -127,6 +129,16 @@ class TuneRecord:
             each
             for each in self.front
             if each.effect != Effect.APPROXIMATE
-            or (limit is not None and each.error_bound <= limit)
+            or (limit is not None and each.error.share <= limit)
         ]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)
+
+
+def allowed_error(max_error: float | None, present_error: float) -> float:
+    """Return the largest error of settings that are recommended, as a share of the motion.
+
+    Args:
+      max_error: that the user allows; None for that of the present settings.
+      present_error: of these.
+    """
+    return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)

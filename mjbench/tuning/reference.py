@@ -69,7 +69,6 @@ class Present:
       run_s: simulated seconds of each.
       starts: where start states came from.
       error: of the present settings, from the reference.
-      error_bound: as a share of the motion, with confidence (see `distance.bound`).
       rounding: distance of runs from starts that differ in the last place.
       solver: distance of runs with the same timestep and a converged solver.
       motion_m: how far the model moves, in m; None without such degrees of freedom.
@@ -84,7 +83,6 @@ class Present:
     run_s: float
     starts: Starts
     error: Distance
-    error_bound: float
     rounding: Distance
     solver: Distance
     motion_m: float | None
@@ -160,7 +158,6 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         run_s=trials.ncontrol * trials.control_s,
         starts=starts,
         error=apart(present, reference),
-        error_bound=distance.bound(distance.shares(model, scale, first(present, ncontrol), within)),
         rounding=apart(twin, present),
         solver=apart(solver, present),
         motion_m=scale.position.m,

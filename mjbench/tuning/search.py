@@ -19,7 +19,13 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning.attempts import Attempt, Effect
 from mjbench.tuning.measurements import Measurements, PairedTime
-from mjbench.tuning.records import AttemptRow, Recommendation, TuneRecord, Withdrawal
+from mjbench.tuning.records import (
+    AttemptRow,
+    Recommendation,
+    TuneRecord,
+    Withdrawal,
+    allowed_error,
+)
 from mjbench.tuning.reference import Present, TrialPlan
 from mjbench.tuning.settings import Setting, label
 
@@ -36,8 +42,9 @@ FRONT, LEAST_FINAL_S = 6, 12.0
 ATTEMPTS_SHARE, SINGLES_SHARE = 0.5, 0.8
 # Combinations that are tried; runs and quads of each in the first rung.
 COMBINATIONS, RUNG_NRUN, RUNG_QUADS = 32, 8, 12
-# A point of the front is faster than those before it by this factor.
-DISTINCT = 0.98
+# A point of the front takes at most this share of the time of the one before it; one with an error
+# larger than allowed, this share.
+DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
 
 # Called with how many parts of the search are done, what goes on, and a share of 0.
 Advance = Callable[[int, str, float], None]
@@ -117,7 +124,7 @@ class Search:
         self._present = self._measure.baseline(TrialPlan(plan.seed, plan.starts))
         faster = self._each_alone()
         lossless = [each for each in faster if not each.setting.loses]
-        front = pareto_front(self._together(lossless), plan.max_error, self._present.error_bound)
+        front = pareto_front(self._together(lossless), plan.max_error, self._present.error.share)
         if front:
             self._second_look(front)
 
@@ -153,7 +160,9 @@ class Search:
                 self._untried += 1
                 continue
             self._advance(1, setting.label, number / (2 * len(self._settings)))
-            attempt = self._measure.attempt((setting,))
+            attempt = self._measure.attempt((setting,), RUNG_NRUN)
+            if self._is_promising(attempt):
+                attempt = self._measure.attempt((setting,))
             if self._is_promising(attempt):
                 promising.append(attempt)
             else:
@@ -186,8 +195,8 @@ class Search:
         accuracy = attempt.accuracy
         if accuracy is None or accuracy.effect.rank > self._plan.only.rank:
             return False
-        most = self._plan.max_error or max(MOST_ERROR, 2 * self._present.error_bound)
-        return accuracy.effect != Effect.APPROXIMATE or accuracy.error_bound <= most
+        most = self._plan.max_error or max(MOST_ERROR, 2 * self._present.error.share)
+        return accuracy.effect != Effect.APPROXIMATE or accuracy.error.share <= most
 
     def _note(self, attempt: Attempt, paired: PairedTime | None = None) -> None:
         """Note how settings did."""
@@ -208,6 +217,7 @@ class Search:
     def _together(self, faster: Sequence[_Faster]) -> list[Attempt]:
         """Try combinations of settings that are faster alone; return how the last ones did."""
         chosen = combinations(faster, COMBINATIONS, random.Random(self._plan.seed))
+        exact = {each.setting.label for each in faster if each.effect != Effect.APPROXIMATE}
         nrun, quads, rung = RUNG_NRUN, RUNG_QUADS, 0
         while True:
             is_last = len(chosen) <= 2 * FRONT
@@ -224,7 +234,10 @@ class Search:
             able = [each for each in done if self._is_allowed(each)]
             if is_last or len(done) < len(chosen):
                 return able
-            chosen = [each.settings for each in better_half(able)]
+            # what changes less is recommended beside what is faster, so the two do not compete
+            of_exact = [each for each in able if all(one.label in exact for one in each.settings)]
+            others = [each for each in able if each not in of_exact]
+            chosen = [each.settings for each in better_half(of_exact) + better_half(others)]
             nrun, quads, rung = 2 * nrun, 2 * quads, rung + 1
 
     # -- second look --------------------------------------------------------------------------
@@ -236,8 +249,8 @@ class Search:
         self._advance(3, "present settings from new starts", 0.0)
         ncontrol = self._present.horizon_ncontrol
         second_present = self._measure.baseline(TrialPlan(plan.seed + 1, plan.starts, ncontrol))
-        error_bound = max(self._present.error_bound, second_present.error_bound)
-        self._present = replace(second_present, error_bound=error_bound)
+        error = self._present.error.larger(second_present.error)
+        self._present = replace(second_present, error=error)
         for number, first in enumerate(front):
             self._advance(3, label(first.settings), number / len(front))
             second = self._measure.attempt(first.settings, quads=0)
@@ -254,7 +267,7 @@ class Search:
                     first.settings,
                     max(first.accuracy.effect, second.accuracy.effect, key=lambda e: e.rank),
                     paired.ratio,
-                    max(first.accuracy.error_bound, second.accuracy.error_bound),
+                    first.accuracy.error.larger(second.accuracy.error),
                     second.accuracy,
                     paired.launches,
                 )
@@ -356,18 +369,18 @@ def pareto_front(
         if of_effect:
             _add_if_faster(front, min(of_effect, key=_time_ratio))
     approximate = [each for each in attempts if _effect(each) == Effect.APPROXIMATE]
-    limit = max_error or 1.05 * present_error
+    limit = allowed_error(max_error, present_error)
     within = [each for each in approximate if _error(each) <= limit]
     if within:
         _add_if_faster(front, min(within, key=_time_ratio))
     for each in sorted((e for e in approximate if _error(e) > limit), key=_error):
-        _add_if_faster(front, each)
+        _add_if_faster(front, each, DISTINCT_BEYOND)
     return front[:FRONT]
 
 
-def _add_if_faster(front: list[Attempt], attempt: Attempt) -> None:
-    """Add an attempt to a front, if it is faster than the last one."""
-    if not front or _time_ratio(attempt) < DISTINCT * _time_ratio(front[-1]):
+def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
+    """Add an attempt to a front, if it takes at most this share of the time of the last one."""
+    if _time_ratio(attempt) < factor * (_time_ratio(front[-1]) if front else 1.0):
         front.append(attempt)
 
 
@@ -388,11 +401,9 @@ def why_not(first: Attempt, second: Attempt, present: Present, plan: SearchPlan)
         return f"{was.effect} in the search, {now.effect} from new starts"
     if was.effect != Effect.APPROXIMATE:
         return ""
-    limit = plan.max_error
-    if limit is None and was.error_bound <= 1.05 * present.error_bound:
-        limit = 1.05 * present.error_bound
-    if limit is not None and now.error_bound > limit >= was.error_bound:
-        return f"errs by {100 * now.error_bound:.2g} % of the motion from new starts"
+    limit = allowed_error(plan.max_error, present.error.share)
+    if now.error.share > limit >= was.error.share:
+        return f"errs by {100 * now.error.share:.2g} % of the motion from new starts"
     return ""
 
 
@@ -415,7 +426,7 @@ def _effect(attempt: Attempt) -> Effect:
 
 def _error(attempt: Attempt) -> float:
     assert attempt.accuracy is not None, "it did not fail"
-    return attempt.accuracy.error_bound
+    return attempt.accuracy.error.share
 
 
 def _time_ratio(attempt: Attempt) -> float:

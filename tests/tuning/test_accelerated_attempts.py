@@ -80,15 +80,15 @@ def tried(measurements, *settings, **keywords):
 def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on):
     engine = on("pretender:Pretender")
     facts = engine.baseline(PLAN)
-    assert facts.rounding.bound == 0.0  # this engine computes in float64
+    assert facts.rounding.share == 0.0  # this engine computes in float64
     assert facts.horizon_ncontrol == 4
     present, attempts = tried(
         engine, option("iterations", "1"), option("iterations", "99"), option("solver", "CG")
     )
-    assert present.error is not None and present.error.bound == 0.0
-    assert attempts["iterations=99"].error_bound == 0.0
-    assert attempts["iterations=1"].error_bound > 1e-6
-    assert attempts["solver=CG"].error_bound > 0.0
+    assert present.error is not None and present.error.share == 0.0
+    assert attempts["iterations=99"].error_share == 0.0
+    assert attempts["iterations=1"].error_share > 1e-6
+    assert attempts["solver=CG"].error_share > 0.0
     assert attempts["solver=CG"].time_ratio is not None
 
 
@@ -97,7 +97,7 @@ def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(o
     engine.baseline(PLAN)
     numbers = ("4", "2", "99")
     present, attempts = tried(engine, *(option("iterations", number) for number in numbers))
-    assert present.error is not None and present.error.bound == 0.0
+    assert present.error is not None and present.error.share == 0.0
     assert attempts["iterations=2"].status == Status.CRASHED
     assert "while trying iterations=2" in attempts["iterations=2"].detail
     assert attempts["iterations=4"].status == Status.FAILED
@@ -116,7 +116,7 @@ def test_a_buffer_that_is_too_small_fails_and_the_engine_s_own_is_replaced(on):
     _, attempts = tried(engine, small, large, has_errors=False)
     assert attempts["nconmax=7"].detail == "overflowed"
     assert attempts["nconmax=9"].status == Status.OK
-    assert attempts["nconmax=9"].error_bound is None
+    assert attempts["nconmax=9"].error_share is None
 
 
 def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(on):
@@ -146,7 +146,7 @@ def test_mjx_transfers_within_rounding_on_the_cart_pole(on):
     present, attempts = tried(engine, option("iterations", "1"))
     (attempt,) = attempts.values()
     for program in (present, attempt.program):
-        assert program.error.bound < 100 * facts.rounding.bound < 1e-3
+        assert program.error.share < 100 * facts.rounding.share < 1e-3
         assert program.compile_s > 0 and program.trace_s > 0
     assert attempt.time_ratio > 0
 

@@ -16,7 +16,6 @@ from mjbench.tuning.accelerated_records import (
     EngineAttempt,
     EngineFacts,
     EngineProgram,
-    TransferError,
     over_processes,
 )
 from mjbench.tuning.accelerated_search import LEAST_PROCESSES, EngineSearch, combinations
@@ -29,7 +28,7 @@ PRESENT_ERROR, ROUNDING_ERROR = 0.01, 1e-6
 
 
 def transfer(share):
-    return TransferError(Distance(share, Units(share, None), Units(share, None)), share)
+    return Distance(share, Units(share, None), Units(share, None))
 
 
 def program(share):

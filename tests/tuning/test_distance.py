@@ -71,8 +71,6 @@ def test_a_model_at_rest_has_a_least_motion():
 
 def test_nine_runs_in_ten_are_nearer():
     values = np.arange(1.0, 31.0)
-    assert distance.of_nine_in_ten(values) >= 27
-    assert (values <= distance.of_nine_in_ten(values)).mean() >= distance.SHARE
     assert distance.bound(values) == 30.0
     assert distance.bound(np.arange(1.0, 65.0)) == 62.0
 

@@ -33,7 +33,6 @@ def present(error=PRESENT_ERROR):
         run_s=1.0,
         starts=Starts(0.1, 0.1),
         error=apart(error),
-        error_bound=error,
         rounding=apart(1e-15),
         solver=apart(1e-8),
         motion_m=1.0,
@@ -74,7 +73,7 @@ class Planted:
         of_each = [effects.get(label, self.effects[label]) for label in labels]
         effect = max((each[0] for each in of_each), key=lambda each: each.rank)
         error = PRESENT_ERROR + sum(each[2] for each in of_each)
-        accuracy = Accuracy(effect, apart(error), error, apart(error), NOTHING, [error] * 64)
+        accuracy = Accuracy(effect, apart(error), apart(error), NOTHING, [error] * 64)
         ratio = self.ratio(labels)
         return Attempt(settings, Status.OK, accuracy=accuracy, time_ratio=ratio)
 
@@ -158,7 +157,7 @@ def test_an_error_that_grows_beyond_the_limit_is_withdrawn():
 def test_the_promised_error_is_the_larger_of_both_looks():
     planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.01))
     planted.fresh = {"timestep=2": (APPROXIMATE, 0.5, 0.005)}
-    assert searched(planted, max_error=0.5).front[0].error_bound == pytest.approx(0.03)
+    assert searched(planted, max_error=0.5).front[0].error.share == pytest.approx(0.03)
 
 
 def test_a_setting_that_gives_something_up_is_listed_and_not_recommended():
