@@ -190,14 +190,22 @@ def error_limit(
     return max((1 + SAME_ERROR) * present.error.share, facts.rounding.share)
 
 
-def over_processes(samples: Sequence[LaunchRow]) -> Ratio:
-    """Return the ratio of times in fresh processes, with Student's t interval of their mean."""
+def log_ratios(samples: Sequence[LaunchRow]) -> list[float]:
+    """Return the logarithm of the ratio of times in each process."""
+    return [stats.paired_log_ratio(row.orders, np.array(row.ns)) for row in samples]
+
+
+def mean_ratio(logs: Sequence[float]) -> Ratio:
+    """Return the ratio of times over fresh processes, with Student's t interval of their mean.
+
+    Args:
+      logs: logarithm of the ratio in each process.
+    """
     from scipy import stats as distributions  # late: it takes a second
 
-    logs = np.array([stats.paired_log_ratio(row.orders, np.array(row.ns)) for row in samples])
-    mean, count = float(logs.mean()), len(logs)
+    mean, count = float(np.mean(logs)), len(logs)
     if count < 2:
         return Ratio(math.exp(mean), None, None)
-    error = float(logs.std(ddof=1)) / math.sqrt(count)
+    error = float(np.std(logs, ddof=1)) / math.sqrt(count)
     half_width = float(distributions.t.ppf((1 + CONFIDENCE) / 2, count - 1)) * error
     return Ratio(math.exp(mean), math.exp(mean - half_width), math.exp(mean + half_width))

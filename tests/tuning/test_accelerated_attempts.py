@@ -13,7 +13,7 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.simulation.work import Peaks
 from mjbench.status import Status
 from mjbench.tuning import accelerated_settings
-from mjbench.tuning.accelerated_search import EngineOnThisMachine
+from mjbench.tuning.accelerated_measurements import EngineOnThisMachine
 from mjbench.tuning.accelerated_settings import EngineSetting
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Edit, Part, label

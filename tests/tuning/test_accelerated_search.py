@@ -16,7 +16,8 @@ from mjbench.tuning.accelerated_records import (
     EngineAttempt,
     EngineFacts,
     EngineProgram,
-    over_processes,
+    log_ratios,
+    mean_ratio,
 )
 from mjbench.tuning.accelerated_search import LEAST_PROCESSES, EngineSearch, combinations
 from mjbench.tuning.accelerated_settings import EngineSetting
@@ -158,6 +159,14 @@ def test_an_error_that_rounding_alone_makes_is_no_error():
     assert not searched(Planted({"iterations=4": (0.7, 5e-6)}, **exact)).front
 
 
+def test_a_setting_that_adds_no_certain_gain_is_left_out():
+    planted = Planted({"iterations=4": (0.7, 0.0), "solver=CG": (0.98, 0.0)})
+    planted.fresh_ratios = {"solver=CG": 1.0}
+    record = searched(planted)
+    assert [label(each.settings) for each in record.front] == ["iterations=4"]
+    assert record.withdrawn[0].reason == "not certainly faster than iterations=4 alone"
+
+
 def test_what_new_starts_or_fresh_processes_do_not_confirm_is_withdrawn():
     by_error = searched(Planted({"iterations=4": (0.7, 0.0)}, fresh_errors={"iterations=4": 0.05}))
     assert by_error.front == []
@@ -222,8 +231,10 @@ def test_the_fastest_of_each_knob_is_combined_one_after_the_other():
 
 
 def test_the_interval_includes_what_differs_from_process_to_process():
-    noisy = over_processes([blocks(0.9, noise) for noise in (-0.05, 0.05, -0.05, 0.05)])
-    steady = over_processes([blocks(0.9, noise) for noise in (-0.01, 0.01, -0.01, 0.01)])
+    noisy, steady = (
+        mean_ratio(log_ratios([blocks(0.9, sign * noise) for sign in (-1, 1, -1, 1)]))
+        for noise in (0.05, 0.01)
+    )
     assert noisy.estimate == pytest.approx(steady.estimate, rel=0.01)
     # Student's t with three degrees of freedom: 3.182 standard errors
     half_width = math.log(steady.high / steady.estimate)
