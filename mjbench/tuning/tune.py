@@ -38,7 +38,8 @@ def tune(
         shares = survey.stages(source, limit_s)
     except MjbenchError as error:
         failure = failure_of(error)
-        return TuneRecord(model=source.name, status=failure.status, detail=failure.detail)
+        detail = failure.detail.removeprefix(f"{source.name}: ")
+        return TuneRecord(model=source.name, status=failure.status, detail=detail)
     except KeyboardInterrupt:
         return TuneRecord(model=source.name, status=Status.INTERRUPTED)
     measurements = OnThisMachine(pool, source, plan.starts, limit_s)

@@ -1,0 +1,136 @@
+"""`mjbench tune` from the command line: what it prints, stores and writes, and bad input."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import mujoco
+import pytest
+from commands import PYTHONPATH, ROOT, mjbench
+
+CARTPOLE = ROOT / "models" / "cartpole.xml"
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
+    """Return a folder in which a cart-pole was tuned, with a brief budget, and the process."""
+    folder = tmp_path_factory.mktemp("tuned")
+    words = ["tune", str(CARTPOLE), "--only", "free", "--budget", "40s"]
+    words += ["--json", "tune.json", "--results", "runs", "--write", "tuned.xml"]
+    return folder, mjbench(*words, cwd=folder)
+
+
+def test_it_ends_well_and_stores_what_it_tried(tuned):
+    folder, done = tuned
+    assert done.returncode == 0, done.stderr
+    (record,) = json.loads((folder / "tune.json").read_text())["results"]
+    assert record["status"] == "ok"
+    assert record["present"]["error"]["share"] > 0
+    assert record["present"]["nrun"] == 64
+    tried = [each["settings"][0]["label"] for each in record["attempts"]]
+    assert "engine clock off" in tried
+    # whatever this machine finds faster is free, and was confirmed
+    for each in record["front"]:
+        assert each["effect"] == "free"
+        assert each["ratio"]["high"] < 1
+        assert each["accuracy"]["distance"]["share"] == 0.0
+
+
+def test_the_copy_has_the_settings_and_is_the_same_model_otherwise(tuned):
+    folder, done = tuned
+    (record,) = json.loads((folder / "tune.json").read_text())["results"]
+    edits = [e for each in record["front"][-1:] for s in each["settings"] for e in s["edits"]]
+    if not edits:
+        assert not (folder / "tuned.xml").exists()
+        assert "not written" in done.stderr
+        return
+    original, copy = CARTPOLE.read_text(), (folder / "tuned.xml").read_text()
+    assert copy != original
+    for edit in edits:
+        assert f'{edit["name"]}="{edit["value"]}"' in copy
+    model, tuned_model = (
+        mujoco.MjModel.from_xml_path(str(file)) for file in (CARTPOLE, folder / "tuned.xml")
+    )
+    assert tuned_model.nbody == model.nbody
+    assert tuned_model.opt.timestep == model.opt.timestep
+    assert tuned_model.opt.disableflags != model.opt.disableflags
+
+
+def test_a_stored_search_is_shown_and_reported(tuned):
+    folder, done = tuned
+    (run,) = (folder / "runs").iterdir()
+    shown = mjbench("show", str(run), cwd=folder)
+    assert shown.returncode == 0, shown.stderr
+    assert shown.stdout.splitlines()[1] in done.stdout
+    for form in ([], ["--markdown"]):
+        report = mjbench("report", str(run), *form, "-o", f"report{len(form)}", cwd=folder)
+        assert report.returncode == 0, report.stderr
+        assert "at an eighth of its timestep" in (folder / f"report{len(form)}").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nosuch"], "no model 'nosuch'"),
+        (["cartpole", "humanoid", "--write", "x.xml"], "--write takes one model"),
+        (["empty.xml"], "is empty"),
+        (["cartpole", "--max-error", "0"], "not between"),
+        (["cartpole", "--only", "cheap"], "cheap"),
+        (["robot.xml", "--write", "robot.xml"], "choose another"),
+        (["robot.xml", "--write", "missing/x.xml"], "cannot write"),
+        (["cartpole", "--states", "missing.npz"], "no such file"),
+    ],
+)
+def test_bad_input_is_one_line_before_anything_is_measured(tmp_path, words, message):
+    (tmp_path / "empty.xml").touch()
+    (tmp_path / "robot.xml").write_text(CARTPOLE.read_text())
+    done = mjbench("tune", *words, "--results", "runs", cwd=tmp_path)
+    assert done.returncode in (2, 3)
+    assert message in done.stderr
+    assert (tmp_path / "robot.xml").read_text() == CARTPOLE.read_text()
+    assert not list(tmp_path.glob(".*")), "nothing is left"
+
+
+@pytest.mark.parametrize(
+    ("xml", "message"),
+    [
+        ("<mujoco><worldbody/></mujoco>", "no degree of freedom"),
+        ("<mujoco>", "cannot load"),
+        (
+            '<mujoco><option timestep="0.5"/><worldbody><body><joint stiffness="1e9"/>'
+            '<geom size="0.1" pos="1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe>'
+            "</mujoco>",
+            "diverge",
+        ),
+    ],
+)
+def test_a_model_that_cannot_be_stepped_is_one_line_and_others_go_on(tmp_path, xml, message):
+    (tmp_path / "bad.xml").write_text(xml)
+    done = mjbench("tune", "bad.xml", "--results", "runs", cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("bad.xml")]
+    assert message in line
+
+
+def test_ctrl_c_keeps_what_was_tried(tmp_path):
+    command = [sys.executable, "-m", "mjbench", "tune", str(CARTPOLE), "--results", "runs"]
+    process = subprocess.Popen(
+        [*command, "--json", "tune.json"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while process.poll() is None and not list(tmp_path.glob("runs/*.jsonl")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in out and "what was measured is saved" in err
+    assert "Traceback" not in out + err
+    (record,) = json.loads((tmp_path / "tune.json").read_text())["results"]
+    assert record["status"] == "interrupted"

@@ -1,0 +1,166 @@
+"""Attempts in processes of their own: what settings do to the states, and how they fail."""
+
+import dataclasses
+import pickle
+
+import mujoco
+import pytest
+
+from mjbench.simulation import models
+from mjbench.simulation.starts import StartPlan
+from mjbench.status import Status
+from mjbench.tuning import attempts, reference, trajectories
+from mjbench.tuning.attempts import AttemptRequest, BaselineRequest, Effect
+from mjbench.tuning.reference import TrialPlan
+from mjbench.tuning.settings import CLOCK_OFF, Edit, Part, Setting
+
+SOURCE = models.resolve("cartpole")
+
+
+def option(name, value):
+    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),))
+
+
+@pytest.fixture(scope="module")
+def baseline_file(tmp_path_factory):
+    """Return the file of a baseline of the cart-pole, with short runs."""
+    folder = tmp_path_factory.mktemp("baseline")
+    request = BaselineRequest(
+        SOURCE, TrialPlan(0, StartPlan(), 8), folder / "baseline", folder / "model.mjb"
+    )
+    facts = attempts.measure_baseline(request)
+    assert facts.nrun == reference.NRUN
+    assert facts.error.share > 0
+    assert (folder / "model.mjb").stat().st_size > 0
+    return folder / "baseline"
+
+
+def tried(baseline_file, *settings, **keywords):
+    keywords = {"quads": 0, **keywords}
+    file = baseline_file.with_name("changed.mjb")
+    limit_s = keywords.pop("limit_s", attempts.SILENCE_S)
+    return attempts.attempt(
+        AttemptRequest(SOURCE, baseline_file, settings, file, **keywords), limit_s
+    )
+
+
+def test_what_changes_no_state_is_free(baseline_file):
+    flag = Setting("island", "island=disable", (Edit(Part.FLAG, "island", "disable"),))
+    done = tried(baseline_file, flag)
+    assert done.status == Status.OK
+    assert done.accuracy.effect == Effect.FREE
+    assert done.accuracy.distance.share == 0.0
+    assert done.time_ratio is None
+
+
+def test_a_larger_timestep_errs_more_and_its_time_is_of_a_simulated_second(baseline_file):
+    done = tried(baseline_file, option("timestep", "0.004"), quads=2)
+    assert done.accuracy.effect == Effect.APPROXIMATE
+    assert done.timestep_factor == 2.0
+    assert done.accuracy.error.share > done.accuracy.distance.share / 2 > 0
+    assert len(done.accuracy.run_errors) == reference.NRUN
+    assert done.time_ratio > 0
+
+
+def test_fewer_runs_are_the_first_ones(baseline_file):
+    some, every = (
+        tried(baseline_file, option("timestep", "0.004"), nrun=nrun) for nrun in (8, None)
+    )
+    assert some.accuracy.run_errors == every.accuracy.run_errors[:8]
+
+
+def test_the_loop_has_settings_of_its_own(baseline_file):
+    done = tried(
+        baseline_file, Setting("engine clock", "clock off", path_options=CLOCK_OFF), quads=2
+    )
+    assert done.accuracy.effect == Effect.FREE
+    assert done.time_ratio > 0
+
+
+@pytest.mark.parametrize(
+    ("setting", "status", "detail"),
+    [
+        (option("timestep", "0.003"), Status.INPUT, "does not divide"),
+        (option("bogus", "1"), Status.INPUT, "bogus"),
+        (option("solver", "bogus"), Status.INPUT, "bogus"),
+        (option("timestep", "-1"), Status.INPUT, "timestep"),
+    ],
+)
+def test_settings_that_cannot_be_are_one_line(baseline_file, setting, status, detail):
+    done = tried(baseline_file, setting)
+    assert done.status == status
+    assert detail in done.detail and "\n" not in done.detail
+    assert done.accuracy is None
+
+
+def test_settings_that_hang_are_ended(baseline_file):
+    done = tried(baseline_file, option("timestep", "0.004"), limit_s=0.001)
+    assert done.status == Status.TIMEOUT
+    assert "no answer" in done.detail
+
+
+def test_settings_that_diverge_are_one_line(tmp_path):
+    stiff = tmp_path / "stiff.xml"
+    stiff.write_text(
+        """<mujoco><option timestep="0.001"/><worldbody><body><joint stiffness="6000"/>
+        <geom size="0.1" pos="0.1 0 0"/></body></worldbody><keyframe><key qpos="1"/></keyframe>
+        </mujoco>"""
+    )
+    source = models.ModelSource("stiff", stiff)
+    model = models.load(source)
+    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), 200))
+    coarse = models.load(source)
+    coarse.opt.timestep = 0.008
+    runs = trajectories.run(coarse, baseline.trials)
+    assert runs.diverged.any()
+    request = BaselineRequest(
+        source, TrialPlan(0, StartPlan(), 200), tmp_path / "baseline", tmp_path / "model.mjb"
+    )
+    attempts.measure_baseline(request)
+    done = attempts.attempt(
+        AttemptRequest(
+            source,
+            tmp_path / "baseline",
+            (option("timestep", "0.008"),),
+            tmp_path / "changed.mjb",
+            quads=0,
+        )
+    )
+    assert done.status == Status.INPUT
+    assert "diverges in" in done.detail
+
+
+def judged_after(model, change):
+    """Return the effect of a change of a model's options."""
+    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), 12))
+    changed = models.load(models.resolve("cube_table"))
+    change(changed.opt)
+    return attempts.judged(model, baseline, trajectories.run(changed, baseline.trials)), baseline
+
+
+def test_another_solver_that_converges_is_equivalent_and_a_loose_one_is_not():
+    model = models.load(models.resolve("cube_table"))
+
+    def tighter(opt):
+        opt.tolerance = 1e-10
+
+    def one_iteration(opt):
+        opt.solver, opt.iterations = mujoco.mjtSolver.mjSOL_PGS, 1
+
+    accuracy, baseline = judged_after(model, tighter)
+    assert accuracy.effect in (Effect.FREE, Effect.EQUIVALENT)
+    assert accuracy.distance.share <= baseline.facts.error.share
+    accuracy, _ = judged_after(model, one_iteration)
+    assert accuracy.effect == Effect.APPROXIMATE
+
+
+def test_effects_are_ordered():
+    assert [effect.rank for effect in Effect] == [0, 1, 2]
+
+
+def test_a_baseline_of_fewer_runs_has_the_same_facts(baseline_file):
+    baseline = pickle.loads(baseline_file.read_bytes())
+    some = baseline.only(5)
+    assert some.trials.nrun == len(some.present.qpos) == len(some.reference.qpos) == 5
+    assert some.facts == baseline.facts
+    assert dataclasses.replace(some.facts, nrun=1) != baseline.facts
