@@ -129,9 +129,11 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         overhead,
         planning,
         tuning,
+        tuning_accelerated,
     )
     from mjbench.report.profile import print_profile
     from mjbench.report.program import print_program
+    from mjbench.tuning.accelerated_records import EngineTuneRecord
     from mjbench.tuning.records import TuneRecord
 
     machine = stored.header.machine
@@ -166,6 +168,10 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         for search in searches:
             tuning.print_record(run.out, search)
         run.write(documents.TuneDocument(machine=machine, results=searches))
+    elif engine_searches := stored.of_type(EngineTuneRecord):
+        for engine_search in engine_searches:
+            tuning_accelerated.print_record(run.out, engine_search)
+        run.write(documents.TuneDocument(machine=machine, results=(), accelerated=engine_searches))
     else:
         return False
     return True

@@ -9,6 +9,7 @@ from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli, report_line
 from mjbench.cli.output_file import OutputFile
 from mjbench.cli.shared import (
+    COUNT,
     JSON,
     LIMIT,
     RESULTS,
@@ -25,18 +26,32 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
+    from mjbench.tuning.accelerated_records import EngineTuneRecord
     from mjbench.tuning.records import TuneRecord
+
+# Simulations of a batched step of MJX or Warp.
+NBATCH = 64
 
 
 @cli.command()
 @click.argument("names", nargs=-1, required=True, metavar="MODEL…")
 @click.option(
+    "--engine",
+    type=click.Choice(["c", "mjx", "warp"]),
+    default="c",
+    show_default=True,
+    help="What steps the model; errors of MJX and Warp are distances from C",
+)
+@click.option(
+    "--nbatch",
+    type=COUNT,
+    help=f"Simulations of a batched step of MJX or Warp  [default: {NBATCH}]",
+)
+@click.option(
     "--only",
     type=click.Choice(["free", "equivalent", "approximate"]),
-    default="approximate",
-    show_default=True,
-    help="The most that settings may change: nothing, no more than the solver's tolerance, or the"
-    " motion",
+    help="The most that settings may change in C: nothing, no more than the solver's tolerance, or"
+    " the motion  [default: approximate]",
 )
 @click.option(
     "--max-error",
@@ -61,7 +76,9 @@ if TYPE_CHECKING:
 @with_options(SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
 def tune(
     names: tuple[str, ...],
-    only: str,
+    engine: str,
+    nbatch: int | None,
+    only: str | None,
     max_error: float | None,
     budget_s: float,
     target: str | None,
@@ -80,44 +97,75 @@ def tune(
     stay within the solver's tolerance, then those with an error, which is measured against the
     model at an eighth of its timestep. What is recommended was measured again from new starts.
 
+    With --engine mjx or warp, settings of that engine are tried: limits of iterations, solver,
+    Jacobian, buffers. Times are of a batched step, errors are distances from C.
+
     \b
     Examples:
       mjbench tune humanoid
       mjbench tune robot.xml --only free --write tuned.xml
       mjbench tune robot.xml --max-error 1% --budget 600s
+      mjbench tune robot.xml --engine mjx --nbatch 1024
     """
     from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report import tuning, tuning_accelerated
     from mjbench.report.documents import TuneDocument
-    from mjbench.report.tuning import print_record
     from mjbench.simulation import models
+    from mjbench.tuning.accelerated_search import tune_engine
     from mjbench.tuning.attempts import Effect
+    from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.search import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
 
     sources = [models.resolve(name) for name in names]
     starts = start_plan(settle_s, states_file, actions_file)
-    plan = SearchPlan(seed, starts, budget_s, max_error, Effect(only))
+    _check_engine(engine, nbatch, only)
+    nbatch = nbatch or NBATCH
+    plan = SearchPlan(seed, starts, budget_s, max_error, Effect(only or Effect.APPROXIMATE))
     files = [*(source.path for source in sources), *starts.files]
     if target is not None and len(sources) > 1:
         raise InputError("--write takes one model")
     written = OutputFile("--write", target, files)
-    records: list[TuneRecord] = []
-    storage = Storage(results, {"models": [source.name for source in sources], "plan": plan})
+    of_c: list[TuneRecord] = []
+    accelerated: list[EngineTuneRecord] = []
+    arguments = {"models": [source.name for source in sources], "plan": plan, "engine": engine}
+    storage = Storage(results, arguments if engine == "c" else {**arguments, "nbatch": nbatch})
     with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
         _see_whether_writable(written)
         for source in sources:
+            record: TuneRecord | EngineTuneRecord
             with run.progress(PARTS) as advance:
-                record = tune_model(pool, source, plan, time_limit, advance)
-            records.append(record)
+                if engine == "c":
+                    record = tune_model(pool, source, plan, time_limit, advance)
+                    of_c.append(record)
+                else:
+                    record = tune_engine(pool, source, engine, nbatch, plan, time_limit, advance)
+                    accelerated.append(record)
             run.record(record)
-            print_record(run.out, record)
+            if isinstance(record, TuneRecord):
+                tuning.print_record(run.out, record)
+            else:
+                tuning_accelerated.print_record(run.out, record)
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break
             if target is not None:
                 _write(run, record, source, Path(target))
-        run.write(TuneDocument(machine=run.machine, results=records))
-    run.exit(record.status for record in records)
+        document = TuneDocument(machine=run.machine, results=of_c, accelerated=accelerated)
+        run.write(document)
+    run.exit([*(each.status for each in of_c), *(each.status for each in accelerated)])
+
+
+def _check_engine(engine: str, nbatch: int | None, only: str | None) -> None:
+    """Refuse options that another engine has.
+
+    Raises:
+      InputError: there is one.
+    """
+    if engine == "c" and nbatch is not None:
+        raise InputError("--nbatch is of --engine mjx and warp")
+    if engine != "c" and only is not None:
+        raise InputError("--only is of --engine c: settings of MJX and Warp have --max-error")
 
 
 def _see_whether_writable(output: OutputFile) -> None:
@@ -132,7 +180,12 @@ def _see_whether_writable(output: OutputFile) -> None:
         output.close()
 
 
-def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
+def _write(
+    run: RunContext,
+    record: "TuneRecord | EngineTuneRecord",
+    source: "ModelSource",
+    target: Path,
+) -> None:
     """Write the MJCF file with the fastest settings that are recommended.
 
     Raises:

@@ -40,6 +40,7 @@ from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.report.thread_advice import by_model
 from mjbench.report.verdicts import confidence_of
+from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 
 # Conclusions that stand at the head of a report, at most; the others are in their sections.
@@ -135,6 +136,7 @@ def _sections(named: NamedRun) -> Iterator[Section]:
     yield from programs.sections(run.of_type(ProgramRow), command)
     yield from environments.sections(run.of_type(EnvironmentRecord), command)
     yield from tuning.sections(run.of_type(TuneRecord), command)
+    yield from tuning.engine_sections(run.of_type(EngineTuneRecord), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
     if trials := run.of_type(TrialRecord):
         yield _selfcheck_section(trials, command)

@@ -4,9 +4,10 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.pages import charts
 from mjbench.pages.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report import tuning, vega
+from mjbench.report import tuning, tuning_accelerated, vega
 from mjbench.status import Status
 from mjbench.tuning import knobs
+from mjbench.tuning.accelerated_records import EngineProgram, EngineTuneRecord
 from mjbench.tuning.records import AttemptRow, TuneRecord
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import label
@@ -118,3 +119,65 @@ def _alone_row(row: AttemptRow, record: TuneRecord) -> tuple[str, str, float | N
     ratio = row.ratio.estimate if row.ratio is not None else row.time_ratio
     changes = knobs.find(setting.knob).changes
     return setting.label, effect, ratio, tuning.why(setting, record), changes
+
+
+def engine_sections(records: Sequence[EngineTuneRecord], command: str) -> Iterator[Section]:
+    """Yield a section for each model for which settings of MJX or Warp were searched."""
+    for record in records:
+        tone = Tone.GOOD if record.front else Tone.NEUTRAL
+        first = Conclusion(
+            tuning_accelerated.conclusion(record), tone if record.status == Status.OK else Tone.BAD
+        )
+        if record.facts is None or record.present is None:
+            yield Section(record.model, command, [first])
+            continue
+        yield Section(
+            heading=f"{record.model}: settings of {tuning_accelerated.engine_name(record.engine)}",
+            command=command,
+            conclusions=[first],
+            tables=[_engine_table(record, record.present)],
+            notes=tuning_accelerated.notes(record, record.facts),
+        )
+
+
+def _engine_table(record: EngineTuneRecord, present: EngineProgram) -> DataTable:
+    """Return the recommendations, and all that was tried, with times and transfer errors."""
+    columns = (
+        Column("settings"),
+        Column("time of a batched step", 4),
+        Column("low", 4),
+        Column("high", 4),
+        Column("transfer error, % of the motion", 3),
+        Column("compile s", 3),
+    )
+    first = (label(()), 1.0, None, None, _percent(present), present.compile_s)
+    rows: list[tuple[Cell, ...]] = [first]
+    rows += [
+        (
+            f"{label(each.settings)} (recommended)",
+            each.ratio.estimate,
+            each.ratio.low,
+            each.ratio.high,
+            100 * each.error.share,
+            each.program.compile_s,
+        )
+        for each in record.front
+    ]
+    rows += [
+        (
+            label(each.settings),
+            each.time_ratio,
+            None,
+            None,
+            _percent(each.program),
+            each.program.compile_s,
+        )
+        for each in tuning_accelerated.tried(record)
+        if each.program is not None
+    ]
+    return DataTable("Settings", columns, rows)
+
+
+def _percent(program: EngineProgram) -> float | None:
+    """Return a transfer error in percent of the motion."""
+    return None if program.error is None else 100 * program.error.share

@@ -140,6 +140,14 @@ class AcceleratedPath(SteppingPath):
         An exception means that the engine rejects the model, unless it is a machine's error.
         """
 
+    def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
+        """Return the sizes that the engine chooses for its buffers, for each simulation.
+
+        Names are `nconmax` (contacts) and `njmax` (constraints). It is empty where the engine has
+        no buffers to size; `compile` takes these names as options where it has.
+        """
+        return {}
+
     def environment(self) -> dict[str, str | None]:
         """Return environment variables to set before its process starts; None removes one."""
         return {}

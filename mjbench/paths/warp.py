@@ -61,12 +61,28 @@ class Warp(AcceleratedPath):
         mujoco_warp.put_model(model)
         return dict(vars(mujoco_warp.make_data(model)))
 
+    def default_buffer_sizes(self, model: mujoco.MjModel) -> dict[str, int]:
+        """Return the sizes that make_data chooses, for each world."""
+        import mujoco_warp
+
+        _print_warnings_only()
+        data = mujoco_warp.make_data(model)
+        return {"nconmax": int(data.naconmax), "njmax": int(data.njmax)}
+
     def compile(self, workload: Workload, options: Options, peaks: Peaks) -> Compiled:
-        """Compile all kernels by a first step, then capture one step as a graph."""
+        """Compile all kernels by a first step, then capture one step as a graph.
+
+        Args:
+          workload: to run.
+          options: sizes of buffers for each world, `nconmax` and `njmax`, where they are not to
+            follow from the peaks.
+          peaks: of the reference run.
+        """
         import warp as wp
 
         configure_warp()
-        buffer_sizes = warp_buffers.buffer_sizes(peaks, workload.nbatch)
+        given = {name: options[name] for name in ("nconmax", "njmax") if name in options}
+        buffer_sizes = warp_buffers.buffer_sizes(peaks, workload.nbatch, given)
         graph = _StepGraph(workload, buffer_sizes)
         device = wp.get_device()
         return Compiled(

@@ -3,6 +3,8 @@
 Both ways of calling MuJoCo Warp need this: by itself (`warp.py`) and from JAX (`mjx.py`).
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,12 +21,26 @@ _MIN_CONTACTS = 48
 _ITERATION_FLAGS = ("ITERATIONS", "LS_ITERATIONS")
 
 
-def buffer_sizes(peaks: Peaks, nbatch: int) -> dict[str, int]:
-    """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each."""
-    return {
-        "naconmax": nbatch * max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
+class OverflowedError(MachineError):
+    """One of MuJoCo Warp's buffers was too small."""
+
+
+def buffer_sizes(
+    peaks: Peaks, nbatch: int, given: Mapping[str, int] | None = None
+) -> dict[str, int]:
+    """Return buffer sizes by make_data's names: contacts of all worlds, constraints of each.
+
+    Args:
+      peaks: of the reference run.
+      nbatch: worlds.
+      given: `nconmax` and `njmax` of each world, where they are not to follow from the peaks.
+    """
+    sizes = {
+        "nconmax": max(_MIN_CONTACTS, _PEAK_FACTOR * peaks.contacts),
         "njmax": max(1, _PEAK_FACTOR * peaks.constraints),
+        **(given or {}),
     }
+    return {"naconmax": nbatch * sizes["nconmax"], "njmax": sizes["njmax"]}
 
 
 def read_contacts(
@@ -61,7 +77,7 @@ def check_overflow(flags: np.ndarray) -> None:
       flags: of each world, bits of MuJoCo Warp's OverflowType.
 
     Raises:
-      MachineError: a buffer overflowed; the message says which.
+      OverflowedError: a buffer overflowed; the message says which.
     """
     from mujoco_warp import OverflowType
 
@@ -70,4 +86,4 @@ def check_overflow(flags: np.ndarray) -> None:
     if overflowed:
         worlds = int(np.count_nonzero(flags & sum(f.value for f in overflowed)))
         names = ", ".join(str(f.name) for f in overflowed)
-        raise MachineError(f"buffers of Warp overflowed in {worlds} worlds: {names}")
+        raise OverflowedError(f"buffers of Warp overflowed in {worlds} worlds: {names}")

@@ -45,6 +45,7 @@ from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.status import Status
+from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
@@ -68,6 +69,7 @@ RECORD_TYPES: Mapping[str, type] = {
     OperationRatioRecord.record_type: OperationRatioRecord,
     ExplainRecord.record_type: ExplainRecord,
     TuneRecord.record_type: TuneRecord,
+    EngineTuneRecord.record_type: EngineTuneRecord,
 }
 
 
@@ -267,11 +269,12 @@ class EnvDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class TuneDocument:
-    """What `mjbench tune --json` writes."""
+    """What `mjbench tune --json` writes; `accelerated` is of --engine mjx or warp."""
 
     schema: int = SCHEMA
     machine: Machine
     results: Sequence[TuneRecord]
+    accelerated: Sequence[EngineTuneRecord] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

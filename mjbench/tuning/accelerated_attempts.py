@@ -1,0 +1,333 @@
+"""Try settings of MJX or Warp in a child process, each beside the present ones.
+
+One process compiles the present settings once and then one setting after the other. Both programs
+are timed in alternating blocks, so that the machine's drift affects them alike. A setting whose
+program crashes or never returns ends the process: the parent starts another one after it.
+"""
+
+import copy
+import dataclasses
+import pickle
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjbench import paths
+from mjbench.comparison.accelerated_run import COMPILER_PATIENCE
+from mjbench.errors import InputError, MachineError, describe, failure_of
+from mjbench.instrument import timing
+from mjbench.instrument.isolate import Channel
+from mjbench.paired.records import LaunchRow
+from mjbench.paths.accelerated import AcceleratedPath, Compiled, start_fields
+from mjbench.paths.warp_buffers import OverflowedError
+from mjbench.simulation import model_options, models, work, workload
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.work import Peaks
+from mjbench.simulation.workload import Workload
+from mjbench.status import Status
+from mjbench.tuning import accelerated_settings, distance, reference, trajectories
+from mjbench.tuning.accelerated_records import (
+    EngineAttempt,
+    EngineFacts,
+    EngineProgram,
+)
+from mjbench.tuning.accelerated_settings import EngineSetting
+from mjbench.tuning.distance import Distance, Motion
+from mjbench.tuning.reference import HOLD, TrialPlan
+from mjbench.tuning.settings import edits_of, label
+from mjbench.tuning.trajectories import Trajectories, Trials
+
+# Controls of a timed block, each held for HOLD steps.
+BLOCK_NCONTROL = 4
+# Seconds of timing that a setting gets, and quads at least and at most.
+TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
+
+
+@dataclass(frozen=True)
+class EngineBaselineRequest:
+    """Asks a child what settings of an engine are to be measured by.
+
+    Attributes:
+      source: of the model.
+      engine: path that steps it.
+      plan: of the trials.
+      nbatch: simulations of a batched step.
+      file: to write the pickled `EngineBaseline` to.
+    """
+
+    source: ModelSource
+    engine: str
+    plan: TrialPlan
+    nbatch: int
+    file: Path
+
+
+@dataclass(frozen=True)
+class Unsuited:
+    """From the child: the engine does not run this model here, for a reason in one line."""
+
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class EngineBaseline:
+    """C's runs with the present settings, and what an engine needs to repeat them.
+
+    Attributes:
+      trials: starts and controls, within the horizon.
+      runs: of C.
+      motion: how far the model moves.
+      peaks: contacts and constraints of any step.
+      default_sizes: of the engine's buffers (see `AcceleratedPath.default_buffer_sizes`).
+    """
+
+    trials: Trials
+    runs: Trajectories
+    motion: Motion
+    peaks: Peaks
+    default_sizes: dict[str, int]
+
+
+@dataclass(frozen=True)
+class LaunchRequest:
+    """Asks a child to try settings of an engine, one after the other.
+
+    Attributes:
+      source: of the model.
+      engine: path that steps it.
+      baseline_file: holds the pickled `EngineBaseline`.
+      settings: to try.
+      first: index of the first of them.
+      nbatch: simulations of a batched step.
+      has_errors: whether to measure transfer errors, beside times.
+      stop_after_s: seconds after which no other setting is begun.
+      limit_s: seconds of silence after which the child is killed; its compiler gets more.
+    """
+
+    source: ModelSource
+    engine: str
+    baseline_file: Path
+    settings: tuple[tuple[EngineSetting, ...], ...]
+    first: int
+    nbatch: int
+    has_errors: bool
+    stop_after_s: float
+    limit_s: float
+
+
+def accelerated_path(name: str) -> AcceleratedPath:
+    """Return a path that compiles.
+
+    Raises:
+      InputError: it does not compile, or there is none of this name.
+    """
+    path = paths.find(name)
+    if not isinstance(path, AcceleratedPath):
+        raise InputError(f"path {name} does not compile")
+    return path
+
+
+def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
+    """Run C; runs in a child. Sends `EngineFacts`, or `Unsuited`."""
+    path = accelerated_path(request.engine)
+    channel.doing(f"loading {request.source.name}")
+    model = models.load(request.source)
+    channel.doing(f"running {request.source.name} with its present settings")
+    full = reference.baseline(model, request.plan)
+    rounded = trajectories.run(model, _rounded(full.trials, path))
+    ncontrol = _horizon(model, full, rounded)
+    trials, runs = full.trials.first(ncontrol), reference.first(full.present, ncontrol)
+    repeated = _batch(model, trials, trials.nrun, trials.ncontrol)
+    reason = path.unavailable() or path.unsuited(repeated, {})
+    if reason:
+        channel.send(Unsuited(reason))
+        return
+    starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
+    sizes = path.default_buffer_sizes(model)
+    baseline = EngineBaseline(
+        trials,
+        runs,
+        distance.motion(model, starts_qpos, runs),
+        work.observe(repeated).peaks,
+        sizes,
+    )
+    request.file.write_bytes(pickle.dumps(baseline))
+    channel.send(
+        EngineFacts(
+            path.device_kind(),
+            path.precision,
+            trials.nrun,
+            ncontrol * trials.control_s,
+            ncontrol,
+            full.facts.starts,
+            _error(model, baseline, reference.first(rounded, ncontrol)),
+            accelerated_settings.to_try(model, baseline.peaks, sizes),
+        )
+    )
+
+
+def run_launch(request: LaunchRequest, channel: Channel) -> None:
+    """Try settings; runs in a child.
+
+    Sends the `EngineProgram` of the present settings, then an `EngineAttempt` for each setting; or
+    `Unsuited`.
+    """
+    begin = time.perf_counter()
+    model = models.load(request.source)
+    baseline: EngineBaseline = pickle.loads(request.baseline_file.read_bytes())
+    case = _Case(request, model, baseline, accelerated_path(request.engine), channel)
+    channel.doing("compiling the present settings")
+    try:
+        present = case.present()
+    except (NotImplementedError, TypeError, ValueError) as error:  # engines trace, then reject
+        reason = f"{case.path.engine} does not take this model: {describe(error)}"
+        channel.send(Unsuited(reason))
+        return
+    channel.send(present.program)
+    for index in range(request.first, len(request.settings)):
+        if time.perf_counter() - begin > request.stop_after_s:
+            break
+        settings = request.settings[index]
+        channel.doing(f"trying {label(settings)}", index)
+        try:
+            attempt = case.attempt(settings, present)
+        except Exception as error:  # engines reject settings with exceptions of any type
+            failure = failure_of(error)
+            attempt = EngineAttempt(settings, failure.status, failure.detail)
+        channel.send(attempt)
+
+
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """A compiled step, what is said of it, and the buffer sizes that it was asked to have."""
+
+    compiled: Compiled
+    program: EngineProgram
+    sizes: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class _Case:
+    """An engine with the model that it steps."""
+
+    request: LaunchRequest
+    model: mujoco.MjModel
+    baseline: EngineBaseline
+    path: AcceleratedPath
+    channel: Channel
+
+    def present(self) -> _Compiled:
+        """Return the present settings, with buffers of the engine's own sizes if they suffice."""
+        try:
+            return self._compiled((), self.baseline.default_sizes)
+        except OverflowedError:
+            return self._compiled((), {})
+
+    def attempt(self, settings: tuple[EngineSetting, ...], present: _Compiled) -> EngineAttempt:
+        """Return how settings did beside the present ones."""
+        sizes = {**present.sizes, **accelerated_settings.buffer_sizes_of(settings)}
+        other = self._compiled(settings, sizes)
+        samples = _timed(present.compiled, other.compiled, self.channel, self.request.limit_s)
+        other.compiled.verified_states()  # fails where a buffer is too small for the timed run
+        return EngineAttempt(settings, Status.OK, program=other.program, samples=samples)
+
+    def _compiled(self, settings: tuple[EngineSetting, ...], sizes: Mapping[str, int]) -> _Compiled:
+        """Compile settings, and measure how far their runs are from C's."""
+        trials, limit_s = self.baseline.trials, self.request.limit_s
+        changed = copy.copy(self.model)
+        for edit in edits_of(settings):
+            model_options.set_option(changed, edit.name, edit.value)
+        ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
+        block = _batch(changed, trials, self.request.nbatch, ncontrol)
+        self.channel.allow_silence(COMPILER_PATIENCE * limit_s)
+        compiled = self.path.compile(block, sizes, self.baseline.peaks)
+        error = None
+        if self.request.has_errors:
+            runs = _runs(compiled, block, trials, self.channel, limit_s)
+            error = _error(self.model, self.baseline, runs)
+        program = EngineProgram(
+            error, compiled.trace_s, compiled.compile_s, dict(compiled.buffer_sizes)
+        )
+        return _Compiled(compiled, program, sizes)
+
+
+def _rounded(trials: Trials, path: AcceleratedPath) -> Trials:
+    """Return trials as an engine of some precision receives them."""
+    return dataclasses.replace(
+        trials,
+        initial_state=trials.initial_state.astype(path.precision).astype(float),
+        control=trials.control.astype(path.precision).astype(float),
+    )
+
+
+def _horizon(model: mujoco.MjModel, full: reference.Baseline, rounded: Trajectories) -> int:
+    """Return for how many controls errors mean something, for C and for the engine's precision."""
+    apart = distance.shares_over_time(model, full.motion, rounded, full.present)
+    of_engine = reference.horizon(apart, np.zeros_like(apart))
+    return min(full.facts.horizon_ncontrol, of_engine)
+
+
+def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) -> Workload:
+    """Return a batch with the trials' starts; where they repeat, with other controls."""
+    i = np.arange(nbatch)
+    starts = trials.initial_state[i % trials.nrun]
+    control = trials.control[(i + i // trials.nrun) % trials.nrun, :ncontrol]
+    return Workload(model, starts, np.ascontiguousarray(control), HOLD, 0)
+
+
+def _runs(
+    compiled: Compiled, block: Workload, trials: Trials, channel: Channel, limit_s: float
+) -> Trajectories:
+    """Return an engine's runs of the trials, as many at a time as its batch has.
+
+    Raises:
+      MachineError: some do not end in finite numbers.
+    """
+    model, nrun = block.model, trials.nrun
+    qpos = np.empty((nrun, trials.ncontrol, model.nq))
+    qvel = np.empty((nrun, trials.ncontrol, model.nv))
+    for begin in range(0, nrun, block.nbatch):
+        rows = np.arange(begin, min(begin + block.nbatch, nrun))
+        filled = np.arange(begin, begin + block.nbatch) % nrun  # the program has a fixed size
+        starts = dataclasses.replace(block, initial_state=trials.initial_state[filled])
+        fields = start_fields(starts)
+        for k in range(trials.ncontrol):
+            control = np.zeros_like(block.control)
+            control[:, 0] = trials.control[filled, k]
+            channel.allow_silence(limit_s)
+            after = dict(compiled.advance(fields, control, HOLD).fields)
+            after.pop("ctrl", None)
+            fields |= after
+            qpos[rows, k] = fields["qpos"][: len(rows)]
+            qvel[rows, k] = fields["qvel"][: len(rows)]
+    is_finite = np.isfinite(qpos).all(axis=(1, 2)) & np.isfinite(qvel).all(axis=(1, 2))
+    lost = np.asarray(~is_finite)
+    if lost.any():
+        raise MachineError(f"diverges in {int(lost.sum())} of {nrun} runs")
+    return Trajectories(qpos, qvel, np.empty((nrun, 0, 0)), lost)
+
+
+def _error(model: mujoco.MjModel, baseline: EngineBaseline, runs: Trajectories) -> Distance:
+    """Return how far runs are from C's."""
+    return distance.distance(model, baseline.motion, runs, baseline.runs)
+
+
+def _timed(present: Compiled, other: Compiled, channel: Channel, limit_s: float) -> LaunchRow:
+    """Time two programs in alternating blocks."""
+
+    def clear() -> None:
+        present.clear()
+        other.clear()
+
+    channel.allow_silence(2 * limit_s)
+    warm_s = [timing.block_s(timing.Contender(each.run, clear)) for each in (present, other)]
+    quads = int(np.clip(TIMED_S / (2 * sum(warm_s)), MIN_QUADS, MAX_QUADS))
+    orders, seconds = timing.draw_orders(quads), []
+    for order in orders:
+        channel.allow_silence(4 * limit_s)
+        seconds += timing.block_times(present.run, other.run, [order], before=clear)
+    return LaunchRow(None, None, orders, [[round(1e9 * s) for s in quad] for quad in seconds])

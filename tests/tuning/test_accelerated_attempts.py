@@ -1,0 +1,165 @@
+"""Settings of an engine that compiles, tried in children: errors from C, failures, MJX itself."""
+
+import os
+
+import pytest
+from commands import PYTHONPATH
+from pretender import available
+
+from mjbench.errors import MachineError, UnavailableError
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.simulation import models
+from mjbench.simulation.starts import StartPlan
+from mjbench.simulation.work import Peaks
+from mjbench.status import Status
+from mjbench.tuning import accelerated_settings
+from mjbench.tuning.accelerated_measurements import EngineOnThisMachine
+from mjbench.tuning.accelerated_settings import EngineSetting
+from mjbench.tuning.reference import TrialPlan
+from mjbench.tuning.settings import Edit, Part, label
+
+PLAN = TrialPlan(0, StartPlan(), horizon_ncontrol=4)
+# C under another name; it crashes, rejects or overflows with some settings.
+ENGINES = """
+import os
+from mjbench.paths.warp_buffers import OverflowedError
+from pretender import Pretender
+
+class Faulty(Pretender):
+    name = "faulty:Faulty"
+    def default_buffer_sizes(self, model):
+        return {"nconmax": 4, "njmax": 400}
+    def compile(self, work, options, peaks):
+        if work.model.opt.iterations == 2:
+            os._exit(3)
+        if work.model.opt.iterations == 4:
+            raise NotImplementedError("four")
+        if options.get("nconmax", 100) < 8:
+            raise OverflowedError("overflowed")
+        return super().compile(work, options, peaks)
+
+class Picky(Pretender):
+    name = "faulty:Picky"
+    def compile(self, work, options, peaks):
+        raise NotImplementedError("no contact")
+
+class Needy(Pretender):
+    name = "faulty:Needy"
+    packages = ("a_package_that_nobody_has",)
+
+class Divergent(Pretender):
+    name = "faulty:Divergent"
+    def __init__(self):
+        super().__init__("nan")
+"""
+
+
+def option(name, value):
+    return EngineSetting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),))
+
+
+@pytest.fixture
+def on(tmp_path, monkeypatch):
+    (tmp_path / "faulty.py").write_text(ENGINES)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{PYTHONPATH}")
+    with WorkerPool() as pool:
+
+        def measurements(engine, model="cube_table", nbatch=24, limit_s=60.0):
+            return EngineOnThisMachine(pool, models.resolve(model), engine, nbatch, limit_s)
+
+        yield measurements
+
+
+def tried(measurements, *settings, **keywords):
+    attempts = []
+    present = measurements.launch([(each,) for each in settings], attempts.append, **keywords)
+    return present, {label(each.settings): each for each in attempts}
+
+
+def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on):
+    engine = on("pretender:Pretender")
+    facts = engine.baseline(PLAN)
+    assert facts.rounding.share == 0.0  # this engine computes in float64
+    assert facts.horizon_ncontrol == 4
+    present, attempts = tried(
+        engine, option("iterations", "1"), option("iterations", "99"), option("solver", "CG")
+    )
+    assert present.error is not None and present.error.share == 0.0
+    assert attempts["iterations=99"].error_share == 0.0
+    assert attempts["iterations=1"].error_share > 1e-6
+    assert attempts["solver=CG"].error_share > 0.0
+    assert attempts["solver=CG"].time_ratio is not None
+
+
+def test_a_setting_that_crashes_or_is_rejected_is_one_row_and_the_others_go_on(on):
+    engine = on("faulty:Faulty")
+    engine.baseline(PLAN)
+    numbers = ("4", "2", "99")
+    present, attempts = tried(engine, *(option("iterations", number) for number in numbers))
+    assert present.error is not None and present.error.share == 0.0
+    assert attempts["iterations=2"].status == Status.CRASHED
+    assert "while trying iterations=2" in attempts["iterations=2"].detail
+    assert attempts["iterations=4"].status == Status.FAILED
+    assert "four" in attempts["iterations=4"].detail
+    assert attempts["iterations=99"].status == Status.OK
+
+
+def test_a_buffer_that_is_too_small_fails_and_the_engine_s_own_is_replaced(on):
+    """The engine's own sizes overflow, so the present settings get room for what C needs."""
+    engine = on("faulty:Faulty")
+    facts = engine.baseline(PLAN)
+    sizes = {each.label: each.buffer_sizes for each in facts.settings if each.buffer_sizes}
+    assert sizes == {"njmax=64": {"njmax": 64}}  # not nconmax, of which there are only 4
+    small = EngineSetting("nconmax", "nconmax=7", buffer_sizes={"nconmax": 7})
+    large = EngineSetting("nconmax", "nconmax=9", buffer_sizes={"nconmax": 9})
+    _, attempts = tried(engine, small, large, has_errors=False)
+    assert attempts["nconmax=7"].detail == "overflowed"
+    assert attempts["nconmax=9"].status == Status.OK
+    assert attempts["nconmax=9"].error_share is None
+
+
+def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(on):
+    picky = on("faulty:Picky")
+    picky.baseline(PLAN)
+    with pytest.raises(UnavailableError, match=r"does not take this model: .*no contact"):
+        tried(picky)
+    with pytest.raises(UnavailableError, match="a_package_that_nobody_has"):
+        on("faulty:Needy").baseline(PLAN)
+    divergent = on("faulty:Divergent")
+    divergent.baseline(PLAN)
+    with pytest.raises(MachineError, match="diverges in 3 of 64 runs"):
+        tried(divergent)
+
+
+def test_nothing_is_begun_after_its_time(on):
+    engine = on("pretender:Pretender", model="cartpole")
+    engine.baseline(PLAN)
+    _, attempts = tried(engine, option("solver", "CG"), stop_after_s=0.0)
+    assert attempts == {}
+
+
+def test_mjx_transfers_within_rounding_on_the_cart_pole(on):
+    available("mjx")
+    engine = on("mjx", model="cartpole", nbatch=16)
+    facts = engine.baseline(PLAN)
+    present, attempts = tried(engine, option("iterations", "1"))
+    (attempt,) = attempts.values()
+    for program in (present, attempt.program):
+        assert program.error.share < 100 * facts.rounding.share < 1e-3
+        assert program.compile_s > 0 and program.trace_s > 0
+    assert attempt.time_ratio > 0
+
+
+def test_settings_to_try_are_below_the_present_ones_or_others_than_those():
+    model = models.load(models.resolve("cube_table"))
+    model.opt.iterations = 5
+    settings = accelerated_settings.to_try(model, Peaks(8, 32), {"nconmax": 48, "njmax": 60})
+    texts = [each.label for each in settings]
+    assert {"iterations=4", "iterations=3", "solver=CG", "nconmax=16"} <= set(texts)
+    assert not {"iterations=6", "iterations=8", "solver=Newton", "njmax=64"} & set(texts)
+    assert {"jacobian=dense", "jacobian=sparse"} <= set(texts)
+    assert texts[0].startswith("iterations") and texts[1].startswith("ls_iterations")
+    model.opt.jacobian = 0
+    without = accelerated_settings.to_try(model, Peaks(8, 32), {})
+    assert not {"jacobian=dense", "nconmax=16"} & {each.label for each in without}
