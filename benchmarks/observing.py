@@ -2,11 +2,11 @@
 
     python -m benchmarks.observing [PROGRAM …] [--seconds S] [--rounds N] [--rate HZ]
 
-runs programs alone and under `mjbench run`, in turns. A program is a model's name, for a loop around
-`mj_step` with a small observation; or `processes`, for a loop that waits for four processes, each of
-which steps the humanoid 20 times. It says how many steps it did in so many seconds. The table has,
-for each program, what observing costs with its 95 % interval, what `mjbench run` itself says that it
-costs, and the time of the samples of the main loop as a share of the loop's own.
+runs programs alone and under `mjbench run`, in turns. A program is a model's name, for a loop
+around `mj_step` with a small observation; or `processes`, for a loop that waits for four processes,
+each of which steps the humanoid 20 times. It says how many steps it did in so many seconds. The
+table has, for each program, what observing costs with its 95 % interval, what `mjbench run` itself
+says that it costs, and the time of the samples of the main loop as a share of the loop's own.
 """
 
 import argparse
@@ -146,9 +146,7 @@ def _observed(program_command: Sequence[str], folder: Path, rate: Sequence[str])
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     elapsed_s, nstep = map(float, done.stdout.split())
     (row,) = json.loads(document.read_text())["results"]
-    sampled_s = sum(
-        loop["time"]["seconds"] for loop in row["loops"] if loop["time"]["in_main"]
-    )
+    sampled_s = sum(loop["time"]["seconds"] for loop in row["loops"] if loop["time"]["in_main"])
     cost_share = (row["paused_share"] or 0.0) + max(each["cost_share"] for each in row["steps"])
     return Observed(elapsed_s / nstep, cost_share, sampled_s / elapsed_s)
 

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 from mjbench.status import Status
 from mjbench.tuning.attempts import Effect
+from mjbench.tuning.records import NO_ERROR
 
 if TYPE_CHECKING:
     from benchmarks.tuning import Promise, TunedModel, TuningTally
 
-_HEADINGS = ("model", "same results", "within tolerance", "no larger error", "settings")
+_HEADINGS = ("model", "same results", "within tolerance", "error allowed", "settings")
 
 
 def page(tally: "TuningTally") -> str:
@@ -62,7 +63,8 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
     yield (
         f"On the median of {len(searched)} models, `mjbench tune` makes a step {free:.2f} times as"
         f" fast with the same results, {exact:.2f} times within the solver's tolerance, and"
-        f" {best:.2f} times with no larger error than the model has now. {held} of {len(promises)}"
+        f" {best:.2f} times with an error that is no larger than the model has now, or at most"
+        f" {100 * NO_ERROR:g} % of the motion. {held} of {len(promises)}"
         " recommendations kept their promise from further starts."
     )
     yield ""

@@ -41,14 +41,18 @@ class _ProgramCommand(click.Command):
 
 def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "ProgramRow":
     """Return the row, with what the remedies of its first loop save."""
-    from mjbench.program import confirm
+    from mjbench.instrument import machine
+    from mjbench.program import confirm, remedies
 
     if not row.loops:
         return row
-    remedies = row.loops[0].remedies
+    tried = list(row.loops[0].remedies)
+    copies = remedies.copies(row.steps, machine.usable_cores())
+    if copies is not None:
+        tried.append(copies)
     try:
-        with context.progress(confirm.most_runs(remedies)) as advance:
-            confirmed = confirm.confirm(program, remedies, advance)
+        with context.progress(confirm.most_runs(tried)) as advance:
+            confirmed = confirm.confirm(program, tried, advance)
     except KeyboardInterrupt:
         context.interrupt()
         return row

@@ -16,6 +16,7 @@ from mjbench.cli.shared import (
     SEED,
     STARTS,
     WAIT,
+    Names,
     Seconds,
     Share,
     start_plan,
@@ -54,6 +55,12 @@ NBATCH = 64
     " the motion  [default: approximate]",
 )
 @click.option(
+    "--skip",
+    type=Names(),
+    metavar="KNOB,…",
+    help="Knobs to leave alone, such as excludes,timestep",
+)
+@click.option(
     "--max-error",
     type=Share(below=10.0),
     help="The largest error of nine runs in ten, in percent of the motion  [default: that of the"
@@ -73,15 +80,24 @@ NBATCH = 64
     metavar="FILE",
     help="Write a copy of the MJCF file with the fastest settings recommended",
 )
+@click.option(
+    "--hold",
+    type=COUNT,
+    default=8,
+    show_default=True,
+    help="Steps for which each control is held; timesteps must divide that time",
+)
 @with_options(SEED, *STARTS, LIMIT, RESULTS, WAIT, JSON)
 def tune(
     names: tuple[str, ...],
     engine: str,
     nbatch: int | None,
     only: str | None,
+    skip: list[str] | None,
     max_error: float | None,
     budget_s: float,
     target: str | None,
+    hold: int,
     seed: int,
     settle_s: float | None,
     states_file: Path | None,
@@ -111,6 +127,7 @@ def tune(
     from mjbench.report import tuning, tuning_accelerated
     from mjbench.report.documents import TuneDocument
     from mjbench.simulation import models
+    from mjbench.tuning import knobs
     from mjbench.tuning.accelerated_search import tune_engine
     from mjbench.tuning.attempts import Effect
     from mjbench.tuning.records import TuneRecord
@@ -119,9 +136,11 @@ def tune(
 
     sources = [models.resolve(name) for name in names]
     starts = start_plan(settle_s, states_file, actions_file)
-    _check_engine(engine, nbatch, only)
+    _check_engine(engine, nbatch, only, skip)
     nbatch = nbatch or NBATCH
-    plan = SearchPlan(seed, starts, budget_s, max_error, Effect(only or Effect.APPROXIMATE))
+    effect = Effect(only or Effect.APPROXIMATE)
+    skipped = knobs.known(skip or ())
+    plan = SearchPlan(seed, starts, budget_s, max_error, effect, hold, skipped)
     files = [*(source.path for source in sources), *starts.files]
     if target is not None and len(sources) > 1:
         raise InputError("--write takes one model")
@@ -156,16 +175,20 @@ def tune(
     run.exit([*(each.status for each in of_c), *(each.status for each in accelerated)])
 
 
-def _check_engine(engine: str, nbatch: int | None, only: str | None) -> None:
+def _check_engine(
+    engine: str, nbatch: int | None, only: str | None, skip: list[str] | None
+) -> None:
     """Refuse options that another engine has.
 
     Raises:
       InputError: there is one.
     """
     if engine == "c" and nbatch is not None:
-        raise InputError("--nbatch is of --engine mjx and warp")
+        raise InputError("--nbatch needs --engine mjx or warp")
     if engine != "c" and only is not None:
-        raise InputError("--only is of --engine c: settings of MJX and Warp have --max-error")
+        raise InputError("--only works with --engine c; use --max-error instead")
+    if engine != "c" and skip is not None:
+        raise InputError("--skip works with --engine c")
 
 
 def _see_whether_writable(output: OutputFile) -> None:

@@ -2,11 +2,12 @@
 
 import tempfile
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError, MjbenchError
-from mjbench.instrument import stats
+from mjbench.instrument import machine, stats
 from mjbench.loop import lint_fixes
 from mjbench.program import launch
 from mjbench.program.hook import step_clock
@@ -36,10 +37,19 @@ class Trial:
     Attributes:
       change: that the step clock applies; "" for none.
       source: file that is run in the program's place; None for its own.
+      copies: of the program that run at once.
     """
 
     change: str = ""
     source: Path | None = None
+    copies: int = 1
+
+    @property
+    def name(self) -> str:
+        """What people read while it runs."""
+        if self.copies > 1:
+            return f"{self.copies} copies at once"
+        return self.change or "the program again"
 
 
 def confirm(
@@ -74,8 +84,12 @@ def confirm(
 
 
 def most_runs(remedies: Sequence[Remedy]) -> int:
-    """Return how often `confirm` runs a program, at most."""
-    kinds = {remedy.kind for remedy in remedies if remedy.kind in _CHANGES}
+    """Return how often `confirm` runs a program, at most; copies that run at once count once."""
+    kinds = {
+        remedy.kind
+        for remedy in remedies
+        if remedy.kind in _CHANGES or remedy.kind == RemedyKind.COPIES
+    }
     has_fixes = any(remedy.code and remedy.gain is not None for remedy in remedies)
     return ROUNDS * (1 + len(kinds) + has_fixes)
 
@@ -102,6 +116,8 @@ def _trial(
     """Return how the program runs with a remedy; None where mjbench cannot apply it."""
     if remedy.kind in _CHANGES:
         return Trial(_CHANGES[remedy.kind], original)
+    if remedy.kind == RemedyKind.COPIES:
+        return Trial(source=original, copies=machine.usable_cores())
     is_own = remedy.place is not None and Path(remedy.place.file).name == program.name
     if remedy.code and remedy.gain is not None and is_own and fixed is not None:
         return Trial(source=fixed)
@@ -116,17 +132,28 @@ def _seconds_per_step(
     for number in range(ROUNDS):
         # every other round goes backward: a drift of the machine favours none
         for i, trial in enumerate(trials if number % 2 == 0 else trials[::-1]):
-            advance(number * len(trials) + i, trial.change or "the program again", 0.0)
+            advance(number * len(trials) + i, trial.name, 0.0)
             if len(seconds[trial]) < number:
                 continue  # it has failed
             try:
-                steps = run(trial.change, trial.source)
+                steps = _run_copies(run, trial)
             except MjbenchError:
                 continue
             rate = sum(each.steps_per_s or 0.0 for each in steps)
             if rate > 0:
                 seconds[trial].append(1 / rate)
     return seconds
+
+
+def _run_copies(run: Run, trial: Trial) -> list[StepTimes]:
+    """Run all copies of a trial at once; return the steps of all their processes.
+
+    Raises:
+      MjbenchError: one of them failed.
+    """
+    with ThreadPoolExecutor(trial.copies) as pool:
+        running = [pool.submit(run, trial.change, trial.source) for _ in range(trial.copies)]
+        return [each for done in running for each in done.result()]
 
 
 def _confirmed(unchanged_s: Sequence[float], changed_s: Sequence[float]) -> Confirmed:

@@ -36,6 +36,8 @@ class RemedyKind(enum.StrEnum):
     """Python's garbage collector."""
     ACTIVITY = "activity"
     """An activity as a whole."""
+    COPIES = "copies"
+    """How many copies of the program run at once; not listed before it is measured."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,8 @@ class Remedy:
         """Where it stands: wrong results, then by gain; last what did not help when tried."""
         if self.gain is None:
             return 0, 0.0
+        if self.kind == RemedyKind.COPIES:  # it makes no copy faster
+            return 3, 0.0
         if self.confirmed is None:
             return 1, -self.gain
         return (1, -self.confirmed.gain) if self.confirmed.is_certain else (2, -self.gain)
@@ -139,9 +143,27 @@ def remedies(loop: LoopTime, steps: Sequence[StepTimes]) -> list[Remedy]:
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
 
 
+def copies(steps: Sequence[StepTimes], cores: int) -> Remedy | None:
+    """Return what to do with cores that the program leaves idle; None where it uses several.
+
+    Args:
+      steps: of all processes.
+      cores: that the program may use.
+    """
+    if cores < 2 or sum(each.step is not None for each in steps) != 1:
+        return None
+    text = f"run {cores} processes at once, such as environments of a vectorised one"
+    bound = 1 - 1 / cores
+    return Remedy(RemedyKind.COPIES, Activity.PHYSICS, None, text, bound, None)
+
+
 def first(listed: Sequence[Remedy]) -> Remedy | None:
-    """Return the most important remedy that is certain: not by chance, and not refuted."""
-    return next((remedy for remedy in listed if remedy.is_certain), None)
+    """Return the most important remedy that is certain: not by chance, and not refuted.
+
+    Copies of the program are none: they do more, and each no faster.
+    """
+    certain = (each for each in listed if each.is_certain and each.kind != RemedyKind.COPIES)
+    return next(certain, None)
 
 
 def _findings(files: Sequence[str]) -> Mapping[tuple[str, int], Finding]:

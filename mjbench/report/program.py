@@ -10,7 +10,7 @@ from mjbench.program import remedies
 from mjbench.program.activities import Activity
 from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
-from mjbench.program.remedies import Remedy
+from mjbench.program.remedies import Remedy, RemedyKind
 from mjbench.program.step_times import Durations, StepTimes
 from mjbench.report import tables
 from mjbench.status import Status
@@ -157,6 +157,9 @@ def saving(remedy: Remedy) -> str:
     """Return what a remedy saves, in a few words."""
     if remedy.confirmed is not None:
         sure = remedy.confirmed
+        if remedy.kind == RemedyKind.COPIES:
+            low, median, high = (1 / (1 - gain) for gain in (sure.low, sure.gain, sure.high))
+            return f"{median:.2f}× the steps, measured ({low:.2f} to {high:.2f})"
         if not sure.is_certain:
             return f"not confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
         return f"{percent(sure.gain)}, confirmed ({_signed(sure.low)} to {_signed(sure.high)})"

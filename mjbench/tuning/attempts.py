@@ -6,7 +6,7 @@ measured within that process, which is good for choosing what to look at again, 
 
 import enum
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from mjbench.status import Status
 from mjbench.tuning import distance, reference, trajectories, variants
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.physics import Physics, physics
-from mjbench.tuning.reference import HOLD, Baseline, Present, TrialPlan
+from mjbench.tuning.reference import Baseline, Present, TrialPlan
 from mjbench.tuning.settings import Setting, edits_of, path_options_of
 from mjbench.tuning.trajectories import Trajectories, Trials
 
@@ -32,11 +32,6 @@ from mjbench.tuning.trajectories import Trajectories, Trials
 BLOCK_S, QUADS = 0.002, 25
 # Controls of each run in such a block.
 BLOCK_NCONTROL = 2
-# A setting is as near to the present ones as their own solver if its distance is at most this many
-# times that of a converged solver,
-SOLVER_FACTOR = 2.0
-# or this many times that of starts that differ in the last place: a run rounds in every step.
-ROUNDING_FACTOR = 100.0
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0
 
@@ -200,8 +195,10 @@ def run_attempt(request: AttemptRequest, channel: Channel) -> None:
         raise InputError(f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} runs")
     accuracy = judged(model, baseline, runs)
     save(changed, request.model_file)
-    channel.doing("timing the model")
     options = path_options_of(request.settings)
+    if options and len(request.settings) == 1:  # together, they are known to change nothing
+        _check_loop(changed, options, baseline.trials, runs)
+    channel.doing("timing the model")
     ratio = None
     if request.quads:
         ratio = _time_ratio(model, changed, options, baseline, request.quads)
@@ -226,9 +223,9 @@ def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Acc
     if runs.is_identical(baseline.present):
         effect = Effect.FREE
     else:
-        facts = baseline.facts
-        nearest = max(SOLVER_FACTOR * facts.solver.share, ROUNDING_FACTOR * facts.rounding.share)
-        is_near = apart.share <= min(nearest, facts.error.share)
+        over_time = distance.bounds_over_time(model, scale, within, present)
+        is_near = bool(np.all(over_time <= baseline.unavoidable))
+        is_near = is_near and apart.share <= baseline.facts.error.share
         effect = Effect.EQUIVALENT if is_near else Effect.APPROXIMATE
     return Accuracy(
         effect,
@@ -268,33 +265,68 @@ def _time_ratio(
     """
     trials = baseline.trials
     ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
-    run_s = ncontrol * HOLD * work.step_s(model, trials.initial_state[0])
+    hold = trajectories.steps_per_control(model, trials.control_s)
+    run_s = ncontrol * hold * work.step_s(model, trials.initial_state[0])
     nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
     rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
     drawn = trials.only(rows).first(ncontrol)
-    path = paths.find(path_of(options))
-    present, other = _block(model, path, {}, drawn), _block(changed, path, options, drawn)
-    for block in (present, other):
-        block()
+    present, other = (
+        _prepared(of_model, drawn, hold, of_loop, options)
+        for of_model, of_loop in ((model, {}), (changed, options))
+    )
+    for each in (present, other):
+        each.run()
     orders = timing.draw_orders(quads)
-    seconds = np.array(timing.block_times(present, other, orders))
+    seconds = np.array(timing.block_times(present.run, other.run, orders))
     of_steps = float(np.exp(stats.paired_log_ratio(orders, seconds)))
     return of_steps * float(model.opt.timestep) / float(changed.opt.timestep)
 
 
-def _block(
+def _check_loop(
     model: mujoco.MjModel,
-    path: paths.SteppingPath,
     options: dict[str, str | int],
     trials: Trials,
-) -> Callable[[], None]:
-    """Return a block that does the trials by a path.
+    runs: Trajectories,
+) -> None:
+    """Refuse options of the loop with which it reaches other states.
+
+    Args:
+      model: to step.
+      options: of the loop.
+      trials: starts and controls.
+      runs: of them by a plain loop.
+
+    Raises:
+      InputError: a final state differs in a bit.
+    """
+    hold = trajectories.steps_per_control(model, trials.control_s)
+    prepared = _prepared(model, trials, hold, options, options)
+    if not np.array_equal(prepared.verified_states().values, runs.points[:, -1]):
+        raise InputError("the loop reaches other final states with it")
+
+
+def _prepared(
+    model: mujoco.MjModel,
+    trials: Trials,
+    hold: int,
+    options: dict[str, str | int],
+    of_path: dict[str, str | int],
+) -> paths.Prepared:
+    """Return what does the trials in a loop.
+
+    Args:
+      model: to step.
+      trials: starts and controls.
+      hold: steps for which each control is held.
+      options: of the loop.
+      of_path: options that decide which path it is.
 
     Raises:
       InputError: the path cannot run here.
     """
-    drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), HOLD, 0)
+    drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
+    path = paths.find(path_of(of_path))
     reason = path.unavailable() or path.unsuited(drawn, options)
     if reason:
         raise InputError(reason)
-    return path.prepare(drawn, path.complete(options), paths.Resources(drawn)).run
+    return path.prepare(drawn, path.complete(options), paths.Resources(drawn))

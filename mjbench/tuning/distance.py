@@ -109,6 +109,13 @@ def shares_over_time(
     return _share(scale, _rms_by_unit(errors, scale.is_rad))
 
 
+def bounds_over_time(
+    model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
+) -> np.ndarray:
+    """Return (ncontrol,) what nine runs in ten do not exceed at the end of each control."""
+    return np.array([bound(column) for column in shares_over_time(model, scale, runs, reference).T])
+
+
 def shares(
     model: mujoco.MjModel, scale: Motion, runs: Trajectories, reference: Trajectories
 ) -> np.ndarray:

@@ -7,6 +7,7 @@ release has. To add one, write a row of KNOBS.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from mjbench.errors import InputError, shown, suggestion
 from mjbench.tuning import knob_values as values
 from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import Observed
@@ -63,15 +64,15 @@ KNOBS: Sequence[Knob] = (
         (),
         "Nothing but mjData.timer.",
         "3.3.1",
-        "a step reads it around every stage",
+        "a step reads the clock before and after every stage",
     ),
     Knob(
         "unused features",
         values.unused_features,
         (),
-        "Nothing, as long as the model has none of them.",
+        "Nothing, until the model or the program adds one: MuJoCo then ignores it.",
         _OLDEST,
-        "no look for them",
+        "a step skips them",
     ),
     Knob(
         "jacobian",
@@ -91,7 +92,7 @@ KNOBS: Sequence[Knob] = (
         "island",
         values.flag("island", values.has_islands),
         _CONSTRAINTS,
-        "Constraint forces, within the solver's tolerance.",
+        "Constraint forces, within the solver's tolerance if it converges.",
         "3.0.0",
     ),
     Knob(
@@ -127,7 +128,7 @@ KNOBS: Sequence[Knob] = (
         "warmstart",
         values.flag("warmstart", _has_constraints),
         _SOLVER,
-        "Constraint forces, within the solver's tolerance.",
+        "Constraint forces, within the solver's tolerance if it converges.",
         _OLDEST,
     ),
     Knob(
@@ -141,14 +142,14 @@ KNOBS: Sequence[Knob] = (
         "tolerance",
         values.coarser("tolerance", (1e-6, 1e-5, 1e-4), _has_constraints),
         _SOLVER,
-        "Constraint forces, within the tolerance.",
+        "Constraint forces: the solver stops at the new tolerance.",
         _OLDEST,
     ),
     Knob(
         "solver",
         values.keywords("solver", ("Newton", "CG", "PGS"), _has_constraints),
         _CONSTRAINTS,
-        "Constraint forces, as far as the other algorithm converges less.",
+        "Constraint forces, where the new solver converges less far.",
         _OLDEST,
     ),
     Knob(
@@ -183,7 +184,7 @@ KNOBS: Sequence[Knob] = (
         "ccd_tolerance",
         values.coarser("ccd_tolerance", (1e-5, 1e-4, 1e-3), _is_convex),
         ("narrow-phase collision",),
-        "Contacts of meshes, cylinders and ellipsoids, within the tolerance.",
+        "Contacts of meshes, cylinders and ellipsoids, to the new tolerance.",
         "3.2.3",
     ),
     Knob(
@@ -239,7 +240,7 @@ KNOBS: Sequence[Knob] = (
         "visual geoms",
         values.no_visual_geoms,
         ("kinematics",),
-        "Nothing but what is drawn, and what rays hit.",
+        "What is drawn and what rays hit; other geoms get new ids.",
         _OLDEST,
     ),
     Knob(
@@ -270,7 +271,7 @@ KNOBS: Sequence[Knob] = (
         (),
         "All motion: integration errors grow, and contacts become softer.",
         _OLDEST,
-        "fewer steps in a second",
+        "fewer steps per simulated second",
     ),
 )
 
@@ -279,6 +280,21 @@ def settings(observed: Observed) -> dict[str, tuple[Setting, ...]]:
     """Return the settings worth trying by the name of their knob, in the order of the table."""
     offered = {knob.name: tuple(knob.values(observed)) for knob in KNOBS}
     return {name: some for name, some in offered.items() if some}
+
+
+def known(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of knobs.
+
+    Raises:
+      InputError: there is no knob of a name.
+    """
+    every = [knob.name for knob in KNOBS]
+    for name in names:
+        if name not in every:
+            raise InputError(
+                f"no knob {shown(name)}{suggestion(name, every)}; the knobs are {', '.join(every)}"
+            )
+    return tuple(names)
 
 
 def find(name: str) -> Knob:

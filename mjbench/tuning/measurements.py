@@ -19,7 +19,7 @@ from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import attempts
 from mjbench.tuning.attempts import Attempt, AttemptRequest, BaselineRequest
-from mjbench.tuning.reference import Present, TrialPlan
+from mjbench.tuning.reference import HOLD, Present, TrialPlan
 from mjbench.tuning.settings import Setting, label, path_options_of
 
 # Smallest gain that counts, and the confidence of a comparison.
@@ -81,6 +81,7 @@ class OnThisMachine:
         pool: WorkerPool,
         source: ModelSource,
         starts: StartPlan,
+        hold: int = HOLD,
         limit_s: float = attempts.SILENCE_S,
         on_launch: Callable[[Judgement], None] = lambda judgement: None,
     ):
@@ -90,11 +91,12 @@ class OnThisMachine:
           pool: starts the processes of comparisons, and holds the files.
           source: of the model.
           starts: where start states are to come from.
+          hold: steps for which each control is held.
           limit_s: seconds of silence after which an attempt is killed.
           on_launch: called after each launch of a comparison.
         """
         self._pool, self._source, self._starts = pool, source, starts
-        self._limit_s, self._on_launch = limit_s, on_launch
+        self._hold, self._limit_s, self._on_launch = hold, limit_s, on_launch
         self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
         # By the label of settings: the changed model, and its timestep over the present one.
         self._changed: dict[str, tuple[Path, float]] = {}
@@ -140,7 +142,7 @@ class OnThisMachine:
             CONFIDENCE,
             MIN_EFFECT / 2,
             time_limit_s,
-            Sizes(seed=seed, starts=self._starts),
+            Sizes(seed=seed, starts=self._starts, hold=self._hold),
             as_shipped=True,  # one build against itself
         )
         result = verdict.decide(self._pool, baseline, candidate, plan, self._on_launch)

@@ -25,7 +25,8 @@ from mjbench.tuning.trajectories import Trajectories, Trials
 
 # The reference's timestep is the model's, divided by this.
 REFINEMENT = 8
-# Steps for which each control is held: a timestep that is larger by 2, 4 or 8 divides it, too.
+# Steps for which each control is held, unless the user says otherwise: a timestep that is larger by
+# 2, 4 or 8 divides it, too.
 HOLD = 8
 # Runs from which settings are tried: `distance.bound` leaves out the largest errors of so many.
 NRUN = 64
@@ -39,6 +40,13 @@ TOLERANCE, ITERATIONS, LS_ITERATIONS = 1e-15, 200, 100
 MOST_SHARE = 0.1
 # or where rounding has grown to this share of that error, or of the motion if that is more.
 ROUNDING_OF_ERROR, ROUNDING_OF_MOTION = 0.01, 1e-9
+# Settings are equivalent to the present ones if their distance is at most this many times that of a
+# converged solver,
+SOLVER_FACTOR = 2.0
+# or this many times that of starts that differ in the last place, since a run rounds in every step,
+ROUNDING_FACTOR = 100.0
+# or this share of the motion.
+LEAST_DISTANCE = 1e-12
 # A unit in the last place of numbers around 1: what rounding changes.
 _ULP = float(np.finfo(float).eps)
 
@@ -51,11 +59,13 @@ class TrialPlan:
       seed: of both.
       starts: where start states are to come from.
       horizon_ncontrol: controls of a run, where the horizon is known; None to look for it.
+      hold: steps for which each control is held.
     """
 
     seed: int
     starts: StartPlan
     horizon_ncontrol: int | None = None
+    hold: int = HOLD
 
 
 @dataclass(frozen=True)
@@ -100,6 +110,9 @@ class Baseline:
       motion: how far the model moves within the horizon.
       present: runs with the present settings.
       reference: of the converged model, within the horizon.
+      unavoidable: (ncontrol,) how far runs with present settings are from themselves at the end of
+        each control of the horizon, as shares of the motion: what their solver's tolerance and
+        rounding make, as `equivalent_share` has it.
       facts: what is said of them.
     """
 
@@ -107,6 +120,7 @@ class Baseline:
     motion: Motion
     present: Trajectories
     reference: Trajectories
+    unavoidable: np.ndarray
     facts: Present
 
     def only(self, nrun: int) -> "Baseline":
@@ -165,7 +179,13 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         physics=physics(model, trials.initial_state, present.points),
         reference_physics=physics(model, trials.initial_state, reference.points),
     )
-    return Baseline(trials, scale, present, within, facts)
+    unavoidable = equivalent_share(
+        *(
+            distance.bounds_over_time(model, scale, first(runs, ncontrol), first(present, ncontrol))
+            for runs in (solver, twin)
+        )
+    )
+    return Baseline(trials, scale, present, within, unavoidable, facts)
 
 
 def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
@@ -174,16 +194,16 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     Raises:
       InputError: every simulation diverges, or a file is unfit.
     """
-    control_s = HOLD * float(model.opt.timestep)
+    control_s = plan.hold * float(model.opt.timestep)
     step_s = sampling.settled_step_s(model)
-    affordable = REFERENCE_S / (NRUN * REFINEMENT * HOLD * step_s)
+    affordable = REFERENCE_S / (NRUN * REFINEMENT * plan.hold * step_s)
     ncontrol = int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
     if plan.horizon_ncontrol is not None:
         ncontrol = plan.horizon_ncontrol
     request = sampling.SampleRequest(
         NRUN,
-        ncontrol * HOLD,
-        HOLD,
+        ncontrol * plan.hold,
+        plan.hold,
         plan.seed,
         plan.starts,
         max_settling_nstep=max(2, int(2.0 / work.step_s(model))),
@@ -192,6 +212,18 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     sample = sampling.draw(model, request)
     drawn = sample.workload
     return Trials(drawn.initial_state, drawn.control, control_s), sample.starts
+
+
+def equivalent_share(solver: np.ndarray, rounding: np.ndarray) -> np.ndarray:
+    """Return how far equivalent settings may be from the present ones, control by control.
+
+    Args:
+      solver: (ncontrol,) distance of runs with a converged solver, as shares of the motion.
+      rounding: (ncontrol,) distance of runs from starts that differ in the last place.
+    """
+    least = np.full_like(solver, LEAST_DISTANCE)
+    most = np.maximum(SOLVER_FACTOR * solver, ROUNDING_FACTOR * rounding)
+    return np.asarray(np.maximum(most, least))
 
 
 def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:

@@ -26,7 +26,7 @@ from mjbench.tuning.records import (
     Withdrawal,
     allowed_error,
 )
-from mjbench.tuning.reference import Present, TrialPlan
+from mjbench.tuning.reference import HOLD, Present, TrialPlan
 from mjbench.tuning.settings import Setting, label
 
 # A setting that saves less than this, by its attempt, is not looked at again.
@@ -62,6 +62,8 @@ class SearchPlan:
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
       only: the largest effect allowed.
+      hold: steps for which each control is held.
+      skip: names of knobs that are left alone.
     """
 
     seed: int = 0
@@ -69,6 +71,17 @@ class SearchPlan:
     budget_s: float = 300.0
     max_error: float | None = None
     only: Effect = Effect.APPROXIMATE
+    hold: int = HOLD
+    skip: tuple[str, ...] = ()
+
+    def trials(self, look: int, ncontrol: int | None = None) -> TrialPlan:
+        """Return the starts and controls of a look: 0 for the search, 1 for the second look.
+
+        Args:
+          look: which one.
+          ncontrol: controls of a run, where the horizon is known; None to look for it.
+        """
+        return TrialPlan(self.seed + look, self.starts, ncontrol, self.hold)
 
 
 @dataclass(frozen=True)
@@ -121,7 +134,7 @@ class Search:
         """
         plan = self._plan
         self._advance(0, "the present settings, and a reference", 0.0)
-        self._present = self._measure.baseline(TrialPlan(plan.seed, plan.starts))
+        self._present = self._measure.baseline(plan.trials(0))
         faster = self._each_alone()
         lossless = [each for each in faster if not each.setting.loses]
         front = pareto_front(self._together(lossless), plan.max_error, self._present.error.share)
@@ -248,7 +261,7 @@ class Search:
         plan = self._plan
         self._advance(3, "present settings from new starts", 0.0)
         ncontrol = self._present.horizon_ncontrol
-        second_present = self._measure.baseline(TrialPlan(plan.seed + 1, plan.starts, ncontrol))
+        second_present = self._measure.baseline(plan.trials(1, ncontrol))
         error = self._present.error.larger(second_present.error)
         self._present = replace(second_present, error=error)
         for number, first in enumerate(front):

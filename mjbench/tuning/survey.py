@@ -26,11 +26,13 @@ class SurveyRequest:
       source: of the model.
       seed: of starts and controls.
       starts: where start states are to come from.
+      hold: steps for which each control is held.
     """
 
     source: ModelSource
     seed: int
     starts: StartPlan
+    hold: int
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,6 @@ def stages(source: ModelSource, limit_s: float = SILENCE_S) -> Mapping[str, floa
 def look(request: SurveyRequest, channel: Channel) -> None:
     """Step the model, and see what there is to try; runs in a child."""
     channel.doing(f"stepping {request.source.name}")
-    seen = observed.observe(request.source, request.seed, request.starts)
+    seen = observed.observe(request.source, request.seed, request.starts, request.hold)
     settings = [setting for of_knob in knobs.settings(seen).values() for setting in of_knob]
     channel.send(Survey(settings, mesh_notes.mesh_notes(seen.model)))

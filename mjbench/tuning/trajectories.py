@@ -77,10 +77,12 @@ class Trajectories:
 
     def is_identical(self, other: "Trajectories") -> bool:
         """Return whether both have the same states, to the last bit."""
-        return all(
-            np.array_equal(_bits(mine), _bits(others))
-            for mine, others in ((self.qpos, other.qpos), (self.qvel, other.qvel))
+        pairs = (
+            (self.qpos, other.qpos),
+            (self.qvel, other.qvel),
+            (self.points, other.points),
         )
+        return all(np.array_equal(_bits(mine), _bits(others)) for mine, others in pairs)
 
 
 def points(ncontrol: int) -> list[int]:

@@ -34,7 +34,7 @@ def tune(
     """
     try:
         advance(0, "what there is to try", 0.0)
-        seen = survey.survey(SurveyRequest(source, plan.seed, plan.starts), limit_s)
+        seen = survey.survey(SurveyRequest(source, plan.seed, plan.starts, plan.hold), limit_s)
         shares = survey.stages(source, limit_s)
     except MjbenchError as error:
         failure = failure_of(error)
@@ -42,8 +42,9 @@ def tune(
         return TuneRecord(model=source.name, status=failure.status, detail=detail)
     except KeyboardInterrupt:
         return TuneRecord(model=source.name, status=Status.INTERRUPTED)
-    measurements = OnThisMachine(pool, source, plan.starts, limit_s)
-    search = Search(source.name, seen.settings, plan, measurements, advance)
+    measurements = OnThisMachine(pool, source, plan.starts, plan.hold, limit_s)
+    settings = [each for each in seen.settings if each.knob not in plan.skip]
+    search = Search(source.name, settings, plan, measurements, advance)
     record = _ended(search.run, search.record)
     return dataclasses.replace(record, meshes=seen.meshes, stages=shares)
 

@@ -135,6 +135,25 @@ def test_what_can_be_applied_is_confirmed_by_runs_in_turns(tmp_path):
     assert len(order) == confirm.most_runs([clock, activity])
 
 
+def test_copies_are_measured_by_the_steps_of_all_of_them(monkeypatch):
+    monkeypatch.setattr(confirm.machine, "usable_cores", lambda: 2)
+    of_one = steps(steps_per_s=100.0)
+    copies = remedies.copies([of_one], cores=2)
+    assert remedies.copies([of_one], cores=1) is None
+    assert remedies.copies([of_one, of_one], cores=2) is None
+    order = []
+
+    def run(change, source):
+        order.append(change)
+        return [of_one]
+
+    (confirmed,) = confirm.confirm(Program(["-m", "module"]), [copies], lambda *_: None, run)
+    assert len(order) == 3 * confirm.ROUNDS  # one copy, then two at once
+    assert confirmed.confirmed.gain == pytest.approx(0.5)
+    assert confirmed.rank > remedy(RemedyKind.LINE).rank
+    assert remedies.first([confirmed]) is None
+
+
 def test_a_change_that_fails_once_is_not_confirmed(tmp_path):
     file = tmp_path / "train.py"
     file.write_text("pass")
