@@ -31,11 +31,10 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
-from mjbench.tuning.attempts import Effect
+from mjbench.tuning.attempts import Accuracy, Effect
 from mjbench.tuning.distance import SHARE
 from mjbench.tuning.measurements import OnThisMachine
 from mjbench.tuning.records import Recommendation, TuneRecord
-from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.search import SearchPlan
 from mjbench.tuning.settings import label
 from mjbench.tuning.tune import tune
@@ -144,7 +143,7 @@ def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
         record = tune(pool, source, plan)
         if record.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
-        promises = checked(pool, source, record, plan.seed)
+        promises = checked(pool, source, record, plan)
     return TunedModel(
         source.name,
         package,
@@ -158,28 +157,33 @@ def tuned(source: ModelSource, package: str, budget_s: float) -> TunedModel:
     )
 
 
-def checked(pool: WorkerPool, source: ModelSource, record: TuneRecord, seed: int) -> list[Promise]:
+def checked(
+    pool: WorkerPool, source: ModelSource, record: TuneRecord, plan: SearchPlan
+) -> list[Promise]:
     """Return the recommendations of a search, with their errors from further starts."""
     promises = [_promise(each, each == record.best()) for each in record.front]
     if record.present is None:
         return promises
     measurements = OnThisMachine(pool, source, StartPlan())
     for look in range(LOOKS):
-        ncontrol = record.present.horizon_ncontrol
-        measurements.baseline(TrialPlan(seed + 2 + look, StartPlan(), ncontrol))
+        measurements.baseline(plan.trials(2 + look, record.present))
         for number, each in enumerate(record.front):
             attempt = measurements.attempt(tuple(each.settings), quads=0)
-            if attempt.accuracy is None:
-                raise InputError(f"{source.name}: {label(each.settings)}: {attempt.detail}")
-            promise, errors = promises[number], attempt.accuracy.run_errors
-            promises[number] = replace(
-                promise,
-                later_effects=[*promise.later_effects, attempt.accuracy.effect],
-                later_nrun=promise.later_nrun + len(errors),
-                later_exceeding=promise.later_exceeding
-                + sum(error > promise.error for error in errors),
-            )
+            promises[number] = _after(promises[number], attempt.accuracy)
     return promises
+
+
+def _after(promise: Promise, accuracy: Accuracy | None) -> Promise:
+    """Return a promise after a further look; settings that fail there break it."""
+    if accuracy is None:
+        return replace(promise, later_nrun=1, later_exceeding=1)
+    exceeding = sum(error > promise.error for error in accuracy.run_errors)
+    return replace(
+        promise,
+        later_effects=[*promise.later_effects, accuracy.effect],
+        later_nrun=promise.later_nrun + len(accuracy.run_errors),
+        later_exceeding=promise.later_exceeding + exceeding,
+    )
 
 
 def _promise(each: Recommendation, is_best: bool) -> Promise:

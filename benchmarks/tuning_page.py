@@ -51,6 +51,9 @@ def _gain(speedup: float) -> str:
 
 def _lines(tally: "TuningTally") -> Iterator[str]:
     searched = [model for model in tally.models if model.status == Status.OK]
+    if not searched:
+        yield "No model was searched to the end."
+        return
     promises = [promise for model in searched for promise in model.promises]
     held = sum(promise.holds for promise in promises)
     free, exact, best = (
@@ -61,11 +64,12 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
     yield "Written by `python -m benchmarks.tuning` from `results/tuning.json`; do not edit."
     yield ""
     yield (
-        f"On the median of {len(searched)} models, `mjbench tune` makes a step {free:.2f} times as"
-        f" fast with the same results, {exact:.2f} times within the solver's tolerance, and"
+        f"On the median of {len(searched)} models, `mjbench tune` makes a simulated second"
+        f" {free:.2f} times as fast with the same results, {exact:.2f} times within the solver's"
+        " tolerance, and"
         f" {best:.2f} times with an error that is no larger than the model has now, or at most"
         f" {100 * NO_ERROR:g} % of the motion. {held} of {len(promises)}"
-        " recommendations kept their promise from further starts."
+        " recommendations did as promised from further starts."
     )
     yield ""
     yield f"| {' | '.join(_HEADINGS)} |"

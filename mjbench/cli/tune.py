@@ -51,8 +51,8 @@ NBATCH = 64
 @click.option(
     "--only",
     type=click.Choice(["free", "equivalent", "approximate"]),
-    help="The most that settings may change in C: nothing, no more than the solver's tolerance, or"
-    " the motion  [default: approximate]",
+    help="Recommend settings with the same results (free), also those within the solver's tolerance"
+    " (equivalent), or all (approximate)  [default: approximate]",
 )
 @click.option(
     "--skip",
@@ -78,7 +78,8 @@ NBATCH = 64
     "--write",
     "target",
     metavar="FILE",
-    help="Write a copy of the MJCF file with the fastest settings recommended",
+    help="Write a copy of the MJCF file with the fastest recommended settings; those of the program"
+    " are only printed",
 )
 @click.option(
     "--hold",
@@ -127,7 +128,7 @@ def tune(
     from mjbench.report import tuning, tuning_accelerated
     from mjbench.report.documents import TuneDocument
     from mjbench.simulation import models
-    from mjbench.tuning import knobs
+    from mjbench.tuning import knobs, model_copy
     from mjbench.tuning.accelerated_search import tune_engine
     from mjbench.tuning.attempts import Effect
     from mjbench.tuning.records import TuneRecord
@@ -142,8 +143,10 @@ def tune(
     skipped = knobs.known(skip or ())
     plan = SearchPlan(seed, starts, budget_s, max_error, effect, hold, skipped)
     files = [*(source.path for source in sources), *starts.files]
-    if target is not None and len(sources) > 1:
-        raise InputError("--write takes one model")
+    if target is not None:
+        if len(sources) > 1:
+            raise InputError("--write takes one model")
+        model_copy.check_source(sources[0])
     written = OutputFile("--write", target, files)
     of_c: list[TuneRecord] = []
     accelerated: list[EngineTuneRecord] = []
@@ -168,10 +171,9 @@ def tune(
             if record.status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-            if target is not None:
-                _write(run, record, source, Path(target))
-        document = TuneDocument(machine=run.machine, results=of_c, accelerated=accelerated)
-        run.write(document)
+        run.write(TuneDocument(machine=run.machine, results=of_c, accelerated=accelerated))
+        if target is not None and not run.interrupted:
+            _write(run, record, sources[0], Path(target))
     run.exit([*(each.status for each in of_c), *(each.status for each in accelerated)])
 
 
@@ -215,7 +217,7 @@ def _write(
       InputError: the file cannot have them.
       MachineError: it cannot be written.
     """
-    from mjbench.tuning import variants
+    from mjbench.tuning import model_copy
     from mjbench.tuning.settings import edits_of
 
     best = record.best()
@@ -223,5 +225,5 @@ def _write(
     if not edits:
         report_line(f"{target}: not written, as no settings of the file are recommended")
         return
-    variants.write(source, edits, target)
+    model_copy.write(source, edits, target)
     run.out.print(f"Wrote {target}", soft_wrap=True)

@@ -12,8 +12,8 @@ from mjbench.tuning.records import AttemptRow, TuneRecord
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import label
 
-_PRESENT, _TRIED, _RECOMMENDED = "present settings", "tried", "recommended"
-_COLOURS = {_PRESENT: vega.GREY, _TRIED: vega.BLUE, _RECOMMENDED: vega.ORANGE}
+_PRESENT, _TRIED, _CONFIRMED = "present settings", "tried", "confirmed"
+_COLOURS = {_PRESENT: vega.GREY, _TRIED: vega.BLUE, _CONFIRMED: vega.ORANGE}
 
 
 def sections(records: Sequence[TuneRecord], command: str) -> Iterator[Section]:
@@ -52,7 +52,7 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
         if row.accuracy is not None and row.time_ratio is not None
     ]
     rows += [
-        (label(each.settings), 100 * each.error.share, each.ratio.estimate, _RECOMMENDED)
+        (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)
         for each in record.front
     ]
     data = DataTable("Time and error", columns, rows)
@@ -68,7 +68,7 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     return Figure(
         title=f"{record.model}: time and error of settings",
         alternative=f"{len(rows)} points: the farther left, the faster; the lower, the more"
-        f" accurate. {len(record.front)} are recommended.",
+        f" accurate. {len(record.front)} are confirmed from new starts.",
         specification=charts.chart(data, [layer], height=320),
         data=data,
     )
@@ -78,17 +78,20 @@ def _front_table(record: TuneRecord, present: Present) -> DataTable:
     """Return what is recommended."""
     columns = (
         Column("settings"),
+        Column("recommended"),
         Column("results"),
         Column("time of a simulated second", 4),
         Column("low", 4),
         Column("high", 4),
         Column("error, % of the motion", 3),
     )
-    first = (label(()), "", 1.0, None, None, 100 * present.error.share)
+    listed = tuning.advised(record)
+    first = (label(()), "", "", 1.0, None, None, 100 * present.error.share)
     rows: list[tuple[Cell, ...]] = [first]
     rows += [
         (
             label(each.settings),
+            "yes" if each in listed else "",
             each.effect.value,
             each.ratio.estimate,
             each.ratio.low,
@@ -97,7 +100,7 @@ def _front_table(record: TuneRecord, present: Present) -> DataTable:
         )
         for each in record.front
     ]
-    return DataTable("Recommended, measured again from new starts", columns, rows)
+    return DataTable("Confirmed from new starts", columns, rows)
 
 
 def _alone_table(record: TuneRecord) -> DataTable:

@@ -17,9 +17,9 @@ from mjbench.tuning.reference import REFINEMENT, Present
 from mjbench.tuning.settings import Part, Setting, edits_of, label, path_options_of
 
 _RESULTS = {
-    Effect.FREE: "same",
-    Effect.EQUIVALENT: "within tolerance",
-    Effect.APPROXIMATE: "differ",
+    Effect.FREE: "same (free)",
+    Effect.EQUIVALENT: "within tolerance (equivalent)",
+    Effect.APPROXIMATE: "differ (approximate)",
 }
 # Settings that failed are named up to this number; of others, those that save most alone.
 _MOST_FAILED, _MOST_ALONE = 5, 12
@@ -61,9 +61,9 @@ def print_record(out: Console, record: TuneRecord) -> None:
     if record.front:
         _print_front(out, record, record.present)
     _print_alone(out, record)
-    best = record.best()
-    if best is not None:
-        for line in paste_lines(best.settings):
+    for each in advised(record):
+        out.print(f"To apply {label(each.settings)}:", soft_wrap=True, markup=False)
+        for line in paste_lines(each.settings):
             out.print(line, soft_wrap=True, markup=False)
     for line in notes(record):
         out.print(line, soft_wrap=True)
@@ -72,16 +72,23 @@ def print_record(out: Console, record: TuneRecord) -> None:
 def conclusion(record: TuneRecord) -> str:
     """Return what a search came to, in one sentence; what changes no result comes first."""
     model = record.model
-    if record.status == Status.INTERRUPTED:
+    if record.status == Status.INTERRUPTED and not record.front:
         return f"{model}: interrupted before settings could be recommended"
-    if record.status != Status.OK:
+    if record.status not in (Status.OK, Status.INTERRUPTED):
         return f"{model}: {record.status}: {record.detail}"
+    listed = advised(record)
+    if not listed:
+        return f"{model}: no settings are certainly faster{_within(record)}"
+    return f"{model}: {'; '.join(_part(each, record) for each in listed)}"
+
+
+def advised(record: TuneRecord) -> list[Recommendation]:
+    """Return the fastest recommendation, after those that change less."""
     best = record.best()
     if best is None:
-        return f"{model}: no settings are certainly faster{_within(record)}"
+        return []
     exact = [each for each in record.front if each.effect.rank < best.effect.rank]
-    parts = [_part(each, record) for each in [*exact, best]]
-    return f"{model}: {'; '.join(parts)}"
+    return [*(each for each in exact if each.is_allowed), best]
 
 
 def _part(each: Recommendation, record: TuneRecord) -> str:
@@ -109,19 +116,24 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
     if each.effect == Effect.EQUIVALENT:
         return " within the solver's tolerance"
     assert record.present is not None, "it was measured"
-    if each.error.share <= (1 + SAME_ERROR) * record.present.error.share:
+    if (
+        record.max_error is None
+        and each.error.share <= (1 + SAME_ERROR) * record.present.error.share
+    ):
         return " without a larger error"
     return f" with an error of at most {percent(each.error.share)} of the motion"
 
 
 def _print_front(out: Console, record: TuneRecord, present: Present) -> None:
-    """Print the table of recommendations."""
+    """Print the table of what was confirmed."""
+    listed = advised(record)
     table = tables.plain_table(
-        ["results", "time of a simulated second", "error", "settings"], right=(1, 2)
+        ["", "results", "time of a simulated second", "error", "settings"], right=(2, 3)
     )
-    table.add_row("", "1", _error(present.error), "as they are")
+    table.add_row("present", "", "1", _error(present.error), "as they are")
     for each in record.front:
         table.add_row(
+            "recommended" if each in listed else "",
             _RESULTS[each.effect],
             interval(each.ratio),
             _error(each.error),
@@ -180,22 +192,24 @@ def paste_lines(settings: Sequence[Setting]) -> list[str]:
         attributes = "".join(f' {edit.name}="{edit.value}"' for edit in of_option)
         inner = "".join(f' {edit.name}="{edit.value}"' for edit in flags)
         flag = f"<flag{inner}/></option>" if flags else ""
-        lines.append(f"  <option{attributes}{'>' if flags else '/>'}{flag}")
+        lines.append(f"    <option{attributes}{'>' if flags else '/>'}{flag}")
     compiler = [edit for edit in edits if edit.part == Part.COMPILER]
     if compiler:
         lines.append(
-            "  <compiler" + "".join(f' {edit.name}="{edit.value}"' for edit in compiler) + "/>"
+            "    <compiler" + "".join(f' {edit.name}="{edit.value}"' for edit in compiler) + "/>"
         )
     excluded = [edit for edit in edits if edit.part == Part.EXCLUDE]
     if excluded:
         lines.append(
-            f"  <contact> with {len(excluded)} <exclude …/>; --write writes them to a copy of the"
-            " model"
+            f"    <contact> with {len(excluded)} <exclude …/>: --write writes them to a copy of"
+            " the model, --json names them"
         )
     code = _code(path_options_of(settings))
+    if any(edit.name == "timestep" for edit in of_option):
+        code.append("# hold each control for fewer steps (frame_skip), so that it lasts as long")
     return [
-        *(["In the model:", *lines] if lines else []),
-        *(["In the program:", *(f"  {line}" for line in code)] if code else []),
+        *(["  in the model, last in <mujoco>:", *lines] if lines else []),
+        *(["  in the program:", *(f"    {line}" for line in code)] if code else []),
     ]
 
 
@@ -214,14 +228,21 @@ def notes(record: TuneRecord) -> list[str]:
     present = record.present
     assert present is not None, "it was measured"
     lines = [
-        f"Errors are distances from the model at an eighth of its timestep with a converged solver,"
-        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs: nine runs in ten err by no"
-        f" more. Rounding alone makes {percent(present.rounding.share)}, the solver's tolerance"
+        f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
+        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
+        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
         f" {percent(present.solver.share)}."
     ]
-    assert REFINEMENT == 8, "the sentence says so"
+    if not present.is_comparable:
+        lines.append(
+            "These runs part too soon to compare errors: only settings that change no state are"
+            " recommended"
+        )
     lines += tables.starts_lines(present.starts)
-    lines += [f"Withdrawn: {label(each.settings)}: {each.reason}" for each in record.withdrawn]
+    lines += [
+        f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
+        for each in record.withdrawn
+    ]
     failed = [row for row in record.attempts if row.status != Status.OK]
     lines += [f"Failed: {label(row.settings)}: {row.detail}" for row in failed[:_MOST_FAILED]]
     if len(failed) > _MOST_FAILED:
@@ -229,8 +250,8 @@ def notes(record: TuneRecord) -> list[str]:
     if record.untried:
         lines.append(f"There was no time for {record.untried} settings: give a longer --budget")
     lines += [
-        f"Geom {mesh.geom} collides as the mesh {mesh.mesh}; a {mesh.primitive} would have"
-        f" {100 * mesh.share:.0f} % of its volume in common"
+        f"Geom {mesh.geom} collides as the mesh {mesh.mesh}, which fills"
+        f" {100 * mesh.share:.0f} % of a {mesh.primitive}"
         for mesh in record.meshes
     ]
     return lines

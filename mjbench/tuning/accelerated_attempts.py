@@ -37,11 +37,11 @@ from mjbench.tuning.accelerated_records import (
 )
 from mjbench.tuning.accelerated_settings import EngineSetting
 from mjbench.tuning.distance import Distance, Motion
-from mjbench.tuning.reference import HOLD, TrialPlan
+from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
 from mjbench.tuning.settings import edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
 
-# Controls of a timed block, each held for HOLD steps.
+# Controls of a timed block.
 BLOCK_NCONTROL = 4
 # Seconds of timing that a setting gets, and quads at least and at most.
 TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
@@ -267,7 +267,7 @@ def _rounded(trials: Trials, path: AcceleratedPath) -> Trials:
 def _horizon(model: mujoco.MjModel, full: reference.Baseline, rounded: Trajectories) -> int:
     """Return for how many controls errors mean something, for C and for the engine's precision."""
     apart = distance.shares_over_time(model, full.motion, rounded, full.present)
-    of_engine = reference.horizon(apart, np.zeros_like(apart))
+    of_engine = max(LEAST_NCONTROL, reference.horizon(apart, np.zeros_like(apart)))
     return min(full.facts.horizon_ncontrol, of_engine)
 
 
@@ -276,7 +276,8 @@ def _batch(model: mujoco.MjModel, trials: Trials, nbatch: int, ncontrol: int) ->
     i = np.arange(nbatch)
     starts = trials.initial_state[i % trials.nrun]
     control = trials.control[(i + i // trials.nrun) % trials.nrun, :ncontrol]
-    return Workload(model, starts, np.ascontiguousarray(control), HOLD, 0)
+    hold = trajectories.steps_per_control(model, trials.control_s)
+    return Workload(model, starts, np.ascontiguousarray(control), hold, 0)
 
 
 def _runs(
@@ -299,7 +300,7 @@ def _runs(
             control = np.zeros_like(block.control)
             control[:, 0] = trials.control[filled, k]
             channel.allow_silence(limit_s)
-            after = dict(compiled.advance(fields, control, HOLD).fields)
+            after = dict(compiled.advance(fields, control, block.hold).fields)
             after.pop("ctrl", None)
             fields |= after
             qpos[rows, k] = fields["qpos"][: len(rows)]

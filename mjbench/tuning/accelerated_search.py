@@ -88,7 +88,7 @@ class EngineSearch:
         """
         plan = self._plan
         self._advance(0, "the present settings in C", 0.0)
-        self._facts = self._measure.baseline(TrialPlan(plan.seed, plan.starts))
+        self._facts = self._measure.baseline(plan.trials(0))
         alone = [(setting,) for setting in self._facts.settings]
         self._try(1, alone, ALONE_SHARE)
         self._untried = len(alone) - len(self._attempts)
@@ -142,7 +142,10 @@ class EngineSearch:
         """Measure the fastest settings again, from new starts, in fresh processes."""
         plan, settings = self._plan, [tuple(each.settings) for each in finalists]
         self._advance(3, "C from new starts", 0.0)
-        new = self._measure.baseline(TrialPlan(plan.seed + 1, plan.starts, facts.horizon_ncontrol))
+        ncontrol = facts.horizon_ncontrol
+        new = self._measure.baseline(
+            TrialPlan(plan.seed + 1, plan.starts, plan.hold, ncontrol, ncontrol)
+        )
         launches: list[list[EngineAttempt]] = []
         begin_s = self._clock()
         present = self._launched(settings, launches, has_errors=True)

@@ -84,7 +84,7 @@ def motion(model: mujoco.MjModel, initial_qpos: np.ndarray, runs: Trajectories) 
     """
     is_rad = angular(model)
     moved = _position_errors(model, np.repeat(initial_qpos[:, None], runs.qpos.shape[1], 1), runs)
-    per_run = _of_units(_largest_rms(moved, is_rad))
+    per_run = _largest_rms(moved, is_rad)
     return Motion(is_rad, Units(*(None if v is None else _rms(v) for v in per_run)))
 
 
@@ -131,8 +131,8 @@ def distance(
     velocity = _largest_rms(runs.qvel - reference.qvel, scale.is_rad)
     return Distance(
         bound(shares(model, scale, runs, reference)),
-        Units(*(None if v is None else bound(v) for v in _of_units(position))),
-        Units(*(None if v is None else bound(v) for v in _of_units(velocity))),
+        Units(*(None if v is None else bound(v) for v in position)),
+        Units(*(None if v is None else bound(v) for v in velocity)),
     )
 
 
@@ -176,11 +176,6 @@ def _rms_by_unit(errors: np.ndarray, is_rad: np.ndarray) -> list[np.ndarray | No
 def _largest_rms(errors: np.ndarray, is_rad: np.ndarray) -> list[np.ndarray | None]:
     """Return (nrun,) the largest of these over time."""
     return [None if rms is None else rms.max(axis=1) for rms in _rms_by_unit(errors, is_rad)]
-
-
-def _of_units(values: Sequence[np.ndarray | None]) -> tuple[np.ndarray | None, np.ndarray | None]:
-    metres, radians = values
-    return metres, radians
 
 
 def _share(scale: Motion, rms: Sequence[np.ndarray | None]) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What a search asks for: attempts, and paired comparisons of settings with the present ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -8,7 +8,6 @@ from typing import Protocol
 from mjbench import paths
 from mjbench.paired import verdict
 from mjbench.paired.block_sizes import Sizes
-from mjbench.paired.judgement import Judgement
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -83,7 +82,6 @@ class OnThisMachine:
         starts: StartPlan,
         hold: int = HOLD,
         limit_s: float = attempts.SILENCE_S,
-        on_launch: Callable[[Judgement], None] = lambda judgement: None,
     ):
         """Measure nothing yet.
 
@@ -93,10 +91,9 @@ class OnThisMachine:
           starts: where start states are to come from.
           hold: steps for which each control is held.
           limit_s: seconds of silence after which an attempt is killed.
-          on_launch: called after each launch of a comparison.
         """
         self._pool, self._source, self._starts = pool, source, starts
-        self._hold, self._limit_s, self._on_launch = hold, limit_s, on_launch
+        self._hold, self._limit_s = hold, limit_s
         self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
         # By the label of settings: the changed model, and its timestep over the present one.
         self._changed: dict[str, tuple[Path, float]] = {}
@@ -145,7 +142,7 @@ class OnThisMachine:
             Sizes(seed=seed, starts=self._starts, hold=self._hold),
             as_shipped=True,  # one build against itself
         )
-        result = verdict.decide(self._pool, baseline, candidate, plan, self._on_launch)
+        result = verdict.decide(self._pool, baseline, candidate, plan)
         if result.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
         row = result.row()

@@ -48,10 +48,12 @@ class Recommendation:
     Attributes:
       settings: to have together.
       effect: on the motion; the larger of both looks.
-      ratio: time of a simulated second over that of the present settings, in fresh processes on the
-        starts of the second look, with its 95 % interval.
+      ratio: time of a simulated second over that of the present settings, in fresh processes from
+        further starts, with its 95 % interval.
       error: the larger of both looks.
       accuracy: of the second look.
+      is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
+        still choose them.
       samples: raw times of each launch.
     """
 
@@ -60,6 +62,7 @@ class Recommendation:
     ratio: Ratio
     error: Distance
     accuracy: Accuracy
+    is_allowed: bool
     samples: Sequence[LaunchRow] = ()
 
 
@@ -115,22 +118,9 @@ class TuneRecord:
     stages: Mapping[str, float] | None = None
     seconds: NonNegativeFloat = 0.0
 
-    @property
-    def error_limit(self) -> float | None:
-        """The largest error allowed, as a share of the motion; None before it is known."""
-        if self.present is None:
-            return self.max_error
-        return allowed_error(self.max_error, self.present.error.share)
-
     def best(self) -> Recommendation | None:
         """Return the fastest recommendation whose error is allowed; None without one."""
-        limit = self.error_limit
-        allowed = [
-            each
-            for each in self.front
-            if each.effect != Effect.APPROXIMATE
-            or (limit is not None and each.error.share <= limit)
-        ]
+        allowed = [each for each in self.front if each.is_allowed]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)
 
 

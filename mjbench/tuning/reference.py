@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.simulation import compat, sampling, work, workload
+from mjbench.simulation import compat, sampling, starts, workload
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import distance, trajectories
 from mjbench.tuning.distance import Distance, Motion
@@ -29,7 +29,13 @@ REFINEMENT = 8
 # 2, 4 or 8 divides it, too.
 HOLD = 8
 # Runs from which settings are tried: `distance.bound` leaves out the largest errors of so many.
-NRUN = 64
+# With fewer than the least number it has less confidence.
+NRUN, LEAST_NRUN = 64, 29
+# Settling runs from which the starts are drawn, each with a seed of its own, at most and at least;
+# and seconds of computing for them.
+DRAWS, LEAST_DRAWS, DRAWS_S = 16, 2, 4.0
+# What the seeds of settling runs are apart, so that those of different looks differ.
+_SEEDS_APART = 10_007
 # Simulated seconds of a run at most, and controls of a run at least.
 LONGEST_S, LEAST_NCONTROL = 1.0, 4
 # Seconds of computing for the reference, which limit the length of runs.
@@ -58,14 +64,16 @@ class TrialPlan:
     Attributes:
       seed: of both.
       starts: where start states are to come from.
-      horizon_ncontrol: controls of a run, where the horizon is known; None to look for it.
       hold: steps for which each control is held.
+      ncontrol: controls of a run; None for as many as can be afforded.
+      horizon_ncontrol: controls over which errors are compared; None to see how many can be.
     """
 
     seed: int
     starts: StartPlan
-    horizon_ncontrol: int | None = None
     hold: int = HOLD
+    ncontrol: int | None = None
+    horizon_ncontrol: int | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,9 @@ class Present:
       nrun: runs.
       horizon_s: simulated seconds of each over which errors are compared.
       horizon_ncontrol: controls of each within the horizon.
+      ncontrol: controls of each.
       run_s: simulated seconds of each.
+      is_comparable: whether errors mean something over the horizon; if not, it is the shortest one.
       starts: where start states came from.
       error: of the present settings, from the reference.
       rounding: distance of runs from starts that differ in the last place.
@@ -90,7 +100,9 @@ class Present:
     nrun: int
     horizon_s: float
     horizon_ncontrol: int
+    ncontrol: int
     run_s: float
+    is_comparable: bool
     starts: Starts
     error: Distance
     rounding: Distance
@@ -124,8 +136,9 @@ class Baseline:
     facts: Present
 
     def only(self, nrun: int) -> "Baseline":
-        """Return the first runs; the facts are still those of all."""
-        runs = np.arange(min(nrun, self.trials.nrun))
+        """Return some runs, from first to last; the facts are still those of all."""
+        last = self.trials.nrun - 1
+        runs = np.unique(np.linspace(0, last, min(nrun, last + 1)).astype(int))
         return replace(
             self,
             trials=self.trials.only(runs),
@@ -140,27 +153,30 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
     Raises:
       InputError: the model diverges, or a file of states or controls does not fit it.
     """
-    trials, starts = draw(model, plan)
+    trials, came_from = draw(model, plan)
     present = trajectories.run(model, trials)
     reference = trajectories.run(converged(model, REFINEMENT), trials)
     twin = trajectories.run(model, perturbed(model, trials))
     solver = trajectories.run(converged(model), trials)
     healthy = ~(present.diverged | reference.diverged | twin.diverged | solver.diverged)
-    if not healthy.any():
-        raise InputError("the reference diverges from every start: errors cannot be measured")
+    if healthy.sum() < LEAST_NRUN:
+        raise InputError(
+            f"{int((~healthy).sum())} of {len(healthy)} runs diverge with the present settings or"
+            " as the reference: errors cannot be measured"
+        )
     trials = trials.only(healthy)
     present, reference, twin, solver = (
         runs.only(healthy) for runs in (present, reference, twin, solver)
     )
-    starts_qpos = workload.fields(model, trials.initial_state)["qpos"]
-    scale = distance.motion(model, starts_qpos, reference)
-    ncontrol = plan.horizon_ncontrol or horizon(
+    initial_qpos = workload.fields(model, trials.initial_state)["qpos"]
+    scale = distance.motion(model, initial_qpos, reference)
+    usable = horizon(
         distance.shares_over_time(model, scale, present, reference),
         distance.shares_over_time(model, scale, twin, present),
     )
-    ncontrol = min(ncontrol, trials.ncontrol)
+    ncontrol = min(plan.horizon_ncontrol or max(usable, LEAST_NCONTROL), trials.ncontrol)
     within = first(reference, ncontrol)
-    scale = distance.motion(model, starts_qpos, within)
+    scale = distance.motion(model, initial_qpos, within)
 
     def apart(runs: Trajectories, others: Trajectories) -> Distance:
         return distance.distance(model, scale, first(runs, ncontrol), first(others, ncontrol))
@@ -169,8 +185,10 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
         nrun=trials.nrun,
         horizon_s=ncontrol * trials.control_s,
         horizon_ncontrol=ncontrol,
+        ncontrol=trials.ncontrol,
         run_s=trials.ncontrol * trials.control_s,
-        starts=starts,
+        is_comparable=plan.horizon_ncontrol is not None or usable >= ncontrol,
+        starts=came_from,
         error=apart(present, reference),
         rounding=apart(twin, present),
         solver=apart(solver, present),
@@ -191,27 +209,42 @@ def baseline(model: mujoco.MjModel, plan: TrialPlan) -> Baseline:
 def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
     """Return starts and controls, in the model's usual regime, and where they came from.
 
+    Starts of one settling run are alike, so they come from several; those of a file from one draw.
+
     Raises:
       InputError: every simulation diverges, or a file is unfit.
     """
     control_s = plan.hold * float(model.opt.timestep)
     step_s = sampling.settled_step_s(model)
     affordable = REFERENCE_S / (NRUN * REFINEMENT * plan.hold * step_s)
-    ncontrol = int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
-    if plan.horizon_ncontrol is not None:
-        ncontrol = plan.horizon_ncontrol
-    request = sampling.SampleRequest(
-        NRUN,
-        ncontrol * plan.hold,
-        plan.hold,
-        plan.seed,
-        plan.starts,
-        max_settling_nstep=max(2, int(2.0 / work.step_s(model))),
-        may_shorten=True,
+    ncontrol = plan.ncontrol or int(max(LEAST_NCONTROL, min(LONGEST_S / control_s, affordable)))
+    count = 1
+    if plan.starts.file is None:
+        settling_s = max(1, starts.settling_nstep(model, plan.starts)) * step_s
+        count = int(np.clip(DRAWS_S / settling_s, LEAST_DRAWS, DRAWS))
+    samples = [
+        sampling.draw(
+            model,
+            sampling.SampleRequest(
+                NRUN // count,
+                ncontrol * plan.hold,
+                plan.hold,
+                plan.seed + number * _SEEDS_APART,
+                plan.starts,
+                starts.max_settling_nstep(step_s),
+                may_shorten=True,
+            ),
+        )
+        for number in range(count)
+    ]
+    drawn = [sample.workload for sample in samples]
+    shortest = min(each.ncontrol for each in drawn)
+    trials = Trials(
+        np.concatenate([each.initial_state for each in drawn]),
+        np.concatenate([each.control[:, :shortest] for each in drawn]),
+        control_s,
     )
-    sample = sampling.draw(model, request)
-    drawn = sample.workload
-    return Trials(drawn.initial_state, drawn.control, control_s), sample.starts
+    return trials, samples[0].starts
 
 
 def equivalent_share(solver: np.ndarray, rounding: np.ndarray) -> np.ndarray:
@@ -234,8 +267,11 @@ def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
     opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
     opt.tolerance = TOLERANCE
     opt.iterations = max(int(opt.iterations), ITERATIONS)
-    if hasattr(opt, "ls_iterations"):
-        opt.ls_iterations = max(int(opt.ls_iterations), LS_ITERATIONS)
+    for name, least in (("ls_iterations", LS_ITERATIONS), ("ccd_iterations", ITERATIONS)):
+        if hasattr(opt, name):
+            setattr(opt, name, max(int(getattr(opt, name)), least))
+    if opt.noslip_iterations:
+        opt.noslip_iterations, opt.noslip_tolerance = ITERATIONS, TOLERANCE
     sleep = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
     if sleep is not None:
         opt.enableflags &= ~int(sleep)
@@ -262,7 +298,7 @@ def first(runs: Trajectories, ncontrol: int) -> Trajectories:
 
 
 def horizon(error: np.ndarray, rounding: np.ndarray) -> int:
-    """Return for how many controls errors can be compared, LEAST_NCONTROL at least.
+    """Return for how many controls errors can be compared.
 
     Args:
       error: (nrun, ncontrol) of the present settings at the end of each control, as shares of the
@@ -273,5 +309,4 @@ def horizon(error: np.ndarray, rounding: np.ndarray) -> int:
     is_near = error_now <= MOST_SHARE
     is_exact = rounding_now <= np.maximum(ROUNDING_OF_ERROR * error_now, ROUNDING_OF_MOTION)
     usable = np.logical_and.accumulate(is_near & is_exact)
-    least = min(LEAST_NCONTROL, int(error.shape[1]))
-    return max(least, int(usable.sum()))
+    return int(usable.sum())

@@ -11,11 +11,9 @@ from mjbench.loop.loop_starts import LoopRequest
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.tuning import knobs, mesh_notes, observed
+from mjbench.tuning.attempts import SILENCE_S
 from mjbench.tuning.mesh_notes import MeshNote
 from mjbench.tuning.settings import Setting
-
-# Seconds of silence after which the child is killed.
-SILENCE_S = 120.0
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.tuning import survey
+from mjbench.tuning.attempts import SILENCE_S
 from mjbench.tuning.measurements import OnThisMachine
 from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.search import Advance, Search, SearchPlan
@@ -18,7 +19,7 @@ def tune(
     pool: WorkerPool,
     source: ModelSource,
     plan: SearchPlan,
-    limit_s: float = survey.SILENCE_S,
+    limit_s: float = SILENCE_S,
     advance: Advance = lambda done, text, share: None,
 ) -> TuneRecord:
     """Return what a search for faster settings of a model came to.

@@ -18,9 +18,9 @@ CARTPOLE = ROOT / "models" / "cartpole.xml"
 def tuned(tmp_path_factory):
     """Return a folder in which a cart-pole was tuned, with a brief budget, and the process."""
     folder = tmp_path_factory.mktemp("tuned")
-    words = ["tune", str(CARTPOLE), "--only", "free", "--budget", "40s"]
-    words += ["--json", "tune.json", "--results", "runs", "--write", "tuned.xml"]
-    return folder, mjbench(*words, cwd=folder)
+    arguments = ["tune", str(CARTPOLE), "--only", "free", "--budget", "40s"]
+    arguments += ["--json", "tune.json", "--results", "runs", "--write", "tuned.xml"]
+    return folder, mjbench(*arguments, cwd=folder)
 
 
 def test_it_ends_well_and_stores_what_it_tried(tuned):
@@ -68,26 +68,30 @@ def test_a_stored_search_is_shown_and_reported(tuned):
     for form in ([], ["--markdown"]):
         report = mjbench("report", str(run), *form, "-o", f"report{len(form)}", cwd=folder)
         assert report.returncode == 0, report.stderr
-        assert "at an eighth of its timestep" in (folder / f"report{len(form)}").read_text()
+        assert "at 1/8 of its timestep" in (folder / f"report{len(form)}").read_text()
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (["nosuch"], "no model 'nosuch'"),
         (["cartpole", "humanoid", "--write", "x.xml"], "--write takes one model"),
         (["empty.xml"], "is empty"),
         (["cartpole", "--max-error", "0"], "not between"),
         (["cartpole", "--only", "cheap"], "cheap"),
+        (["cartpole", "--skip", "timestp"], "did you mean timestep"),
+        (["cartpole", "--nbatch", "8"], "--nbatch needs"),
+        (["robot.mjb", "--write", "x.xml"], "no MJCF"),
         (["robot.xml", "--write", "robot.xml"], "choose another"),
         (["robot.xml", "--write", "missing/x.xml"], "cannot write"),
         (["cartpole", "--states", "missing.npz"], "no such file"),
     ],
 )
-def test_bad_input_is_one_line_before_anything_is_measured(tmp_path, words, message):
+def test_bad_input_is_one_line_before_anything_is_measured(tmp_path, arguments, message):
     (tmp_path / "empty.xml").touch()
     (tmp_path / "robot.xml").write_text(CARTPOLE.read_text())
-    done = mjbench("tune", *words, "--results", "runs", cwd=tmp_path)
+    (tmp_path / "robot.mjb").write_bytes(b"no model")
+    done = mjbench("tune", *arguments, "--results", "runs", cwd=tmp_path)
     assert done.returncode in (2, 3)
     assert message in done.stderr
     assert (tmp_path / "robot.xml").read_text() == CARTPOLE.read_text()

@@ -18,7 +18,7 @@ from mjbench.tuning.accelerated_settings import EngineSetting
 from mjbench.tuning.reference import TrialPlan
 from mjbench.tuning.settings import Edit, Part, label
 
-PLAN = TrialPlan(0, StartPlan(), horizon_ncontrol=4)
+PLAN = TrialPlan(0, StartPlan(), ncontrol=4, horizon_ncontrol=4)
 # C under another name; it crashes, rejects or overflows with some settings.
 ENGINES = """
 import os

@@ -6,6 +6,7 @@ import pickle
 import mujoco
 import pytest
 
+from mjbench.errors import InputError
 from mjbench.simulation import models
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
@@ -26,7 +27,7 @@ def baseline_file(tmp_path_factory):
     """Return the file of a baseline of the cart-pole, with short runs."""
     folder = tmp_path_factory.mktemp("baseline")
     request = BaselineRequest(
-        SOURCE, TrialPlan(0, StartPlan(), 8), folder / "baseline", folder / "model.mjb"
+        SOURCE, TrialPlan(0, StartPlan(), ncontrol=8), folder / "baseline", folder / "model.mjb"
     )
     facts = attempts.measure_baseline(request)
     assert facts.nrun == reference.NRUN
@@ -62,11 +63,13 @@ def test_a_larger_timestep_errs_more_and_its_time_is_of_a_simulated_second(basel
     assert done.time_ratio > 0
 
 
-def test_fewer_runs_are_the_first_ones(baseline_file):
+def test_fewer_runs_are_spread_over_all(baseline_file):
     some, every = (
         tried(baseline_file, option("timestep", "0.004"), nrun=nrun) for nrun in (8, None)
     )
-    assert some.accuracy.run_errors == every.accuracy.run_errors[:8]
+    errors = every.accuracy.run_errors
+    assert some.accuracy.run_errors == [errors[i * 63 // 7] for i in range(8)]
+    assert some.accuracy.run_errors != errors[:8]
 
 
 def test_the_loop_has_settings_of_its_own(baseline_file):
@@ -75,6 +78,16 @@ def test_the_loop_has_settings_of_its_own(baseline_file):
     )
     assert done.accuracy.effect == Effect.FREE
     assert done.time_ratio > 0
+
+
+def test_a_loop_that_reaches_other_states_is_refused(monkeypatch):
+    model = models.load(SOURCE)
+    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), ncontrol=4))
+    options = {"engine_threads": 1}
+    attempts._check_loop(model, options, baseline.trials, baseline.present)
+    other = trajectories.run(reference.converged(model, 2), baseline.trials)
+    with pytest.raises(InputError, match="other final states"):
+        attempts._check_loop(model, options, baseline.trials, other)
 
 
 @pytest.mark.parametrize(
@@ -108,13 +121,16 @@ def test_settings_that_diverge_are_one_line(tmp_path):
     )
     source = models.ModelSource("stiff", stiff)
     model = models.load(source)
-    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), 200))
+    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), ncontrol=200))
     coarse = models.load(source)
     coarse.opt.timestep = 0.008
     runs = trajectories.run(coarse, baseline.trials)
     assert runs.diverged.any()
     request = BaselineRequest(
-        source, TrialPlan(0, StartPlan(), 200), tmp_path / "baseline", tmp_path / "model.mjb"
+        source,
+        TrialPlan(0, StartPlan(), ncontrol=200),
+        tmp_path / "baseline",
+        tmp_path / "model.mjb",
     )
     attempts.measure_baseline(request)
     done = attempts.attempt(
@@ -132,7 +148,7 @@ def test_settings_that_diverge_are_one_line(tmp_path):
 
 def judged_after(model, change):
     """Return the effect of a change of a model's options."""
-    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), 12))
+    baseline = reference.baseline(model, TrialPlan(0, StartPlan(), ncontrol=12))
     changed = models.load(models.resolve("cube_table"))
     change(changed.opt)
     return attempts.judged(model, baseline, trajectories.run(changed, baseline.trials)), baseline

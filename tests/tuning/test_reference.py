@@ -85,14 +85,46 @@ def test_a_tiny_error_does_not_end_the_horizon_while_rounding_is_tiny():
     assert reference.horizon(np.full((3, 60), 1e-14), np.full((3, 60), 1e-13)) == 60
 
 
-def test_the_horizon_has_a_least_length():
-    assert reference.horizon(np.full((3, 60), 0.9), np.zeros((3, 60))) == LEAST_NCONTROL
+def test_runs_that_part_at_once_cannot_be_compared():
+    assert reference.horizon(np.full((3, 60), 0.9), np.zeros((3, 60))) == 0
+
+
+def test_errors_of_a_model_that_is_off_at_once_are_not_compared(tmp_path):
+    coarse = PENDULUM.format(timestep=0.3, integrator="Euler")
+    facts = reference.baseline(model_of(tmp_path, coarse), TrialPlan(0, StartPlan())).facts
+    assert not facts.is_comparable
+    assert facts.horizon_ncontrol <= LEAST_NCONTROL
+
+
+def test_starts_come_from_several_settling_runs():
+    model = models.load(models.resolve("humanoid"))
+    trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), ncontrol=4))
+    times = trials.initial_state[:, 0]  # mjSTATE_TIME
+    assert trials.nrun == reference.NRUN
+    assert len(np.unique(np.round(times, 9))) <= trials.nrun // 8, "each run has the same times"
+    others, _ = reference.draw(model, TrialPlan(1, StartPlan(), ncontrol=4))
+    qpos = slice(1, 1 + model.nq)
+    apart = np.abs(trials.initial_state[:, qpos] - others.initial_state[:, qpos]).max(axis=1)
+    assert np.median(apart) > 1e-3
+
+
+def test_a_second_look_has_the_length_and_the_horizon_of_the_first():
+    model = models.load(models.resolve("cartpole"))
+    plan = TrialPlan(1, StartPlan(), ncontrol=12, horizon_ncontrol=5)
+    facts = reference.baseline(model, plan).facts
+    assert (facts.ncontrol, facts.horizon_ncontrol, facts.is_comparable) == (12, 5, True)
+
+
+def test_equivalent_is_within_the_solver_or_rounding_at_every_time():
+    solver, rounding = np.array([0.0, 1e-6, 1e-6]), np.array([1e-16, 1e-16, 1e-7])
+    most = reference.equivalent_share(solver, rounding)
+    assert most == pytest.approx([1e-12, 2e-6, 1e-5])
 
 
 def test_trials_depend_on_the_seed_alone():
     model = models.load(models.resolve("cartpole"))
     first, again, other = (
-        reference.draw(model, TrialPlan(seed, StartPlan(), 6))[0] for seed in (0, 0, 1)
+        reference.draw(model, TrialPlan(seed, StartPlan(), ncontrol=6))[0] for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first.initial_state, again.initial_state)
     assert first.ncontrol == 6
@@ -101,7 +133,7 @@ def test_trials_depend_on_the_seed_alone():
 
 def test_perturbed_starts_differ_in_the_last_place():
     model = models.load(models.resolve("humanoid"))
-    trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), 4))
+    trials, _ = reference.draw(model, TrialPlan(0, StartPlan(), ncontrol=4))
     other = reference.perturbed(model, trials)
     difference = np.abs(other.initial_state - trials.initial_state)
     assert 0 < difference.max() < 1e-14

@@ -8,9 +8,10 @@ from mjbench.errors import MachineError
 from mjbench.paired.records import Ratio
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
-from mjbench.tuning import search
+from mjbench.tuning import fronts
 from mjbench.tuning.attempts import Accuracy, Attempt, Effect
 from mjbench.tuning.distance import Distance, Units
+from mjbench.tuning.fronts import Faster
 from mjbench.tuning.measurements import PairedTime
 from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
@@ -25,12 +26,14 @@ def apart(share):
     return Distance(share, Units(share, None), Units(share, None))
 
 
-def present(error=PRESENT_ERROR):
+def present(error=PRESENT_ERROR, is_comparable=True):
     return Present(
         nrun=32,
         horizon_s=1.0,
         horizon_ncontrol=62,
+        ncontrol=62,
         run_s=1.0,
+        is_comparable=is_comparable,
         starts=Starts(0.1, 0.1),
         error=apart(error),
         rounding=apart(1e-15),
@@ -55,12 +58,14 @@ class Planted:
         self.asked = []
         self.fails = {}
         self.fresh = {}
+        self.present_errors = (PRESENT_ERROR, PRESENT_ERROR)
+        self.is_comparable = True
         self.seed = None
         self.now_s = 0.0
 
     def baseline(self, plan):
         self.seed = plan.seed
-        return present()
+        return present(self.present_errors[plan.seed > 0], self.is_comparable)
 
     def attempt(self, settings, nrun=None, quads=25):
         self.now_s += 1.0
@@ -151,7 +156,7 @@ def test_an_error_that_grows_beyond_the_limit_is_withdrawn():
     planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.01))
     planted.fresh = {"timestep=2": (APPROXIMATE, 0.5, 0.04)}
     record = searched(planted, max_error=0.04)
-    assert "errs by 6 %" in record.withdrawn[0].reason
+    assert "an error of 6 %" in record.withdrawn[0].reason
 
 
 def test_the_promised_error_is_the_larger_of_both_looks():
@@ -205,8 +210,54 @@ def test_the_reference_that_diverges_ends_the_search():
     assert of_search.record(Status.CRASHED, "crashed").front == []
 
 
+def test_a_search_that_runs_out_of_time_keeps_what_was_confirmed_alone():
+    effects = {f"knob{i}_x": (APPROXIMATE, 0.9 - 0.01 * i, 0.0) for i in range(6)}
+    for budget_s in range(60, 200, 10):
+        planted = Planted(**effects)
+        record = searched(planted, budget_s=float(budget_s))
+        alone = [row for row in record.attempts if row.ratio is not None]
+        assert bool(record.front) == bool(alone), budget_s
+        tried = {tuple(each.label for each in row.settings) for row in record.attempts}
+        for each in record.front:
+            assert tuple(one.label for one in each.settings) in tried
+
+
+def test_what_comes_next_is_looked_at_where_settings_are_withdrawn():
+    planted = Planted(excludes_5=(FREE, 0.7, 0.0), jacobian_sparse=(FREE, 0.9, 0.0))
+    planted.fresh = {"excludes=5": (APPROXIMATE, 0.7, 0.5)}
+    record = searched(planted)
+    assert labels(record.best()) == ["jacobian=sparse"]
+    assert len(record.withdrawn) == 2  # with the other, and alone
+
+
+def test_each_look_has_a_limit_of_its_own():
+    planted = Planted(timestep_2=(APPROXIMATE, 0.5, 0.07))
+    planted.present_errors = (0.1, 0.02)
+    record = searched(planted)
+    assert record.best() is None
+    assert "where 2.1 % is allowed" in record.withdrawn[0].reason
+
+
+def test_an_equivalent_setting_has_to_keep_to_a_limit_of_the_user():
+    planted = Planted(solver_CG=(EQUIVALENT, 0.5, 0.4))
+    assert searched(planted).best() is not None
+    assert searched(planted, max_error=0.01).best() is None
+
+
+def test_where_errors_cannot_be_compared_only_free_settings_are_recommended():
+    planted = Planted(
+        jacobian_dense=(FREE, 0.9, 0.0),
+        solver_CG=(EQUIVALENT, 0.5, 0.0),
+        timestep_2=(APPROXIMATE, 0.5, 0.0),
+    )
+    planted.is_comparable = False
+    assert [labels(each) for each in searched(planted).front] == [["jacobian=dense"]]
+
+
 def faster(label, effect, ratio, **keywords):
-    return search._Faster(setting(label, **keywords), effect, ratio)
+    accuracy = Accuracy(effect, apart(0.1), apart(0.1), NOTHING, [0.1] * 64)
+    settings = (setting(label, **keywords),)
+    return Faster(Attempt(settings, Status.OK, accuracy=accuracy, time_ratio=ratio), ratio)
 
 
 def test_combinations_have_one_setting_of_each_knob():
@@ -217,10 +268,10 @@ def test_combinations_have_one_setting_of_each_knob():
         faster("timestep=4", APPROXIMATE, 0.25),
         faster("cone=pyramidal", APPROXIMATE, 0.9),
     ]
-    drawn = search.combinations(of_knobs, 100, random.Random(0))
+    drawn = fronts.combinations(of_knobs, 100, random.Random(0))
     for combination in drawn:
         knobs = [each.knob for each in combination]
-        assert len(knobs) == len(set(knobs))
+        assert len(knobs) == len(set(knobs)) > 1
     as_labels = {tuple(each.label for each in combination) for combination in drawn}
     assert len(as_labels) == len(drawn)
     assert ("cone=pyramidal", "solver=PGS", "timestep=4") in as_labels
@@ -228,15 +279,11 @@ def test_combinations_have_one_setting_of_each_knob():
 
 
 def test_settings_of_the_loop_exclude_each_other():
-    drawn = search.combinations(
-        [
-            faster("clock off", FREE, 0.9, path_options={"clock": "off"}),
-            faster("engine threads", FREE, 0.8, path_options={"engine_threads": 2}),
-        ],
-        10,
-        random.Random(0),
-    )
-    assert all(len(combination) == 1 for combination in drawn)
+    of_loop = [
+        faster("clock off", FREE, 0.9, path_options={"clock": "off"}),
+        faster("engine threads", FREE, 0.8, path_options={"engine_threads": 2}),
+    ]
+    assert fronts.combinations(of_loop, 10, random.Random(0)) == []
 
 
 def test_half_of_the_combinations_go_on_from_the_front():
@@ -247,4 +294,4 @@ def test_half_of_the_combinations_go_on_from_the_front():
         d_1=(APPROXIMATE, 0.95, 0.3),
     )
     done = [planted.attempt((setting(label),)) for label in planted.effects]
-    assert [each.settings[0].label for each in search.better_half(done)] == ["a=1", "c=1"]
+    assert [each.settings[0].label for each in fronts.better_half(done)] == ["a=1", "c=1"]

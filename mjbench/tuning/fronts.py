@@ -1,0 +1,195 @@
+"""Which settings to try together, and which of them are worth a second look."""
+
+import itertools
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mjbench.tuning.attempts import Attempt, Effect
+from mjbench.tuning.records import allowed_error
+from mjbench.tuning.settings import Setting
+
+# Recommendations at most.
+FRONT = 6
+# A point of the front takes at most this share of the time of the one before it; one with an error
+# larger than allowed, this share.
+DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
+
+
+@dataclass(frozen=True)
+class Faster:
+    """A setting that is faster alone.
+
+    Attributes:
+      attempt: of the setting, from all starts.
+      ratio: its time over that of the present settings, in fresh processes.
+    """
+
+    attempt: Attempt
+    ratio: float
+
+    @property
+    def setting(self) -> Setting:
+        """The setting."""
+        (setting,) = self.attempt.settings
+        return setting
+
+    @property
+    def effect(self) -> Effect:
+        """What it does to the motion."""
+        return effect_of(self.attempt)
+
+
+def combinations(
+    faster: Sequence[Faster], most: int, rng: random.Random
+) -> list[tuple[Setting, ...]]:
+    """Return settings to try together, one of each knob at most; those most likely to help first.
+
+    They are the fastest of each knob among the free settings, among those and the equivalent ones,
+    and among all; each other setting together with all that cost no accuracy; and random choices of
+    the others. None is a setting alone.
+
+    Args:
+      faster: settings that are faster alone.
+      most: number of combinations at most.
+      rng: draws the random ones.
+    """
+    chosen: dict[frozenset[str], tuple[Setting, ...]] = {}
+
+    def add(settings: Sequence[Faster]) -> None:
+        combination = _fastest_by_knob(settings)
+        if len(combination) > 1:
+            chosen.setdefault(frozenset(each.label for each in combination), combination)
+
+    free = [each for each in faster if each.effect == Effect.FREE]
+    exact = [each for each in faster if each.effect != Effect.APPROXIMATE]
+    others = [each for each in faster if each.effect == Effect.APPROXIMATE]
+    for group in (free, exact, faster):
+        add(group)
+    for each in others:
+        add([other for other in exact if other.setting.knob != each.setting.knob] + [each])
+    for one, two in itertools.combinations(others, 2):
+        add([*_without(exact, one, two), one, two])
+    for _ in range(4 * most if others else 0):
+        sample = rng.sample(others, rng.randint(1, len(others)))
+        add([*_without(exact, *sample), *sample])
+    return list(chosen.values())[:most]
+
+
+def _without(settings: Sequence[Faster], *others: Faster) -> list[Faster]:
+    """Return settings of other knobs than some have."""
+    knobs = {each.setting.knob for each in others}
+    return [each for each in settings if each.setting.knob not in knobs]
+
+
+def _fastest_by_knob(settings: Sequence[Faster]) -> tuple[Setting, ...]:
+    """Return the fastest setting of each knob, in the order of their names.
+
+    The loop's own settings exclude each other.
+    """
+    by_knob: dict[str, Faster] = {}
+    for each in sorted(settings, key=lambda each: each.ratio):
+        knob = "loop" if each.setting.path_options else each.setting.knob
+        by_knob.setdefault(knob, each)
+    return tuple(each.setting for _, each in sorted(by_knob.items()))
+
+
+def by_exactness(
+    attempts: Sequence[Attempt], faster: Sequence[Faster]
+) -> tuple[list[Attempt], list[Attempt]]:
+    """Return the attempts without settings that are approximate alone, and the others."""
+    exact = {each.setting.label for each in faster if each.effect != Effect.APPROXIMATE}
+    without = [each for each in attempts if all(one.label in exact for one in each.settings)]
+    return without, [each for each in attempts if each not in without]
+
+
+def better_half(attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Return half of the attempts: front after front, each from the fastest on."""
+    left, better = list(attempts), list[Attempt]()
+    while left and 2 * len(better) < len(attempts):
+        front = [one for one in left if not any(_dominates(other, one) for other in left)]
+        better += sorted(front, key=time_ratio_of)
+        left = [one for one in left if one not in front]
+    return better[: (len(attempts) + 1) // 2]
+
+
+def pareto_front(
+    attempts: Sequence[Attempt], max_error: float | None, present_error: float
+) -> list[Attempt]:
+    """Return the attempts worth a second look, the smallest effect first.
+
+    They are the fastest free one, the fastest equivalent one if it is faster, and approximate ones
+    that are faster still, from the most accurate on; with the fastest one that is within the error
+    allowed.
+
+    Args:
+      attempts: on which all combinations are.
+      max_error: the largest error allowed, as a share of the motion; None for the present one.
+      present_error: of the present settings, from the same starts.
+    """
+    front: list[Attempt] = []
+    allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]
+    for effect in (Effect.FREE, Effect.EQUIVALENT):
+        of_effect = [each for each in allowed if effect_of(each) == effect]
+        if of_effect:
+            _add_if_faster(front, min(of_effect, key=time_ratio_of))
+    approximate = [each for each in attempts if effect_of(each) == Effect.APPROXIMATE]
+    limit = allowed_error(max_error, present_error)
+    within = [each for each in approximate if error_of(each) <= limit]
+    if within:
+        _add_if_faster(front, min(within, key=time_ratio_of))
+    beyond = [each for each in approximate if error_of(each) > limit]
+    for each in sorted(beyond, key=lambda each: (error_of(each), time_ratio_of(each))):
+        _add_if_faster(front, each, DISTINCT_BEYOND)
+    return front[:FRONT]
+
+
+def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) -> bool:
+    """Return whether the error of settings is no larger than allowed.
+
+    What changes no state is always allowed; what is equivalent, unless the user sets a limit.
+
+    Args:
+      attempt: of the settings.
+      max_error: the largest error allowed, as a share of the motion; None for the present one.
+      present_error: of the present settings, from the same starts.
+    """
+    effect = effect_of(attempt)
+    if effect == Effect.FREE or (effect == Effect.EQUIVALENT and max_error is None):
+        return True
+    return error_of(attempt) <= allowed_error(max_error, present_error)
+
+
+def _add_if_faster(front: list[Attempt], attempt: Attempt, factor: float = DISTINCT) -> None:
+    """Add an attempt to a front, if it takes at most this share of the time of the last one."""
+    if time_ratio_of(attempt) < factor * (time_ratio_of(front[-1]) if front else 1.0):
+        front.append(attempt)
+
+
+def rank_of(attempt: Attempt) -> tuple[int, float]:
+    """Return what attempts are sorted by: their effect, then their time."""
+    return effect_of(attempt).rank, time_ratio_of(attempt)
+
+
+def effect_of(attempt: Attempt) -> Effect:
+    """Return what settings that did not fail do to the motion."""
+    assert attempt.accuracy is not None, "it did not fail"
+    return attempt.accuracy.effect
+
+
+def error_of(attempt: Attempt) -> float:
+    """Return the error of settings that did not fail, as a share of the motion."""
+    assert attempt.accuracy is not None, "it did not fail"
+    return attempt.accuracy.error.share
+
+
+def time_ratio_of(attempt: Attempt) -> float:
+    """Return the time of settings that were timed, over that of the present ones."""
+    assert attempt.time_ratio is not None, "it was timed"
+    return attempt.time_ratio
+
+
+def _dominates(one: Attempt, other: Attempt) -> bool:
+    """Return whether one is as fast and as near as another, and better in one of the two."""
+    pair = (time_ratio_of(one), error_of(one)), (time_ratio_of(other), error_of(other))
+    return all(mine <= theirs for mine, theirs in zip(*pair, strict=True)) and pair[0] != pair[1]
