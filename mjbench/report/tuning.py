@@ -14,7 +14,7 @@ from mjbench.tuning.attempts import Effect
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.records import SAME_ERROR, AttemptRow, Recommendation, TuneRecord
 from mjbench.tuning.reference import REFINEMENT, Present
-from mjbench.tuning.settings import Part, Setting, edits_of, label, path_options_of
+from mjbench.tuning.settings import LoopChange, Part, Setting, edits_of, label, loop_change
 
 _RESULTS = {
     Effect.FREE: "same (free)",
@@ -204,7 +204,7 @@ def paste_lines(settings: Sequence[Setting]) -> list[str]:
             f"    <contact> with {len(excluded)} <exclude …/>: --write writes them to a copy of"
             " the model, --json names them"
         )
-    code = _code(path_options_of(settings))
+    code = _code(loop_change(settings))
     if any(edit.name == "timestep" for edit in of_option):
         code.append("# hold each control for fewer steps (frame_skip), so that it lasts as long")
     return [
@@ -213,13 +213,11 @@ def paste_lines(settings: Sequence[Setting]) -> list[str]:
     ]
 
 
-def _code(options: dict[str, str | int]) -> list[str]:
-    """Return the Python that options of the loop stand for."""
-    code = []
-    if options.get("clock") == "off":
-        code.append("mjbench.engine_clock(False)")
-    if "engine_threads" in options:
-        code.append(f"mujoco.mju_threadpool(data, {options['engine_threads']})")
+def _code(loop: LoopChange) -> list[str]:
+    """Return the Python that a change of the loop stands for."""
+    code = ["mjbench.engine_clock(False)"] if loop.is_clock_off else []
+    if loop.engine_threads:
+        code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
     return code
 
 

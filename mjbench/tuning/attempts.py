@@ -6,7 +6,7 @@ measured within that process, which is good for choosing what to look at again, 
 
 import enum
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from mjbench.tuning import distance, reference, trajectories, variants
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.physics import Physics, physics
 from mjbench.tuning.reference import Baseline, Present, TrialPlan
-from mjbench.tuning.settings import Setting, edits_of, path_options_of
+from mjbench.tuning.settings import NO_CHANGE, LoopChange, Setting, edits_of, loop_change
 from mjbench.tuning.trajectories import Trajectories, Trials
 
 # Seconds of a block that an attempt times, and quads of such blocks.
@@ -34,6 +34,8 @@ BLOCK_S, QUADS = 0.002, 25
 BLOCK_NCONTROL = 2
 # Seconds of silence after which a child is killed.
 SILENCE_S = 120.0
+# Seconds that the reference may take.
+BASELINE_SILENCE_S = 600.0
 
 
 class Effect(enum.StrEnum):
@@ -118,7 +120,7 @@ class AttemptRequest:
       source: of the model.
       baseline_file: holds the pickled `Baseline`.
       settings: to try together.
-      model_file: to save the changed model to.
+      model_file: to save the changed model to; None to save none.
       nrun: runs of the trials to do, the first ones; None for all.
       quads: blocks to time, as quads; 0 to measure no time.
     """
@@ -126,7 +128,7 @@ class AttemptRequest:
     source: ModelSource
     baseline_file: Path
     settings: tuple[Setting, ...]
-    model_file: Path
+    model_file: Path | None = None
     nrun: int | None = None
     quads: int = QUADS
 
@@ -173,6 +175,7 @@ def attempt(request: AttemptRequest, limit_s: float = SILENCE_S) -> Attempt:
 def run_baseline(request: BaselineRequest, channel: Channel) -> None:
     """Run the present settings and the reference; runs in a child."""
     channel.doing(f"running {request.source.name} with its present settings")
+    channel.allow_silence(BASELINE_SILENCE_S)  # the reference has many steps
     model = variants.compiled(request.source, ())
     baseline = reference.baseline(model, request.plan)
     with request.file.open("wb") as stream:
@@ -194,14 +197,15 @@ def run_attempt(request: AttemptRequest, channel: Channel) -> None:
     if runs.diverged.any():
         raise InputError(f"diverges in {int(runs.diverged.sum())} of {len(runs.diverged)} runs")
     accuracy = judged(model, baseline, runs)
-    save(changed, request.model_file)
-    options = path_options_of(request.settings)
-    if options and len(request.settings) == 1:  # together, they are known to change nothing
-        _check_loop(changed, options, baseline.trials, runs)
+    if request.model_file is not None:
+        save(changed, request.model_file)
+    loop = loop_change(request.settings)
+    if loop != NO_CHANGE and len(request.settings) == 1:  # known to change nothing with others
+        _check_loop(changed, loop, baseline.trials, runs)
     channel.doing("timing the model")
     ratio = None
     if request.quads:
-        ratio = _time_ratio(model, changed, options, baseline, request.quads)
+        ratio = _time_ratio(model, changed, loop, baseline, request.quads)
     factor = float(changed.opt.timestep) / float(model.opt.timestep)
     channel.send(_Tried(accuracy, ratio, factor))
 
@@ -247,15 +251,10 @@ def save(model: mujoco.MjModel, file: Path) -> None:
         raise MachineError(f"cannot write {file}: is the disk full?")
 
 
-def path_of(options: dict[str, str | int]) -> str:
-    """Return the name of the path that has some options of the loop."""
-    return "python_loop_hold" if "engine_threads" in options else paths.BASE
-
-
 def _time_ratio(
     model: mujoco.MjModel,
     changed: mujoco.MjModel,
-    options: dict[str, str | int],
+    loop: LoopChange,
     baseline: Baseline,
     quads: int,
 ) -> float:
@@ -263,17 +262,15 @@ def _time_ratio(
 
     Both do the same number of steps from the same states under the same controls.
     """
-    trials = baseline.trials
+    trials, path = baseline.trials, paths.find(loop.path)
     ncontrol = min(BLOCK_NCONTROL, trials.ncontrol)
     hold = trajectories.steps_per_control(model, trials.control_s)
     run_s = ncontrol * hold * work.step_s(model, trials.initial_state[0])
     nrun = int(np.clip(BLOCK_S / run_s, 1, trials.nrun))
     rows = np.linspace(0, trials.nrun - 1, nrun).astype(int)
     drawn = trials.only(rows).first(ncontrol)
-    present, other = (
-        _prepared(of_model, drawn, hold, of_loop, options)
-        for of_model, of_loop in ((model, {}), (changed, options))
-    )
+    present = _prepared(model, drawn, hold, path, {})
+    other = _prepared(changed, drawn, hold, path, loop.options)
     for each in (present, other):
         each.run()
     orders = timing.draw_orders(quads)
@@ -283,16 +280,13 @@ def _time_ratio(
 
 
 def _check_loop(
-    model: mujoco.MjModel,
-    options: dict[str, str | int],
-    trials: Trials,
-    runs: Trajectories,
+    model: mujoco.MjModel, loop: LoopChange, trials: Trials, runs: Trajectories
 ) -> None:
-    """Refuse options of the loop with which it reaches other states.
+    """Refuse a change of the loop with which it reaches other states.
 
     Args:
       model: to step.
-      options: of the loop.
+      loop: the change.
       trials: starts and controls.
       runs: of them by a plain loop.
 
@@ -300,7 +294,7 @@ def _check_loop(
       InputError: a final state differs in a bit.
     """
     hold = trajectories.steps_per_control(model, trials.control_s)
-    prepared = _prepared(model, trials, hold, options, options)
+    prepared = _prepared(model, trials, hold, paths.find(loop.path), loop.options)
     if not np.array_equal(prepared.verified_states().values, runs.points[:, -1]):
         raise InputError("the loop reaches other final states with it")
 
@@ -309,23 +303,22 @@ def _prepared(
     model: mujoco.MjModel,
     trials: Trials,
     hold: int,
-    options: dict[str, str | int],
-    of_path: dict[str, str | int],
+    path: paths.SteppingPath,
+    options: Mapping[str, str | int],
 ) -> paths.Prepared:
-    """Return what does the trials in a loop.
+    """Return what does the trials by a path.
 
     Args:
       model: to step.
       trials: starts and controls.
       hold: steps for which each control is held.
-      options: of the loop.
-      of_path: options that decide which path it is.
+      path: way of stepping.
+      options: of the path.
 
     Raises:
       InputError: the path cannot run here.
     """
     drawn = Workload(model, trials.initial_state.copy(), trials.control.copy(), hold, 0)
-    path = paths.find(path_of(of_path))
     reason = path.unavailable() or path.unsuited(drawn, options)
     if reason:
         raise InputError(reason)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mjbench.tuning.attempts import Attempt, Effect
 from mjbench.tuning.records import allowed_error
-from mjbench.tuning.settings import Setting
+from mjbench.tuning.settings import NO_CHANGE, Setting
 
 # Recommendations at most.
 FRONT = 6
@@ -89,7 +89,7 @@ def _fastest_by_knob(settings: Sequence[Faster]) -> tuple[Setting, ...]:
     """
     by_knob: dict[str, Faster] = {}
     for each in sorted(settings, key=lambda each: each.ratio):
-        knob = "loop" if each.setting.path_options else each.setting.knob
+        knob = each.setting.knob if each.setting.loop == NO_CHANGE else "loop"
         by_knob.setdefault(knob, each)
     return tuple(each.setting for _, each in sorted(by_knob.items()))
 

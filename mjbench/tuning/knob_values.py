@@ -14,7 +14,7 @@ from mjbench.simulation import compat, model_options
 from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import Observed, Usage
-from mjbench.tuning.settings import CLOCK_OFF, Edit, Part, Setting
+from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
 Values = Callable[[Observed], list[Setting]]
 Condition = Callable[[Observed], bool]
@@ -257,7 +257,7 @@ def clock_off(observed: Observed) -> list[Setting]:
     """Return the loop without the engine's clock, where the engine has one."""
     if not compat.has_clock(observed.model):
         return []
-    return [Setting("engine clock", "engine clock off", path_options=CLOCK_OFF)]
+    return [Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
 
 
 def threads(observed: Observed) -> list[Setting]:
@@ -266,6 +266,6 @@ def threads(observed: Observed) -> list[Setting]:
         return []
     counts = [count for count in topology.read().thread_counts() if count > 1]
     return [
-        Setting("engine threads", f"engine threads={n}", path_options={"engine_threads": n})
+        Setting("engine threads", f"engine threads={n}", loop=LoopChange(engine_threads=n))
         for n in counts
     ]

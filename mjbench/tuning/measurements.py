@@ -19,7 +19,7 @@ from mjbench.status import Status
 from mjbench.tuning import attempts
 from mjbench.tuning.attempts import Attempt, AttemptRequest, BaselineRequest
 from mjbench.tuning.reference import HOLD, Present, TrialPlan
-from mjbench.tuning.settings import Setting, label, path_options_of
+from mjbench.tuning.settings import Setting, label, loop_change
 
 # Smallest gain that counts, and the confidence of a comparison.
 MIN_EFFECT, CONFIDENCE = 0.01, 0.95
@@ -112,27 +112,25 @@ class OnThisMachine:
         self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = attempts.QUADS
     ) -> Attempt:
         """See `Measurements.attempt`."""
-        earlier = self._changed.get(label(settings))
-        file = earlier[0] if earlier else self._pool.new_file(".mjb")
+        file = None
+        if nrun is None:  # it may be compared
+            earlier = self._changed.get(label(settings))
+            file = earlier[0] if earlier else self._pool.new_file(".mjb")
         request = AttemptRequest(self._source, self._baseline_file, settings, file, nrun, quads)
         done = attempts.attempt(request, self._limit_s)
-        self._changed[label(settings)] = file, done.timestep_factor
+        if file is not None:
+            self._changed[label(settings)] = file, done.timestep_factor
         return done
 
     def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
         """See `Measurements.compare`."""
         release = installs.parse_release(installs.INSTALLED)
-        options = path_options_of(settings)
-        path = attempts.path_of(options)
+        loop = loop_change(settings)
+        path = paths.find(loop.path)
         name, (file, timestep_factor) = self._source.name, self._changed[label(settings)]
-        baseline = Target(
-            release, ModelSource(name, self._model_file), path, paths.find(path).complete({})
-        )
-        candidate = Target(
-            release,
-            ModelSource(name, file),
-            path,
-            paths.find(path).complete(options),
+        baseline, candidate = (
+            Target(release, ModelSource(name, model), path.name, path.complete(options))
+            for model, options in ((self._model_file, {}), (file, loop.options))
         )
         plan = VerdictPlan(
             MIN_EFFECT,
@@ -142,7 +140,10 @@ class OnThisMachine:
             Sizes(seed=seed, starts=self._starts, hold=self._hold),
             as_shipped=True,  # one build against itself
         )
-        result = verdict.decide(self._pool, baseline, candidate, plan)
+        try:
+            result = verdict.decide(self._pool, baseline, candidate, plan)
+        finally:
+            file.unlink(missing_ok=True)  # models may be large
         if result.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
         row = result.row()

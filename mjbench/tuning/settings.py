@@ -1,11 +1,36 @@
 """A setting: edits of a model's MJCF, or options of the loop, that may make steps faster."""
 
 import enum
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
-# The option of `python_loop` without the engine's clock (see `engine_clock`).
-CLOCK_OFF: Mapping[str, str] = {"clock": "off"}
+
+@dataclass(frozen=True)
+class LoopChange:
+    """What a setting changes in the loop that steps a model; one of the two, as no path has both.
+
+    Attributes:
+      is_clock_off: whether the engine's clock is off (see `engine_clock`).
+      engine_threads: of the engine's own pool within one simulation; 0 for none.
+    """
+
+    is_clock_off: bool = False
+    engine_threads: int = 0
+
+    @property
+    def path(self) -> str:
+        """The path that steps so."""
+        return "python_loop_hold" if self.engine_threads else "python_loop"
+
+    @property
+    def options(self) -> dict[str, str | int]:
+        """Options of that path."""
+        if self.engine_threads:
+            return {"engine_threads": self.engine_threads}
+        return {"clock": "off"} if self.is_clock_off else {}
+
+
+NO_CHANGE = LoopChange()
 
 
 class Part(enum.StrEnum):
@@ -44,7 +69,7 @@ class Setting:
       knob: name of the knob.
       label: what people read, such as `solver=CG`.
       edits: of the model.
-      path_options: options of `python_loop`, where the setting is of the loop.
+      loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.
     """
@@ -52,7 +77,7 @@ class Setting:
     knob: str
     label: str
     edits: tuple[Edit, ...] = ()
-    path_options: Mapping[str, str | int] = field(default_factory=dict)
+    loop: LoopChange = NO_CHANGE
     loses: str = ""
     evidence: str = ""
 
@@ -62,12 +87,10 @@ def edits_of(settings: Iterable[Setting]) -> list[Edit]:
     return [edit for setting in settings for edit in setting.edits]
 
 
-def path_options_of(settings: Iterable[Setting]) -> dict[str, str | int]:
-    """Return the options of `python_loop` that some settings have."""
-    options: dict[str, str | int] = {}
-    for setting in settings:
-        options.update(setting.path_options)
-    return options
+def loop_change(settings: Iterable[Setting]) -> LoopChange:
+    """Return what some settings, of which one at most is of the loop, change in it."""
+    changes = [setting.loop for setting in settings if setting.loop != NO_CHANGE]
+    return changes[0] if changes else NO_CHANGE
 
 
 def label(settings: Sequence[Setting]) -> str:

@@ -13,7 +13,7 @@ from mjbench.status import Status
 from mjbench.tuning import attempts, reference, trajectories
 from mjbench.tuning.attempts import AttemptRequest, BaselineRequest, Effect
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.settings import CLOCK_OFF, Edit, Part, Setting
+from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
 SOURCE = models.resolve("cartpole")
 
@@ -74,7 +74,9 @@ def test_fewer_runs_are_spread_over_all(baseline_file):
 
 def test_the_loop_has_settings_of_its_own(baseline_file):
     done = tried(
-        baseline_file, Setting("engine clock", "clock off", path_options=CLOCK_OFF), quads=2
+        baseline_file,
+        Setting("engine clock", "clock off", loop=LoopChange(is_clock_off=True)),
+        quads=2,
     )
     assert done.accuracy.effect == Effect.FREE
     assert done.time_ratio > 0
@@ -83,11 +85,11 @@ def test_the_loop_has_settings_of_its_own(baseline_file):
 def test_a_loop_that_reaches_other_states_is_refused(monkeypatch):
     model = models.load(SOURCE)
     baseline = reference.baseline(model, TrialPlan(0, StartPlan(), ncontrol=4))
-    options = {"engine_threads": 1}
-    attempts._check_loop(model, options, baseline.trials, baseline.present)
+    pool = LoopChange(engine_threads=1)
+    attempts._check_loop(model, pool, baseline.trials, baseline.present)
     other = trajectories.run(reference.converged(model, 2), baseline.trials)
     with pytest.raises(InputError, match="other final states"):
-        attempts._check_loop(model, options, baseline.trials, other)
+        attempts._check_loop(model, pool, baseline.trials, other)
 
 
 @pytest.mark.parametrize(

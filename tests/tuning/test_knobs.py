@@ -14,7 +14,7 @@ from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, observed
 from mjbench.tuning.observed import Observed, Usage, observe_model
 from mjbench.tuning.pair_watch import IdlePair
-from mjbench.tuning.settings import CLOCK_OFF, Edit, Part, Setting
+from mjbench.tuning.settings import NO_CHANGE, Edit, LoopChange, Part, Setting
 
 ARM = "<body><joint damping='.1' range='-1 1' limited='true'/><geom size='.1'/></body>"
 
@@ -95,7 +95,7 @@ def test_every_setting_of_a_shipped_model_applies(
         assert len({value.label for value in values}) == len(values)
         for value in values:
             assert value.knob == knob
-            assert value.edits or value.path_options
+            assert value.edits or value.loop != NO_CHANGE
             model = apply(mujoco.MjSpec.from_file(str(source.path)), [value])
             mujoco.mj_step(model, mujoco.MjData(model), 3)
 
@@ -359,9 +359,9 @@ def test_the_loop_has_a_clock_and_threads(monkeypatch: pytest.MonkeyPatch) -> No
     cores = SimpleNamespace(thread_counts=lambda: (1, 4, 8))
     monkeypatch.setattr(knob_values.topology, "read", lambda: cores)
     settings = knobs.settings(seen(model_xml()))
-    assert [dict(s.path_options) for s in settings["engine clock"]] == [dict(CLOCK_OFF)]
-    threads = [dict(setting.path_options) for setting in settings["engine threads"]]
-    assert threads == [{"engine_threads": 4}, {"engine_threads": 8}]
+    assert [each.loop for each in settings["engine clock"]] == [LoopChange(is_clock_off=True)]
+    threads = [each.loop for each in settings["engine threads"]]
+    assert threads == [LoopChange(engine_threads=4), LoopChange(engine_threads=8)]
     monkeypatch.setattr(
         knob_values.topology, "read", lambda: SimpleNamespace(thread_counts=lambda: (1,))
     )

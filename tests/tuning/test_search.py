@@ -16,7 +16,7 @@ from mjbench.tuning.measurements import PairedTime
 from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
 from mjbench.tuning.search import Search, SearchPlan
-from mjbench.tuning.settings import Setting
+from mjbench.tuning.settings import LoopChange, Setting
 
 NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
 PRESENT_ERROR = 0.02
@@ -280,8 +280,8 @@ def test_combinations_have_one_setting_of_each_knob():
 
 def test_settings_of_the_loop_exclude_each_other():
     of_loop = [
-        faster("clock off", FREE, 0.9, path_options={"clock": "off"}),
-        faster("engine threads", FREE, 0.8, path_options={"engine_threads": 2}),
+        faster("clock off", FREE, 0.9, loop=LoopChange(is_clock_off=True)),
+        faster("engine threads", FREE, 0.8, loop=LoopChange(engine_threads=2)),
     ]
     assert fronts.combinations(of_loop, 10, random.Random(0)) == []
 
