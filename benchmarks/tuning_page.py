@@ -55,7 +55,7 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         yield "No model was searched to the end."
         return
     promises = [promise for model in searched for promise in model.promises]
-    held = sum(promise.holds for promise in promises)
+    first = [promise for promise in promises if promise.is_best]
     free, exact, best = (
         statistics.median(values) for values in zip(*map(gains_of, searched), strict=True)
     )
@@ -68,8 +68,8 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         f" {free:.2f} times as fast with the same results, {exact:.2f} times within the solver's"
         " tolerance, and"
         f" {best:.2f} times with an error that is no larger than the model has now, or at most"
-        f" {100 * NO_ERROR:g} % of the motion. {held} of {len(promises)}"
-        " recommendations did as promised from further starts."
+        f" {100 * NO_ERROR:g} % of the motion. From further starts, {_held(first)} settings that it"
+        f" recommends first did as promised, and {_held(promises)} of all that it shows."
     )
     yield ""
     yield f"| {' | '.join(_HEADINGS)} |"
@@ -88,9 +88,14 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
     broken = [(m, p) for m in searched for p in m.promises if not p.holds]
     if broken:
         yield ""
-        yield "Broken promises:"
+        yield "Not as promised (one run in ten may err by more):"
         yield ""
         yield from (_broken(model, promise) for model, promise in broken)
+
+
+def _held(promises: Sequence["Promise"]) -> str:
+    """Return how many of some promises hold."""
+    return f"{sum(promise.holds for promise in promises)} of {len(promises)}"
 
 
 def _broken(model: "TunedModel", promise: "Promise") -> str:
