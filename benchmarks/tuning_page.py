@@ -90,8 +90,8 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         "Every row of the output was run again from starts that neither look of the search had:"
         f" {nrun} runs each. Nine in ten err by no more than promised for {_errors_hold(first)}"
         f" settings that are recommended first, and for {_errors_hold(promises)} of all that are"
-        f" shown. Free settings changed no state in {_effects_hold(free)} cases; equivalent ones were still equivalent in"
-        f" {_effects_hold(equivalent)}. The search itself withdrew"
+        f" shown. Free settings changed no state in {_effects_hold(free)} cases; equivalent ones"
+        f" were still equivalent in {_effects_hold(equivalent)}. The search itself withdrew"
         f" {sum(model.withdrawn for model in searched)} settings at its second look."
     )
     broken = [
