@@ -106,8 +106,8 @@ def test_a_model_that_mjx_does_not_take_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--nbatch", "4"], "--nbatch is of --engine mjx and warp"),
-        (["--engine", "mjx", "--only", "free"], "--only is of --engine c"),
+        (["--nbatch", "4"], "--nbatch needs --engine mjx or warp"),
+        (["--engine", "mjx", "--only", "free"], "--only works with --engine c"),
     ],
 )
 def test_options_of_another_engine_are_refused(options: list[str], message: str) -> None:

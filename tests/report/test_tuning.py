@@ -129,7 +129,7 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
 def test_a_setting_says_why_it_can_help():
     stages = {"constraint solver": 0.4, "constraint making": 0.1, "constraint projection": 0.0}
     of_stages = replace(record(FREE), stages=stages)
-    assert "40 % of a step" in tuning.why(Setting("solver", "solver=CG"), of_stages)
+    assert "50 % of a step" in tuning.why(Setting("solver", "solver=CG"), of_stages)
     assert "2 pairs never touched" in tuning.why(EXCLUDES, of_stages)
     assert "gives up sensor data" in tuning.why(
         Setting("sensor", "sensor=disable", loses="sensor data"), of_stages
