@@ -38,18 +38,24 @@ def sections(records: Sequence[TuneRecord], command: str) -> Iterator[Section]:
 
 
 def _front_figure(record: TuneRecord, present: Present) -> Figure:
-    """Return time against error: what was tried, and what is recommended."""
+    """Return time against error: what was tried from all starts, and what was confirmed."""
     columns = (
         Column("settings"),
         Column("error, % of the motion", 3),
         Column("time of a simulated second", 4),
         Column("point"),
     )
+    most = max(
+        (len(row.accuracy.run_errors) for row in record.attempts if row.accuracy is not None),
+        default=0,
+    )
     rows = [(label(()), 100 * present.error.share, 1.0, _PRESENT)]
     rows += [
         (label(row.settings), 100 * row.accuracy.error.share, row.time_ratio, _TRIED)
         for row in record.attempts
-        if row.accuracy is not None and row.time_ratio is not None
+        if row.accuracy is not None
+        and row.time_ratio is not None
+        and len(row.accuracy.run_errors) == most  # errors of fewer runs are of another kind
     ]
     rows += [
         (label(each.settings), 100 * each.error.share, each.ratio.estimate, _CONFIRMED)
