@@ -79,6 +79,13 @@ def _lines(tally: "TuningTally") -> Iterator[str]:
         f" budget of {tally.budget_s:g} s a model. Each column includes what changes less. Settings"
         " are those recommended first. Ten models are mjbench's own, ten are of other packages."
     )
+    yield from _promise_lines(searched, promises)
+
+
+def _promise_lines(
+    searched: Sequence["TunedModel"], promises: Sequence["Promise"]
+) -> Iterator[str]:
+    """Yield whether what was promised holds from further starts."""
     yield ""
     yield "## Does it keep its promises?"
     yield ""

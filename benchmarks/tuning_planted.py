@@ -59,18 +59,19 @@ def chain(count: int, options: str) -> str:
     )
 
 
-def rods(count: int, options: str) -> str:
-    """Return rods of two kinds side by side: each `a` is near every `b`, and touches none."""
+def rods(na: int, nb: int, options: str = "") -> str:
+    """Return rods that spin about themselves, side by side; only `a` may collide with `b`.
+
+    Each is near every other, and touches none.
+    """
     rod = (
         "<body name='{kind}{index}' pos='0 {y} 0' euler='0 0 45'><joint axis='1 0 0'/>"
         "<geom type='capsule' size='.01' fromto='0 0 0 3 0 0' contype='{own}'"
         " conaffinity='{other}'/></body>"
     )
-    a = "".join(rod.format(kind="a", index=i, y=-0.05 * i, own=1, other=2) for i in range(10))
-    b = "".join(
-        rod.format(kind="b", index=i, y=0.05 * (i + 1), own=2, other=1) for i in range(count)
-    )
-    return f"<mujoco><option {options}/><worldbody>{a}{b}</worldbody></mujoco>"
+    a = (rod.format(kind="a", index=i, y=-0.05 * i, own=1, other=2) for i in range(na))
+    b = (rod.format(kind="b", index=i, y=0.05 * (i + 1), own=2, other=1) for i in range(nb))
+    return f"<mujoco><option {options}/><worldbody>{''.join(a)}{''.join(b)}</worldbody></mujoco>"
 
 
 def boxes(count: int, options: str, joint: str = "<freejoint/>") -> str:
@@ -90,7 +91,7 @@ SLIDE = "<joint type='slide' axis='0 0 1'/>"
 
 CASES = (
     Case("tiny timestep", chain(4, "timestep='0.0001'"), "timestep"),
-    Case("200 idle pairs", rods(20, "timestep='0.002'"), "excludes"),
+    Case("200 idle pairs", rods(10, 20, "timestep='0.002'"), "excludes"),
     Case("dense Jacobian", boxes(24, "timestep='0.002' jacobian='dense'"), "jacobian"),
     Case("RK4", boxes(6, "timestep='0.002' integrator='RK4'", SLIDE), "integrator"),
     Case("nothing planted", chain(4, "timestep='0.004'")),

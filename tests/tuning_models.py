@@ -24,17 +24,6 @@ GEOMETRY = """
 """
 
 
-# Parallel rods that lie diagonally, 0.05 m apart along y: so far apart are their surfaces.
+# The rods of `benchmarks.tuning_planted` lie diagonally, 0.05 m apart along y: so far apart are
+# their surfaces.
 ROD_GAP_M = 0.05 / 2**0.5 - 2 * 0.01
-
-
-def rods(na: int, nb: int) -> str:
-    """Return rods that spin about themselves, beside each other; only `a` may collide with `b`."""
-    rod = (
-        "<body name='{kind}{index}' pos='0 {y} 0' euler='0 0 45'><joint axis='1 0 0'/>"
-        "<geom type='capsule' size='.01' fromto='0 0 0 3 0 0' contype='{own}'"
-        " conaffinity='{other}'/></body>"
-    )
-    a = (rod.format(kind="a", index=i, y=-0.05 * i, own=1, other=2) for i in range(na))
-    b = (rod.format(kind="b", index=i, y=0.05 * (i + 1), own=2, other=1) for i in range(nb))
-    return f"<mujoco><worldbody>{''.join(a)}{''.join(b)}</worldbody></mujoco>"

@@ -128,13 +128,9 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         latency,
         overhead,
         planning,
-        tuning,
-        tuning_accelerated,
     )
     from mjbench.report.profile import print_profile
     from mjbench.report.program import print_program
-    from mjbench.tuning.accelerated_records import EngineTuneRecord
-    from mjbench.tuning.records import TuneRecord
 
     machine = stored.header.machine
     if costs := stored.of_type(OverheadRow):
@@ -164,17 +160,26 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
         for row in rows:
             environment.print_environment(run.out, row)
         run.write(documents.EnvDocument(machine=machine, results=rows))
-    elif searches := stored.of_type(TuneRecord):
-        for search in searches:
-            tuning.print_record(run.out, search)
-        run.write(documents.TuneDocument(machine=machine, results=searches))
-    elif engine_searches := stored.of_type(EngineTuneRecord):
-        for engine_search in engine_searches:
-            tuning_accelerated.print_record(run.out, engine_search)
-        run.write(documents.TuneDocument(machine=machine, results=(), accelerated=engine_searches))
     else:
-        return False
+        return _show_searches(run, stored)
     return True
+
+
+def _show_searches(run: RunContext, stored: "Run") -> bool:
+    """Print what searches for settings came to; return whether there is one."""
+    from mjbench.report import tuning_accelerated
+    from mjbench.report.documents import TuneDocument
+    from mjbench.tuning.accelerated_records import EngineTuneRecord
+    from mjbench.tuning.records import TuneRecord
+
+    searches: list[TuneRecord | EngineTuneRecord] = []
+    searches += stored.of_type(TuneRecord)
+    searches += stored.of_type(EngineTuneRecord)
+    for search in searches:
+        tuning_accelerated.print_any(run.out, search)
+    if searches:
+        run.write(TuneDocument.of(stored.header.machine, searches))
+    return bool(searches)
 
 
 def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:

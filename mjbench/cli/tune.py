@@ -125,13 +125,12 @@ def tune(
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report import tuning, tuning_accelerated
+    from mjbench.report import tuning_accelerated
     from mjbench.report.documents import TuneDocument
     from mjbench.simulation import models
     from mjbench.tuning import knobs, model_copy
     from mjbench.tuning.accelerated_search import tune_engine
     from mjbench.tuning.attempts import Effect
-    from mjbench.tuning.records import TuneRecord
     from mjbench.tuning.search import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
 
@@ -148,33 +147,27 @@ def tune(
             raise InputError("--write takes one model")
         model_copy.check_source(sources[0])
     written = OutputFile("--write", target, files)
-    of_c: list[TuneRecord] = []
-    accelerated: list[EngineTuneRecord] = []
     arguments = {"models": [source.name for source in sources], "plan": plan, "engine": engine}
     storage = Storage(results, arguments if engine == "c" else {**arguments, "nbatch": nbatch})
+    records: list[TuneRecord | EngineTuneRecord] = []
     with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
         _see_whether_writable(written)
         for source in sources:
-            record: TuneRecord | EngineTuneRecord
             with run.progress(PARTS) as advance:
                 if engine == "c":
-                    record = tune_model(pool, source, plan, time_limit, advance)
-                    of_c.append(record)
+                    records.append(tune_model(pool, source, plan, time_limit, advance))
                 else:
-                    record = tune_engine(pool, source, engine, nbatch, plan, time_limit, advance)
-                    accelerated.append(record)
-            run.record(record)
-            if isinstance(record, TuneRecord):
-                tuning.print_record(run.out, record)
-            else:
-                tuning_accelerated.print_record(run.out, record)
-            if record.status == Status.INTERRUPTED:
+                    of_engine = tune_engine(pool, source, engine, nbatch, plan, time_limit, advance)
+                    records.append(of_engine)
+            run.record(records[-1])
+            tuning_accelerated.print_any(run.out, records[-1])
+            if records[-1].status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(TuneDocument(machine=run.machine, results=of_c, accelerated=accelerated))
+        run.write(TuneDocument.of(run.machine, records))
         if target is not None and not run.interrupted:
-            _write(run, record, sources[0], Path(target))
-    run.exit([*(each.status for each in of_c), *(each.status for each in accelerated)])
+            _write(run, records[0], sources[0], Path(target))
+    run.exit(record.status for record in records)
 
 
 def _check_engine(

@@ -1,6 +1,6 @@
 """What the name of an environment stands for, such as `Humanoid-v5` or `module:factory`.
 
-Nothing is imported here: environments are made in child processes (see `environment.construction`).
+Nothing is imported here: environments are created in child processes (see `construction.py`).
 """
 
 import re

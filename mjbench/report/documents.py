@@ -276,6 +276,15 @@ class TuneDocument:
     results: Sequence[TuneRecord]
     accelerated: Sequence[EngineTuneRecord] = ()
 
+    @classmethod
+    def of(
+        cls, machine: Machine, records: Sequence[TuneRecord | EngineTuneRecord]
+    ) -> "TuneDocument":
+        """Return the document of records of both kinds."""
+        of_c = [record for record in records if isinstance(record, TuneRecord)]
+        accelerated = [record for record in records if isinstance(record, EngineTuneRecord)]
+        return cls(machine=machine, results=of_c, accelerated=accelerated)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FallsDocument:

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from mjbench.instrument.units import plain
 from mjbench.paired.records import Ratio
-from mjbench.report import tables
+from mjbench.report import tables, tuning
 from mjbench.report.tuning import interval, paste_lines, percent
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import (
@@ -17,6 +17,7 @@ from mjbench.tuning.accelerated_records import (
     EngineTuneRecord,
 )
 from mjbench.tuning.accelerated_settings import EngineSetting, buffer_sizes_of
+from mjbench.tuning.records import TuneRecord
 from mjbench.tuning.settings import label
 
 _NAMES = {"mjx": "MJX", "warp": "Warp"}
@@ -49,6 +50,14 @@ def rows(record: EngineTuneRecord) -> list[EngineTunedRow]:
         )
         for each in record.front
     ]
+
+
+def print_any(out: Console, record: TuneRecord | EngineTuneRecord) -> None:
+    """Print what a search came to, whichever engine it was for."""
+    if isinstance(record, EngineTuneRecord):
+        print_record(out, record)
+    else:
+        tuning.print_record(out, record)
 
 
 def print_record(out: Console, record: EngineTuneRecord) -> None:

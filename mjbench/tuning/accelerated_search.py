@@ -10,7 +10,6 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from mjbench.errors import MjbenchError, failure_of
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
@@ -33,7 +32,7 @@ from mjbench.tuning.accelerated_records import (
 from mjbench.tuning.accelerated_settings import EngineSetting
 from mjbench.tuning.measurements import MIN_EFFECT
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.search import LEAST_GAIN, Advance, SearchPlan
+from mjbench.tuning.search import LEAST_GAIN, Advance, SearchPlan, ended
 from mjbench.tuning.settings import label
 
 # Shares of the budget after which no setting is tried alone, and none together.
@@ -275,14 +274,7 @@ def tune_engine(
     """
     measurements = EngineOnThisMachine(pool, source, engine, nbatch, limit_s)
     search = EngineSearch(source.name, engine, nbatch, plan, measurements, advance)
-    try:
-        search.run()
-    except MjbenchError as error:
-        failure = failure_of(error)
-        return search.record(failure.status, failure.detail)
-    except KeyboardInterrupt:
-        return search.record(Status.INTERRUPTED)
-    return search.record()
+    return ended(search.run, search.record)
 
 
 def _helpful(attempts: Sequence[EngineAttempt], limit: float) -> list[EngineAttempt]:

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from mjbench.errors import InputError
-from mjbench.simulation import compat, sampling, starts, workload
+from mjbench.simulation import compat, model_options, sampling, starts, workload
 from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.tuning import distance, trajectories
 from mjbench.tuning.distance import Distance, Motion
@@ -272,9 +272,8 @@ def converged(model: mujoco.MjModel, refinement: int = 1) -> mujoco.MjModel:
             setattr(opt, name, max(int(getattr(opt, name)), least))
     if opt.noslip_iterations:
         opt.noslip_iterations, opt.noslip_tolerance = ITERATIONS, TOLERANCE
-    sleep = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
-    if sleep is not None:
-        opt.enableflags &= ~int(sleep)
+    if compat.flag_enabled(tight, "sleep"):
+        model_options.set_flag(opt, "sleep", "disable")
     return tight
 
 

@@ -13,7 +13,9 @@ import random
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
+from mjbench.errors import MjbenchError, failure_of
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
@@ -49,6 +51,8 @@ LAST_RUNG = 2 * FRONT
 Advance = Callable[[int, str, float], None]
 # Parts of a search: present settings, each alone, together, second look.
 PARTS = 4
+
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
@@ -352,6 +356,23 @@ class Search:
         """
         reserved_s = min(FRONT * LEAST_FINAL_S, self._plan.budget_s / 2)
         return self._clock() - self._begin_s < share * (self._plan.budget_s - reserved_s)
+
+
+def ended(run: Callable[[], None], record: Callable[[Status, str], Record]) -> Record:
+    """Return the record of a search, however it ended.
+
+    Args:
+      run: searches.
+      record: returns what was measured, from how the search ended and why, in one line.
+    """
+    try:
+        run()
+    except MjbenchError as error:
+        failure = failure_of(error)
+        return record(failure.status, failure.detail)
+    except KeyboardInterrupt:
+        return record(Status.INTERRUPTED, "")
+    return record(Status.OK, "")
 
 
 def _why_not_faster(paired: PairedTime) -> str:

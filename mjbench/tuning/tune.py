@@ -1,7 +1,6 @@
 """Find faster settings for a model: what `mjbench tune` does."""
 
 import dataclasses
-from collections.abc import Callable
 
 from mjbench.errors import MjbenchError, failure_of
 from mjbench.paired.worker_pool import WorkerPool
@@ -11,7 +10,7 @@ from mjbench.tuning import survey
 from mjbench.tuning.attempts import SILENCE_S
 from mjbench.tuning.measurements import OnThisMachine
 from mjbench.tuning.records import TuneRecord
-from mjbench.tuning.search import Advance, Search, SearchPlan
+from mjbench.tuning.search import Advance, Search, SearchPlan, ended
 from mjbench.tuning.survey import SurveyRequest
 
 
@@ -46,17 +45,5 @@ def tune(
     measurements = OnThisMachine(pool, source, plan.starts, plan.hold, limit_s)
     settings = [each for each in seen.settings if each.knob not in plan.skip]
     search = Search(source.name, settings, plan, measurements, advance)
-    record = _ended(search.run, search.record)
+    record = ended(search.run, search.record)
     return dataclasses.replace(record, meshes=seen.meshes, stages=shares)
-
-
-def _ended(run: Callable[[], None], record: Callable[[Status, str], TuneRecord]) -> TuneRecord:
-    """Return the record of a search, however it ended."""
-    try:
-        run()
-    except MjbenchError as error:
-        failure = failure_of(error)
-        return record(failure.status, failure.detail)
-    except KeyboardInterrupt:
-        return record(Status.INTERRUPTED, "")
-    return record(Status.OK, "")

@@ -3,42 +3,17 @@
 from dataclasses import replace
 
 import pytest
+from tuning_values import NOTHING, apart, present
 
 from mjbench.paired.records import Ratio
 from mjbench.report import tables, tuning
-from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning.attempts import Accuracy, Effect
-from mjbench.tuning.distance import Distance, Units
 from mjbench.tuning.mesh_notes import MeshNote, Primitive
-from mjbench.tuning.physics import Physics
 from mjbench.tuning.records import AttemptRow, Recommendation, TuneRecord, Withdrawal
-from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
-NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
-
-
-def apart(share):
-    return Distance(share, Units(share, None), Units(share, None))
-
-
-PRESENT = Present(
-    nrun=64,
-    horizon_s=0.5,
-    horizon_ncontrol=31,
-    ncontrol=62,
-    run_s=1.0,
-    is_comparable=True,
-    starts=Starts(0.1, 0.1),
-    error=apart(0.02),
-    rounding=apart(1e-15),
-    solver=apart(1e-8),
-    motion_m=1.0,
-    motion_rad=None,
-    physics=NOTHING,
-    reference_physics=NOTHING,
-)
+PRESENT = present()
 CLOCK = Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))
 JACOBIAN = Setting("jacobian", "jacobian=sparse", (Edit(Part.OPTION, "jacobian", "sparse"),))
 ISLAND = Setting("island", "island=disable", (Edit(Part.FLAG, "island", "disable"),))

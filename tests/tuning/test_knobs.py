@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import mujoco
 import pytest
-from tuning_models import rods
 
+from benchmarks.tuning_planted import rods
 from mjbench.loop.engine_stages import STAGES
 from mjbench.simulation import compat, model_options, models
 from mjbench.tuning import knob_values, knobs, observed

@@ -5,8 +5,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from tuning_models import GEOMETRY, ROD_GAP_M, rods
+from tuning_models import GEOMETRY, ROD_GAP_M
 
+from benchmarks.tuning_planted import rods
 from mjbench.simulation import model_options, models
 from mjbench.simulation.models import ModelSource
 from mjbench.tuning import geom_pairs, observed, random_poses

@@ -3,46 +3,17 @@
 import random
 
 import pytest
+from tuning_values import NOTHING, PRESENT_ERROR, apart, present
 
 from mjbench.errors import MachineError
 from mjbench.paired.records import Ratio
-from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning import fronts
 from mjbench.tuning.attempts import Accuracy, Attempt, Effect
-from mjbench.tuning.distance import Distance, Units
 from mjbench.tuning.fronts import Faster
 from mjbench.tuning.measurements import PairedTime
-from mjbench.tuning.physics import Physics
-from mjbench.tuning.reference import Present
 from mjbench.tuning.search import Search, SearchPlan
 from mjbench.tuning.settings import LoopChange, Setting
-
-NOTHING = Physics(0.0, 0.0, 0.0, 0.0)
-PRESENT_ERROR = 0.02
-
-
-def apart(share):
-    return Distance(share, Units(share, None), Units(share, None))
-
-
-def present(error=PRESENT_ERROR, is_comparable=True):
-    return Present(
-        nrun=32,
-        horizon_s=1.0,
-        horizon_ncontrol=62,
-        ncontrol=62,
-        run_s=1.0,
-        is_comparable=is_comparable,
-        starts=Starts(0.1, 0.1),
-        error=apart(error),
-        rounding=apart(1e-15),
-        solver=apart(1e-8),
-        motion_m=1.0,
-        motion_rad=None,
-        physics=NOTHING,
-        reference_physics=NOTHING,
-    )
 
 
 def setting(label, **keywords):
