@@ -97,7 +97,7 @@ class TuneRecord:
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it.
       withdrawn: what the second look did not confirm.
-      meshes: that collide, and that a primitive would nearly fill.
+      meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
       seconds: that the search took.
     """

@@ -39,7 +39,7 @@ class Survey:
 
     Attributes:
       settings: of all knobs, that differ from the model's own.
-      meshes: that collide, and that a primitive would nearly fill.
+      meshes: that collide, and that nearly fill a primitive.
     """
 
     settings: Sequence[Setting]
