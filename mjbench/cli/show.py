@@ -70,12 +70,13 @@ def _show_selfcheck(run: RunContext, stored: "Run") -> None:
 
 
 def _show_verdicts(run: RunContext, stored: "Run") -> None:
+    from mjbench.paired import family
     from mjbench.paired.records import VerdictRecord
     from mjbench.report import verdicts
     from mjbench.report.documents import VerdictDocument
 
     rows = [record.row() for record in stored.of_type(VerdictRecord)]
-    verdicts.print_table(run.out, rows, verdicts.confidence_of(stored.header))
+    verdicts.print_table(run.out, rows, family.confidence_of(stored.header))
     run.write(VerdictDocument(machine=stored.header.machine, results=rows))
 
 

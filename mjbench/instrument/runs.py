@@ -9,7 +9,7 @@ import contextlib
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -82,6 +82,11 @@ class RunHeader:
     files: tuple[InputFile, ...] = ()
     command_line: tuple[str, ...] = ()
     began: str = ""
+
+    def files_of(self, models: Iterable[str]) -> tuple[InputFile, ...]:
+        """Return the files that models were loaded from, which their names name."""
+        names = {PurePath(model).name for model in models}
+        return tuple(file for file in self.files if file.name in names)
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,7 @@ def _cases(run: Run) -> Iterator[_Case]:
                 outcome = _OUTCOMES.get(r.status, "error")
                 yield _Case(r.model, str(Variant(r.path, r.options)), outcome, r.detail)
     rows_of_verdicts = [record.row() for record in run.of_type(VerdictRecord)]
-    decided = family.decide(rows_of_verdicts, verdicts.confidence_of(run.header))
+    decided = family.decide(rows_of_verdicts, family.confidence_of(run.header))
     for row in rows_of_verdicts:
         outcome = _OUTCOMES.get(row.status, "error")
         if row in decided.slower or row.changed_work:

@@ -26,7 +26,7 @@ from mjbench.pages import (
     verdicts,
 )
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
-from mjbench.paired import selfcheck
+from mjbench.paired import family, selfcheck
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
@@ -39,7 +39,6 @@ from mjbench.report import history_files
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
 from mjbench.report.thread_advice import by_model
-from mjbench.report.verdicts import confidence_of
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 
@@ -128,7 +127,7 @@ def _sections(named: NamedRun) -> Iterator[Section]:
     for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
         yield scaling.section(results, command)
     if rows := [record.row() for record in run.of_type(VerdictRecord)]:
-        yield verdicts.section(rows, confidence_of(run.header), command)
+        yield verdicts.section(rows, family.confidence_of(run.header), command)
     yield from loops.overhead_sections(run.of_type(OverheadRow), command)
     yield from loops.profile_sections(run.of_type(ProfileRow), command)
     yield from loops.latency_sections(run.of_type(LatencyRow), command)

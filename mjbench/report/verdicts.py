@@ -5,12 +5,10 @@ from typing import Any
 
 from rich.console import Console
 
-from mjbench.instrument.runs import RunHeader
 from mjbench.paired import family
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import Ratio, TargetRow, VerdictRow
-from mjbench.paired.verdict import CONFIDENCE
 from mjbench.report import tables
 from mjbench.simulation import agreement
 
@@ -36,14 +34,6 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
             out.print(line, soft_wrap=True)
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
         out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
-
-
-def confidence_of(header: RunHeader) -> float:
-    """Return the confidence that the command of a run was given, or the usual one."""
-    confidence = header.arguments.get("confidence")
-    if isinstance(confidence, float) and 0 < confidence < 1:
-        return confidence
-    return CONFIDENCE
 
 
 def has_evidence(row: VerdictRow) -> bool:
