@@ -7,6 +7,7 @@ is left out. docs/formats.md describes the records, and `mjbench/schemas` holds 
 
 import contextlib
 import hashlib
+import io
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -164,10 +165,14 @@ def read_lines(path: Path) -> list[bytes]:
     try:
         if not (path.is_file() or path.is_fifo() or not path.exists()):
             raise InputError(f"{path}: not a file")
-        with path.open("rb") as file:
-            return file.readlines()
+        return split_lines(path.read_bytes())
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read {path}: {reason(error)}") from error
+
+
+def split_lines(content: bytes) -> list[bytes]:
+    """Return lines with their line breaks, which the last one may lack."""
+    return io.BytesIO(content).readlines()
 
 
 def parse(

@@ -34,6 +34,9 @@ class Outcome(StrEnum):
     """It is inconclusive, failed, or not certain enough beside all other verdicts."""
 
 
+_CHANGES = (Outcome.SLOWER, Outcome.FASTER)
+
+
 @dataclass(frozen=True)
 class Conditions:
     """What the command of a run decided about its comparisons.
@@ -138,6 +141,11 @@ class MachineComparison:
     def of_outcome(self, outcome: Outcome) -> list[MachineVerdict]:
         """Return the machines that count as something."""
         return [verdict for verdict in self.machines if verdict.outcome == outcome]
+
+    @property
+    def names_change(self) -> bool:
+        """Whether it is slower or faster on any machine."""
+        return any(verdict.outcome in _CHANGES for verdict in self.machines)
 
     @property
     def ratios(self) -> list[Ratio]:

@@ -23,11 +23,12 @@ from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_set import SectionHeader, SetHeader
-from mjbench.instrument.runs import SCHEMA, RunHeader
+from mjbench.instrument.runs import SCHEMA, Run, RunHeader
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
+from mjbench.paired.across_machines import AcrossMachines
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
@@ -36,7 +37,9 @@ from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from mjbench.report.across_machines import SideBySide
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
+from mjbench.report.advice_across import AdviceAcross
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.environment_results import EnvironmentRow
@@ -336,7 +339,41 @@ class ReleasesDocument:
     releases: Sequence[ReleaseRow]
 
 
-# The document of each command that takes `--json`.
+@dataclass(frozen=True)
+class SetRun:
+    """A run of a set: its machine, by the name it has in the set, and what it ran."""
+
+    name: str
+    command: str
+    began: str
+    machine: Machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSetDocument:
+    """What `mjbench show --json` writes of a run set: what machines show side by side."""
+
+    schema: int = SCHEMA
+    runs: Sequence[SetRun]
+    verdicts: AcrossMachines
+    advice: Sequence[AdviceAcross]
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
+        """Return the document of a set's runs."""
+        named = zip(runs, results.machines, strict=True)
+        return cls(
+            runs=[
+                SetRun(machine.name, run.header.command, run.header.began, run.header.machine)
+                for run, machine in named
+            ],
+            verdicts=results.verdicts,
+            advice=results.advice,
+        )
+
+
+# The document of each command that takes `--json`; `show` has those of others, and of a run set its
+# own.
 DOCUMENTS: Mapping[str, type] = {
     "compare": CompareDocument,
     "diff": DiffDocument,
@@ -366,10 +403,11 @@ DOCUMENTS: Mapping[str, type] = {
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Return the JSON Schemas by file name without its suffix.
 
-    There is one a document, `run-file` for a line of a run file, and `run-set` for a line of a set
-    that is none of a run file.
+    There is one a document, `run-file` for a line of a run file, `run-set` for a line of a set that
+    is none of a run file, and `show-run-set` for what `show` writes of one.
     """
     schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
+    schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")
     title = "one line of a run file of mjbench"
     schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)
     title = "one line of a run set of mjbench that is none of a run file"
