@@ -19,6 +19,7 @@ from mjbench.paired import across_machines, family
 from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
+from mjbench.report.across_machines import verdict_cell
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 
@@ -246,7 +247,8 @@ def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
                 outcome = "failure"
             elif verdict.ratio is None:
                 outcome = "error"
-            yield _Case(comparison.model, f"{verdict.machine}: {name}", outcome, sentence)
+            detail = f"{verdict_cell(verdict)}; {sentence}"
+            yield _Case(comparison.model, f"{verdict.machine}: {name}", outcome, detail)
 
 
 def write_parquet(stored: RunSet, file: Path) -> None:

@@ -6,7 +6,7 @@ from mjbench.pages.content import Cell, Column, Conclusion, DataTable, Section, 
 from mjbench.paired.across_machines import MachineComparison, Outcome
 from mjbench.report import across_machines as across
 from mjbench.report import advice_across, verdicts
-from mjbench.report.across_machines import SideBySide
+from mjbench.report.across_machines import Matrix, SideBySide
 
 # Comparisons, and advised paths, that have a sentence each, at most; all are in the tables.
 _MOST_SENTENCES = 30
@@ -19,19 +19,23 @@ def section(results: SideBySide, command: str) -> Section | None:
       results: of all runs.
       command: that gives the section.
     """
-    matrices = [
-        DataTable(matrix.title, [Column(matrix.subject), *map(Column, matrix.columns)], matrix.rows)
-        for matrix in across.matrices(results)
-    ]
+    matrices = [_table(matrix) for matrix in across.matrices(results)]
     if not matrices:
         return None
     return Section(
         "Across machines",
         command,
         conclusions=[*_verdicts(results), *_advice(results)],
-        tables=[*_counts(results), *matrices],
+        tables=[*matrices, *_counts(results)],
         notes=list(across.notes(results)),
+        is_open=True,
     )
+
+
+def _table(matrix: Matrix) -> DataTable:
+    is_wide = len(matrix.machines) <= across.MOST_COLUMNS
+    headings, rows = matrix.wide() if is_wide else matrix.long()
+    return DataTable(matrix.title, [*map(Column, headings)], rows)
 
 
 def _verdicts(results: SideBySide) -> Iterator[Conclusion]:
@@ -47,8 +51,8 @@ def _verdicts(results: SideBySide) -> Iterator[Conclusion]:
 
 
 def _advice(results: SideBySide) -> Iterator[Conclusion]:
-    conclusions = [Conclusion(advice_across.describe(each)) for each in results.advice]
-    yield from _cut(conclusions, "advised paths")
+    conclusions = [Conclusion(text) for text in advice_across.describe(results.advice)]
+    yield from _cut(conclusions, "sentences on advised paths")
 
 
 def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
@@ -56,7 +60,7 @@ def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
     yield from conclusions[:_MOST_SENTENCES]
     rest = len(conclusions) - _MOST_SENTENCES
     if rest > 0:
-        yield Conclusion(f"{rest} further {noun} are in the table.")
+        yield Conclusion(f"{rest} further {noun} are left out: all is in the tables.")
 
 
 def _tone(comparison: MachineComparison) -> Tone:
@@ -78,10 +82,10 @@ def _counts(results: SideBySide) -> Iterator[DataTable]:
         Column("comparison"),
         Column("machines", 3),
         *(Column(outcome.value, 3) for outcome in Outcome),
-        Column("least change, %", 3),
-        Column("largest change, %", 3),
-        Column("machines differ"),
-        Column("changed work on", 3),
+        Column("from, %", 3),
+        Column("to, %", 3),
+        Column("differ"),
+        Column("changed work", 3),
     )
     rows = [(name, *_count_cells(comparison)) for name, comparison in comparisons]
     yield DataTable("On how many machines", columns, rows)
@@ -93,5 +97,5 @@ def _count_cells(comparison: MachineComparison) -> Iterator[Cell]:
     yield from (len(comparison.of_outcome(outcome)) for outcome in Outcome)
     yield min(changes, default=None)
     yield max(changes, default=None)
-    yield "beyond their intervals" if comparison.differs else ""
+    yield "yes" if comparison.differs else "no"
     yield sum(bool(verdict.changed_work) for verdict in comparison.machines)

@@ -115,8 +115,10 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
     sections = [part.section for part in parts]
     if results.has_several and (first := machines.section(results, _report_command(named_runs))):
-        sections.insert(0, first)
         main = [*first.conclusions, *main]
+        # they stand right above it, unless there are too many
+        are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
+        sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
     sections = list(_with_fewer_figures(sections))
     if len(sections) == 1:  # its conclusions are those of the report
         sections = [replace(sections[0], conclusions=())]
@@ -144,9 +146,9 @@ def _with_fewer_sections(parts: Sequence[_Part]) -> list[_Part]:
     ranked = sorted(range(len(parts)), key=lambda n: not is_bad[n])
     kept = [parts[n] for n in sorted(ranked[:_MOST_SECTIONS])]
     note = Conclusion(
-        f"{len(parts) - len(kept)} of {len(parts)} sections of single runs are left out: a report"
-        f" has {_MOST_SECTIONS} at most, those in which something went wrong before others. Report"
-        " fewer runs to see the others; mjbench.load has all results.",
+        f"Left out: {len(parts) - len(kept):,} of {len(parts):,} sections of single runs. Those in"
+        " which something went wrong are kept first. Report fewer runs to see all; mjbench.load has"
+        " all results.",
         Tone.UNSURE,
     )
     return [replace(kept[0], main=[note, *kept[0].main]), *kept[1:]]

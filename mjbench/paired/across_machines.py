@@ -339,7 +339,8 @@ def _why_undecided(rows: Sequence[VerdictRow]) -> str:
     if any(family.may_be_placement(row) for row in decided):
         return f"{verdict}, or because of where its code lies"
     has_evidence = all((row.e_slower, row.e_faster) != (None, None) for row in decided)
-    return f"{verdict} alone" if has_evidence else f"{verdict}; an older file without e-values"
+    why = "if judged alone" if has_evidence else "in an older file, which has no e-values"
+    return f"{verdict} {why}"
 
 
 def _width(ratio: Ratio) -> float:

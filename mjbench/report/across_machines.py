@@ -18,7 +18,7 @@ from mjbench.paired.across_machines import AcrossMachines, MachineComparison, Ma
 from mjbench.report import advice_across, tables, verdicts
 from mjbench.report.advice_across import AdviceAcross
 
-# Machines that have a column each, at most; of more, each cell is a row.
+# Machines that have a column each on a page, at most; of more, each cell is a row.
 MOST_COLUMNS = 8
 
 
@@ -44,19 +44,34 @@ class SideBySide:
 
 @dataclass(frozen=True)
 class Matrix:
-    """A table with a row for each thing that was measured, and a column for each machine.
+    """What machines say of each thing that was measured.
 
     Attributes:
       title: of the table.
-      subject: heading of its first column.
-      columns: names of machines; of more than MOST_COLUMNS machines `machine` and `result`.
-      rows: what was measured, and a cell a column.
+      subject: heading of what was measured.
+      machines: their names.
+      rows: what was measured, and a cell for each machine that did.
     """
 
     title: str
     subject: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    machines: Sequence[str]
+    rows: Sequence[tuple[str, Mapping[str, str]]]
+
+    def wide(self) -> tuple[list[str], list[list[str]]]:
+        """Return headings and rows of a table with a column for each machine."""
+        rows = [
+            [name, *(cells.get(machine, "–") for machine in self.machines)]
+            for name, cells in self.rows
+        ]
+        return [self.subject, *self.machines], rows
+
+    def long(self) -> tuple[list[str], list[list[str]]]:
+        """Return headings and rows of a table with a row for each cell."""
+        rows = [
+            [name, machine, cell] for name, cells in self.rows for machine, cell in cells.items()
+        ]
+        return [self.subject, "machine", "result"], rows
 
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
@@ -68,12 +83,11 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
 
 
 def matrices(results: SideBySide) -> Iterator[Matrix]:
-    """Yield a table of verdicts, and one of advised paths, where there are any."""
-    comparisons = results.verdicts.comparisons
-    if comparisons:
+    """Yield verdicts by machine, and advised paths by machine, where there are any."""
+    if comparisons := named_comparisons(results):
         rows = [
             (name, {verdict.machine: verdict_cell(verdict) for verdict in comparison.machines})
-            for name, comparison in zip(comparison_names(comparisons), comparisons, strict=True)
+            for name, comparison in comparisons
         ]
         yield _matrix("Verdicts by machine", "comparison", rows)
     if results.advice:
@@ -85,17 +99,12 @@ def matrices(results: SideBySide) -> Iterator[Matrix]:
 
 
 def _matrix(title: str, subject: str, rows: Sequence[tuple[str, Mapping[str, str]]]) -> Matrix:
-    """Return a table of rows by machine; what a machine did not measure is `–`."""
     machines = list(dict.fromkeys(machine for _, cells in rows for machine in cells))
-    if len(machines) > MOST_COLUMNS:
-        long = [(name, machine, cell) for name, cells in rows for machine, cell in cells.items()]
-        return Matrix(title, subject, ("machine", "result"), long)
-    wide = [(name, *(cells.get(machine, "–") for machine in machines)) for name, cells in rows]
-    return Matrix(title, subject, machines, wide)
+    return Matrix(title, subject, machines, rows)
 
 
 def conclusions(results: SideBySide) -> Iterator[str]:
-    """Yield what all verdicts show together, each comparison, and each advised path, a line each.
+    """Yield what all verdicts show together, each comparison, and which paths are advised.
 
     Comparisons with a change come first.
     """
@@ -103,7 +112,7 @@ def conclusions(results: SideBySide) -> Iterator[str]:
         yield verdicts.describe_all_machines(results.verdicts)
     for name, comparison in named_comparisons(results):
         yield verdicts.describe_machines(comparison, name)
-    yield from map(advice_across.describe, results.advice)
+    yield from advice_across.describe(results.advice)
     yield from notes(results)
 
 
@@ -150,10 +159,17 @@ def comparison_names(comparisons: Sequence[MachineComparison]) -> list[str]:
 def print_side_by_side(out: Console, results: SideBySide) -> None:
     """Print the tables of several machines, and what follows from them."""
     for matrix in matrices(results):
-        table = tables.plain_table([matrix.subject, *matrix.columns])
-        for row in matrix.rows:
-            table.add_row(*row)
+        headings, rows = matrix.wide()
+        widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]
+        if sum(widths) + len(widths) > out.width:
+            headings, rows = matrix.long()
+        table = tables.plain_table(headings)
+        above = ""
+        for name, *cells in rows:
+            table.add_row("" if name == above else name, *cells)
+            above = name
         out.print(table)
+        out.print()
     for line in conclusions(results):
         out.print(line, soft_wrap=True)
 

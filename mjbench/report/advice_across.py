@@ -5,7 +5,7 @@ machine also software.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.comparison.plan import Variant
@@ -17,6 +17,9 @@ from mjbench.report.advice import Advice, Loop, Reason, advise
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
+
+# Models that a sentence names, at most.
+_MOST_NAMES = 10
 
 
 @dataclass(frozen=True)
@@ -128,16 +131,26 @@ def cell(machine: MachineAdvice) -> str:
     return "; ".join(dict.fromkeys(texts)) or machine.detail
 
 
-def describe(across: AdviceAcross) -> str:
-    """Return which path is advised on how many machines, as a sentence."""
-    total = len(across.machines)
-    counts = Counter(
-        m.path or ("undecided" if m.advice else "not measured") for m in across.machines
-    )
-    (first, count), *others = counts.most_common()
-    of_all = f"all {total} machines" if count == total else f"{count} of {total} machines"
-    parts = [f"{first} on {of_all}", *(f"{path} on {number}" for path, number in others)]
-    return f"{across.question.name}: {', '.join(parts)}"
+def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
+    """Yield sentences: each question that machines answer differently, then what they agree on."""
+    agreed: dict[tuple[Loop, str, int], list[str]] = defaultdict(list)
+    for across in all_advice:
+        total = len(across.machines)
+        counts = Counter(
+            m.path or ("undecided" if m.advice else "not measured") for m in across.machines
+        )
+        (first, count), *others = counts.most_common()
+        if count == total:
+            agreed[across.question.loop, first, total].append(across.question.model)
+            continue
+        rest = "".join(f", {path} on {number}" for path, number in others)
+        yield f"{across.question.name}: {first} on {count} of {total} machines{rest}"
+    for (loop, path, total), models in agreed.items():
+        names = list(dict.fromkeys(models))
+        listed = ", ".join(names[:_MOST_NAMES])
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        machines = "the only machine" if total == 1 else f"all {total} machines"
+        yield f"{loop.capitalize()} loop: {path} on {machines}, for {listed}{more}"
 
 
 def _question(record: ModelRecord, run: Run) -> Question:

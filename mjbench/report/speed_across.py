@@ -141,8 +141,11 @@ def lines(histories: Sequence[MachineHistory]) -> Iterator[str]:
         chosen = [change for change in found if change.is_operation == is_operation]
         if chosen:
             yield f"\n## {heading}\n"
-            yield "With their standard errors. `–`: measured, and no change is listed.\n"
-            yield from _table(chosen)
+            yield (
+                "With their standard errors. `–`: both releases were measured, and no change is"
+                " listed.\n"
+            )
+            yield from _table(chosen, [each.name for each in histories])
     yield "\n## Machines\n"
     yield from _machines(histories)
 
@@ -165,9 +168,8 @@ def conclusion(histories: Sequence[MachineHistory], found: Sequence[ChangeAcross
     return f"{len(found)} {noun} listed on {count} machines: {', '.join(parts)}."
 
 
-def _table(found: Sequence[ChangeAcross]) -> Iterator[str]:
-    """Yield a table of changes, with a column for each machine; with many, a row."""
-    names = list(dict.fromkeys(m.machine for change in found for m in change.machines))
+def _table(found: Sequence[ChangeAcross], names: Sequence[str]) -> Iterator[str]:
+    """Yield a table of changes, with a column for each machine; of many machines, with a row."""
     if len(names) > MOST_COLUMNS:
         headings = ["releases", "what", "listed", "machine", "time"]
         rows = [

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from verdict_records import FAILED, FASTER, OPEN, SAME, SIDES, SLOWER
 
 from mjbench.instrument.runs import InputFile
 from mjbench.paired import across_machines
@@ -17,41 +18,7 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
-from mjbench.paired.records import PlacementEffect, Ratio, TargetRow, VerdictRow
-from mjbench.status import Status
-
-SIDES = tuple(
-    TargetRow(
-        release=release,
-        model="m",
-        path="python_loop",
-        options={},
-        model_options={},
-        build=f"{release}-cpython-311-x86_64-numpy2.4.6",
-    )
-    for release in ("1.0.0", "2.0.0")
-)
-SAME = VerdictRow(
-    model="m",
-    path="python_loop",
-    old="1.0.0",
-    new="2.0.0",
-    sides=SIDES,
-    status=Status.OK,
-    verdict=Verdict.SAME,
-    ratio=Ratio(1.0, 0.996, 1.004),
-    e_slower=0.1,
-    e_faster=0.1,
-    changed_work=False,
-    nbatch=4,
-    nstep=50,
-)
-SLOWER = replace(SAME, verdict=Verdict.SLOWER, ratio=Ratio(1.03, 1.02, 1.04), e_slower=1e6)
-FASTER = replace(SAME, verdict=Verdict.FASTER, ratio=Ratio(0.97, 0.96, 0.98), e_faster=1e6)
-OPEN = replace(SAME, verdict=Verdict.INCONCLUSIVE, ratio=Ratio(1.0, 0.98, 1.02))
-FAILED = replace(
-    SAME, status=Status.CRASHED, detail="signal 11", verdict=None, ratio=None, nbatch=None
-)
+from mjbench.paired.records import PlacementEffect, Ratio, VerdictRow
 
 
 def decided(**rows: VerdictRow) -> MachineComparison:
@@ -88,7 +55,7 @@ def test_what_is_not_certain_is_undecided_and_not_the_same() -> None:
         "d": "same",
     }
     assert [verdict.detail for verdict in comparison.machines] == [
-        "slower alone",
+        "slower if judged alone",
         "inconclusive",
         "signal 11",
         "",
