@@ -46,7 +46,8 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
 
 def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
     """Print what machines show side by side, and each run after it; of many runs, a list."""
-    from mjbench.report import across_machines, documents
+    from mjbench.report import across_machines
+    from mjbench.report.set_document import RunSetDocument
 
     results = across_machines.side_by_side(stored)
     if results.has_several:
@@ -61,7 +62,7 @@ def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
             run.out.print()
             run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {name}")
             _shown(run, each, code)
-    run.write(documents.RunSetDocument.of(stored, results))
+    run.write(RunSetDocument.of(stored, results))
 
 
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:

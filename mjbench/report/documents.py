@@ -23,12 +23,11 @@ from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_set import SectionHeader, SetHeader
-from mjbench.instrument.runs import SCHEMA, Run, RunHeader
+from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
-from mjbench.paired.across_machines import AcrossMachines
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.contest import ContestRecord
 from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
@@ -37,9 +36,7 @@ from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
-from mjbench.report.across_machines import SideBySide
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
-from mjbench.report.advice_across import AdviceAcross
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.doctor import NoiseRow
 from mjbench.report.environment_results import EnvironmentRow
@@ -47,6 +44,7 @@ from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.set_document import RunSetDocument
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
@@ -337,39 +335,6 @@ class ReleasesDocument:
 
     schema: int = SCHEMA
     releases: Sequence[ReleaseRow]
-
-
-@dataclass(frozen=True)
-class SetRun:
-    """A run of a set: its machine, by the name it has in the set, and what it ran."""
-
-    name: str
-    command: str
-    began: str
-    machine: Machine
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunSetDocument:
-    """What `mjbench show --json` writes of a run set: what machines show side by side."""
-
-    schema: int = SCHEMA
-    runs: Sequence[SetRun]
-    verdicts: AcrossMachines
-    advice: Sequence[AdviceAcross]
-
-    @classmethod
-    def of(cls, runs: Sequence[Run], results: SideBySide) -> "RunSetDocument":
-        """Return the document of a set's runs."""
-        named = zip(runs, results.machines, strict=True)
-        return cls(
-            runs=[
-                SetRun(machine.name, run.header.command, run.header.began, run.header.machine)
-                for run, machine in named
-            ],
-            verdicts=results.verdicts,
-            advice=results.advice,
-        )
 
 
 # The document of each command that takes `--json`; `show` has those of others, and of a run set its
