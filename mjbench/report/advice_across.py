@@ -149,7 +149,7 @@ def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
         names = list(dict.fromkeys(models))
         listed = ", ".join(names[:_MOST_NAMES])
         more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        machines = "the only machine" if total == 1 else f"all {total} machines"
+        machines = "the only machine" if total == 1 else tables.all_machines(total)
         yield f"{loop.capitalize()} loop: {path} on {machines}, for {listed}{more}"
 
 

@@ -144,7 +144,7 @@ def _on_machines(
     if count == 1:
         return f"{outcome} on {names}, the only machine"
     if len(verdicts) == count:
-        return f"{outcome} on all {count} machines"
+        return f"{outcome} on {tables.all_machines(count)}"
     number = f"{len(verdicts)} of {count} machines" if is_first else str(len(verdicts))
     listed = f" ({names})" if not is_first and len(verdicts) <= _MOST_NAMES else ""
     return f"{outcome} on {number}{listed}"

@@ -104,7 +104,7 @@ def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
     site.write_source(Project(tmp_path, named_runs), tmp_path / "source")
     assert [file.name for file in (tmp_path / "source/copied/reports").iterdir()] == ["all.html"]
     assert "| 2 runs | " in (tmp_path / "source/reports.md").read_text()
-    assert "slower on all 2 machines" in (tmp_path / "source/index.md").read_text()
+    assert "slower on both machines" in (tmp_path / "source/index.md").read_text()
 
 
 def test_a_history_of_one_release_has_nothing_to_compare(tmp_path: Path) -> None:

@@ -47,9 +47,9 @@ def test_a_mixed_verdict_is_a_sentence() -> None:
 @pytest.mark.parametrize(
     ("verdicts", "expected"),
     [
-        ([SLOWER] * 2, "slower on all 2 machines; from +3.00 % to +3.00 %"),
+        ([SLOWER] * 2, "slower on both machines; from +3.00 % to +3.00 %"),
         ([SLOWER], "slower on a, the only machine"),
-        ([FAILED, FAILED], "undecided on all 2 machines"),
+        ([FAILED, FAILED], "undecided on both machines"),
         ([SAME, OPEN], "same on 1 of 2 machines, undecided on 1 (b); from +0.00 % to +0.00 %"),
         (
             [SAME] * 5 + [FASTER] * 4,
@@ -75,7 +75,7 @@ def test_both_directions_have_a_rate_each_and_counts_have_none() -> None:
     counted = replace(SLOWER, metric=Metric.INSTRUCTIONS, e_slower=None)
     together, sentence = sentences(run("a", counted), run("b", counted))
     assert "false alarms" not in together
-    assert sentence.startswith("m, 1.0.0 → 2.0.0, instructions: slower on all 2")
+    assert sentence.startswith("m, 1.0.0 → 2.0.0, instructions: slower on both")
 
 
 def test_changes_come_first_and_sizes_tell_comparisons_apart() -> None:
