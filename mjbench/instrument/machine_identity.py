@@ -152,7 +152,7 @@ def _resolved(
 def _names(identities: Sequence[MachineIdentity]) -> dict[MachineIdentity, str]:
     """Return a name for each: as much as tells it apart, and a letter where nothing does."""
     names = {i: i.label or short_cpu_name(i.kind.cpu) for i in identities}
-    for detail in (_cpu, _cores, _architecture, _virtual):
+    for detail in (_short_cpu, _cpu, _cores, _architecture, _virtual):
         for group in _same_name(names):
             if len({detail(i) for i in group}) > 1:
                 names |= {i: f"{names[i]}, {detail(i)}" for i in group}
@@ -175,6 +175,10 @@ def _same_name(names: dict[MachineIdentity, str]) -> list[list[MachineIdentity]]
 def short_cpu_name(cpu: str) -> str:
     """Return a processor's name without what does not tell it apart, such as its clock."""
     return " ".join(_NOT_THE_MODEL.sub(" ", cpu).split()) or cpu or "unknown processor"
+
+
+def _short_cpu(identity: MachineIdentity) -> str:
+    return short_cpu_name(identity.kind.cpu)
 
 
 def _cpu(identity: MachineIdentity) -> str:

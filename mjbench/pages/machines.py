@@ -60,7 +60,7 @@ def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
     yield from conclusions[:_MOST_SENTENCES]
     rest = len(conclusions) - _MOST_SENTENCES
     if rest > 0:
-        yield Conclusion(f"{rest} further {noun} are left out: all is in the tables.")
+        yield Conclusion(f"{rest} further {noun} are in the tables alone.")
 
 
 def _tone(comparison: MachineComparison) -> Tone:

@@ -109,11 +109,11 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         for part in _parts(named, machine.name if results.has_several else "")
     ]
     parts += _history_parts(named_runs)
-    parts = _with_fewer_sections(parts) if len(named_runs) > 1 else parts
+    kept = _most_important(parts) if len(named_runs) > 1 else parts
     # what went wrong comes first
-    main = [conclusion for part in parts for conclusion in part.main]
+    main = [conclusion for part in kept for conclusion in part.main]
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
-    sections = [part.section for part in parts]
+    sections = [part.section for part in kept]
     if results.has_several and (first := machines.section(results, _report_command(named_runs))):
         main = [*first.conclusions, *main]
         # they stand right above it, unless there are too many
@@ -129,6 +129,8 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         rest = len(main) - _MOST_CONCLUSIONS
         main = main[:_MOST_CONCLUSIONS]
         main.append(Conclusion(f"{rest} further conclusions are in their sections."))
+    if len(kept) < len(parts):
+        main.append(_left_out(len(parts) - len(kept), len(parts)))
     return Report(title, main, sections, _machines(named_runs, results.machines))
 
 
@@ -138,20 +140,19 @@ def _report_command(named_runs: Sequence[NamedRun]) -> str:
     return " ".join([shlex.join(["mjbench", "report", *files[:_MOST_FILES]]), *more])
 
 
-def _with_fewer_sections(parts: Sequence[_Part]) -> list[_Part]:
-    """Return parts; of very many, those in which something went wrong first, and a note."""
-    if len(parts) <= _MOST_SECTIONS:
-        return list(parts)
+def _most_important(parts: Sequence[_Part]) -> list[_Part]:
+    """Return as many parts as a report has room for: those in which something went wrong first."""
     is_bad = [any(c.tone == Tone.BAD for c in part.section.conclusions) for part in parts]
     ranked = sorted(range(len(parts)), key=lambda n: not is_bad[n])
-    kept = [parts[n] for n in sorted(ranked[:_MOST_SECTIONS])]
-    note = Conclusion(
-        f"Left out: {len(parts) - len(kept):,} of {len(parts):,} sections of single runs. Those in"
-        " which something went wrong are kept first. Report fewer runs to see all; mjbench.load has"
-        " all results.",
+    return [parts[n] for n in sorted(ranked[:_MOST_SECTIONS])]
+
+
+def _left_out(count: int, total: int) -> Conclusion:
+    return Conclusion(
+        f"Left out: {count:,} of {total:,} sections of single runs. Those in which something went"
+        " wrong are kept first. Report fewer runs to see all; mjbench.load has all results.",
         Tone.UNSURE,
     )
-    return [replace(kept[0], main=[note, *kept[0].main]), *kept[1:]]
 
 
 def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
