@@ -22,6 +22,7 @@ from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.run_set import SectionHeader, SetHeader
 from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
@@ -43,6 +44,7 @@ from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.set_document import RunSetDocument
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
@@ -335,7 +337,8 @@ class ReleasesDocument:
     releases: Sequence[ReleaseRow]
 
 
-# The document of each command that takes `--json`.
+# The document of each command that takes `--json`; `show` has those of others, and of a run set its
+# own.
 DOCUMENTS: Mapping[str, type] = {
     "compare": CompareDocument,
     "diff": DiffDocument,
@@ -363,20 +366,30 @@ DOCUMENTS: Mapping[str, type] = {
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas by file name without its suffix: one a document, and `run-file`.
+    """Return the JSON Schemas by file name without its suffix.
 
-    The schema of `run-file` describes one line.
+    There is one a document, `run-file` for a line of a run file, `run-set` for a line of a set that
+    is none of a run file, and `show-run-set` for what `show` writes of one.
     """
     schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
-    lines = [_record_schema(kind) for kind in (RunHeader, *RECORD_TYPES.values())]
+    schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")
+    title = "one line of a run file of mjbench"
+    schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)
+    title = "one line of a run set of mjbench that is none of a run file"
+    schemas["run-set"] = _lines_schema([SetHeader, SectionHeader], title)
+    return schemas
+
+
+def _lines_schema(kinds: Sequence[type], title: str) -> dict[str, Any]:
+    """Return the schema of a line that is one of several records."""
+    lines = [_record_schema(kind) for kind in kinds]
     definitions = {name: d for line in lines for name, d in line.pop("$defs").items()}
-    schemas["run-file"] = {
+    return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "one line of a run file of mjbench",
+        "title": title,
         "anyOf": lines,
         "$defs": definitions,
     }
-    return schemas
 
 
 def _schema(kind: type, title: str) -> dict[str, Any]:
