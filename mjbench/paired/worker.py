@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import Resources, States
+    from mjbench.simulation.rounding_reference import RoundingReference
     from mjbench.simulation.workload import PortableWorkload, Workload
 
 # Random allocations before each layout: how many, and the largest of each kind, in bytes.
@@ -91,6 +92,8 @@ class Worker:
             requests.MakeWorkload: self._make_workload,
             requests.TakeWorkload: self._take_workload,
             requests.Observe: self._observe,
+            requests.Trace: self._trace,
+            requests.ListFiles: self._list_files,
             requests.Equip: self._equip,
             requests.Prepare: self._prepare,
             requests.PrepareOperation: self._prepare_operation,
@@ -196,6 +199,17 @@ class Worker:
             final_state=observation.final_state,
             followed=work_check.follow(self.workload, portable.probe),
         )
+
+    def _trace(self, request: requests.Trace) -> "RoundingReference":
+        from mjbench.simulation import rounding_reference
+
+        self._read_workload(request.workload_file)
+        return rounding_reference.trace(self.workload, request.seed)
+
+    def _list_files(self, request: requests.ListFiles) -> tuple[str, ...]:
+        from mjbench.simulation import model_files
+
+        return model_files.of(request.file)
 
     def _equip(self, request: requests.Equip) -> None:
         from mjbench import paths
