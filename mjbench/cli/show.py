@@ -179,7 +179,24 @@ def _show_searches(run: RunContext, stored: "Run") -> bool:
         tuning_accelerated.print_any(run.out, search)
     if searches:
         run.write(TuneDocument.of(stored.header.machine, searches))
-    return bool(searches)
+    return bool(searches) or _show_web(run, stored)
+
+
+def _show_web(run: RunContext, stored: "Run") -> bool:
+    """Print what WebAssembly builds were like; return whether any was measured."""
+    from mjbench.report import web, web_results
+    from mjbench.report.documents import WebDocument
+    from mjbench.web.records import WebExperimentsRecord, WebRecord
+
+    rows = [web_results.derive(record) for record in stored.of_type(WebRecord)]
+    experiments = stored.of_type(WebExperimentsRecord)
+    for row in rows:
+        web.print_model(run.out, row)
+    web.print_findings(run.out, experiments)
+    if rows or experiments:
+        machine = stored.header.machine
+        run.write(WebDocument(machine=machine, results=rows, experiments=experiments))
+    return bool(rows or experiments)
 
 
 def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:

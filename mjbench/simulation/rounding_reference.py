@@ -166,4 +166,3 @@ class _Move:
         if values.shape[-1] == self._nstate:
             return np.where(self._is_moved, moved, values)
         return moved
-

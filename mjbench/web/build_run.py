@@ -1,9 +1,10 @@
 """A WebAssembly build in a Node process: started, checked against C, warmed up, timed."""
 
+import itertools
 import shutil
 import statistics
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ ENGINE_THREADS = "engine_threads"
 _MIN_BLOCKS, _MIN_S, _MAX_S = 10, 1.0, 10.0
 # It is over when the median of so many blocks is no less than this share of that of those before.
 _WINDOW, _STEADY = 10, 0.97
+# The first block that takes no longer than so many times the last ones is about as fast.
+_NEARLY_STEADY = 1.1
 
 
 @dataclass(frozen=True)
@@ -78,11 +81,18 @@ class WarmUp:
 
     Attributes:
       first_ns: of the first block.
-      seconds: of all blocks until then.
+      seconds: of all blocks before the first that was about as fast as the last ones.
     """
 
     first_ns: int
     seconds: float
+
+    @classmethod
+    def of(cls, blocks: Sequence[int]) -> "WarmUp":
+        """Return what came before blocks were steady, from nanoseconds of each block."""
+        steady = _NEARLY_STEADY * statistics.median(blocks[-_WINDOW:])
+        before = itertools.takewhile(lambda ns: ns > steady, blocks)
+        return cls(blocks[0], sum(before) / 1e9)
 
 
 class BlocksDisagreeError(MachineError):
@@ -210,9 +220,7 @@ class BuildRun:
             heap_bytes=instantiated.heap_bytes,
         )
 
-    def _load(
-        self, files: tuple[str, ...]
-    ) -> tuple[messages.Instantiated, messages.LoadedModel]:
+    def _load(self, files: tuple[str, ...]) -> tuple[messages.Instantiated, messages.LoadedModel]:
         """Compile a model in a new process."""
         build = Build(self.variant.path)
         folder = self._folder / f"process{len(self._processes)}"
@@ -280,7 +288,7 @@ def warm_up(
         spent_s = clock() - begin
         enough = len(blocks) >= max(_MIN_BLOCKS, 2 * _WINDOW) and spent_s >= _MIN_S
         if (enough and _is_steady(blocks)) or spent_s >= _MAX_S:
-            return WarmUp(blocks[0], sum(blocks) / 1e9)
+            return WarmUp.of(blocks)
         blocks.append(time_block())
 
 

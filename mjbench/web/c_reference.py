@@ -1,4 +1,4 @@
-"""C of the release that the WebAssembly builds are of: the workload, what C does with it, its speed.
+"""C of the release that the builds are of: the workload, what C does with it, and its speed.
 
 C runs in processes of its own, in which that release is installed alone (see `paired.worker`).
 """
@@ -26,6 +26,7 @@ from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.workload import whole_holds
+from mjbench.web.records import C_PATH
 
 # Simulations that are compared, and steps of each, unless the user says otherwise.
 NBATCH, NSTEP = 16, 100
@@ -152,9 +153,7 @@ def _sample(process: WorkerProcess, sizes: WebSizes) -> tuple[SampleRequest, flo
     """Return the workload to draw, and about how many seconds a step of it takes."""
     request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NBATCH, sizes.hold)
     now = process.call(request)
-    step_s = step_costs.step_cost_s(
-        now.digest, lambda: process.call(requests.MeasureSettledCost())
-    )
+    step_s = step_costs.step_cost_s(now.digest, lambda: process.call(requests.MeasureSettledCost()))
     nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
     affordable = max(_MIN_NBATCH, int(_PASS_S / (nstep * step_s)))
     sample = SampleRequest(
@@ -195,9 +194,7 @@ def timed_paths(
         for i, variant in enumerate(variants):
             process = pool.start(release, f"{variant} of MuJoCo {release.version}", side=i)
             processes.append(process)
-            process.ask(
-                requests.Equip(reference.model_file, reference.workload_file, variant.path)
-            )
+            process.ask(requests.Equip(reference.model_file, reference.workload_file, variant.path))
         for process, variant in zip(processes, variants, strict=True):
             pool.wait_for(process, release)
             process.call(
@@ -219,7 +216,5 @@ def timed_paths(
 
 def variants() -> list[Variant]:
     """Return the paths of C that builds are timed beside: the plain loop, and one thread of C."""
-    choices = {paths.BASE: {}, "rollout": {"threads": 1}}
-    return [
-        Variant(name, paths.find(name).complete(options)) for name, options in choices.items()
-    ]
+    choices: dict[str, dict[str, int]] = {paths.BASE: {}, C_PATH: {"threads": 1}}
+    return [Variant(name, paths.find(name).complete(options)) for name, options in choices.items()]

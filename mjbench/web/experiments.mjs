@@ -20,9 +20,8 @@ const TURNS = 20;
  * Try everything.
  * @param {any} mujoco an instantiated module
  * @param {string} cartpole MJCF of the model whose pole falls from keyframe 0
- * @param {number[]} angles in rad, whose sines and cosines are wanted
  */
-export async function examine(mujoco, cartpole, angles) {
+export async function examine(mujoco, cartpole) {
   const tools = { mujoco, heapBytes: () => heapBytes(mujoco) };
   const model = mujoco.MjModel.from_xml_string(BOX);
   try {
@@ -33,7 +32,6 @@ export async function examine(mujoco, cartpole, angles) {
       contact: await examineContacts(tools, model),
       state: examineState(tools, model),
       limit: examineLimit(tools, model),
-      quaternions: rotations(tools, angles),
     };
   } finally {
     model.delete();
@@ -149,17 +147,6 @@ function examineState({ mujoco }, model) {
   buffer.delete();
   data.delete();
   return result;
-}
-
-/** Return the quaternions of rotations about z: cosine and sine of half of each angle. */
-function rotations({ mujoco }, angles) {
-  const buffer = new mujoco.DoubleBuffer(4);
-  const quaternions = angles.map((angle) => {
-    mujoco.mju_axisAngle2Quat(buffer, [0, 0, 1], angle);
-    return Array.from(buffer.GetView());
-  });
-  buffer.delete();
-  return quaternions;
 }
 
 function heapBytes(mujoco) {

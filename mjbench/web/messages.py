@@ -167,7 +167,16 @@ class HeapLimit:
 
 @dataclass(frozen=True)
 class Examined:
-    """What experiments with a build showed (see experiments.mjs)."""
+    """What experiments with a build showed (see experiments.mjs).
+
+    Attributes:
+      growth: of the heap, and a stored view.
+      snapshot: a log of stored views, and one of copies.
+      data: what MjData take.
+      contact: what copies of contacts take.
+      state: what `mj_getState` writes to.
+      limit: of the heap.
+    """
 
     growth: HeapGrowth
     snapshot: StoredViews
@@ -175,7 +184,17 @@ class Examined:
     contact: ObjectMemory
     state: StateTarget
     limit: HeapLimit
-    quaternions: Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Rotated:
+    """Rotations by some angles.
+
+    Attributes:
+      quaternions: of each: w, x, y, z.
+    """
+
+    quaternions: Sequence[tuple[float, float, float, float]]
 
 
 @dataclass(frozen=True)
@@ -289,13 +308,23 @@ class MeasureMemory(Request[Memory]):
 
 @dataclass(frozen=True)
 class Examine(Request[Examined]):
-    """Try what goes wrong with the memory of a module, and how exact sines and cosines are.
+    """Try what goes wrong with the memory of a module.
 
     Attributes:
       cartpole_file: MJCF of the model whose pole falls from keyframe 0.
-      angles: in rad; `quaternions` has the rotations by them, about the z axis.
     """
 
     action, answer, activity = "examine", Examined, "trying the module's memory"
     cartpole_file: str
+
+
+@dataclass(frozen=True)
+class Rotate(Request[Rotated]):
+    """Rotate about the z axis: the engine computes a sine and a cosine for each.
+
+    Attributes:
+      angles: in rad.
+    """
+
+    action, answer, activity = "rotate", Rotated, "computing sines and cosines"
     angles: Sequence[float]

@@ -4,13 +4,15 @@ It answers requests one by one (see `messages`), in an empty folder. It dies wit
 that does not answer within its time limit is killed.
 """
 
+import contextlib
 import dataclasses
 import json
 import os
 import selectors
 import subprocess
+import sys
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -83,7 +85,6 @@ class NodeProcess:
             os.close(writer)
 
     def _start(self, node: Node, folder: Path, writer: int) -> child.Child:
-        parent = os.getpid()
         with writing(self._output_file):
             output = self._output_file.open("wb")
         with output:
@@ -94,7 +95,7 @@ class NodeProcess:
                 stderr=output,
                 cwd=folder,
                 pass_fds=[writer],
-                preexec_fn=lambda: child.die_with_parent(parent),
+                preexec_fn=_die_with(os.getpid()) if sys.platform == "linux" else None,
             )
 
     @property
@@ -114,11 +115,9 @@ class NodeProcess:
         line = json.dumps({"action": request.action, **fields}) + "\n"
         stdin = self._process.process.stdin
         assert stdin is not None
-        try:
+        with contextlib.suppress(OSError):  # its end is reported where its answer is read
             stdin.write(line.encode())
             stdin.flush()
-        except OSError:  # its end is reported where its answer is read
-            pass
         answer: _T = self._answer(request)
         return answer
 
@@ -140,10 +139,8 @@ class NodeProcess:
         os.close(self._reader)
         stdin = self._process.process.stdin
         assert stdin is not None
-        try:
+        with contextlib.suppress(OSError):  # a request that was never read
             stdin.close()
-        except OSError:  # a request that was never read
-            pass
 
     def _answer(self, request: Request[Any]) -> Any:
         content = self._line(request.activity)
@@ -183,3 +180,8 @@ class NodeProcess:
         self._process.end()
         self._failure = Failure(status, detail + child.last_line(self._output_file))
         return NodeError(self.name, self._failure)
+
+
+def _die_with(parent: int) -> Callable[[], None]:
+    """Return what a child calls before it becomes Node; the end of its input ends it elsewhere."""
+    return lambda: child.die_with_parent(parent)

@@ -16,7 +16,7 @@ from mjbench.web.messages import Examined
 from mjbench.web.npm_package import Build
 from mjbench.web.rounding_check import RoundingCheck
 
-# The path of C that others are compared with: rollout steps without Python between the steps.
+# The path of C that others are compared with: between its steps there is no Python.
 C_PATH = "rollout"
 
 
@@ -29,7 +29,7 @@ class StartUp:
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
       compile_ms: to compile the model.
       first_ns: per step of the first block.
-      warm_up_s: seconds of blocks until they were steady.
+      warm_up_s: seconds of blocks before the first that was about as fast as the last ones.
       heap_bytes: of the module once it is instantiated.
     """
 

@@ -35,7 +35,7 @@ let finalStates;
 /** The bits of mjSTATE_INTEGRATION. */
 let integration = 0;
 
-const ACTIONS = { instantiate, load, record, prepare, block, save, memory, examine };
+const ACTIONS = { instantiate, load, record, prepare, block, save, memory, examine, rotate };
 
 /** Import and instantiate a build. */
 async function instantiate({ script, nthread }) {
@@ -139,9 +139,20 @@ function memory() {
 }
 
 /** Try what goes wrong with the memory of a module (see experiments.mjs). */
-async function examine({ cartpole_file, angles }) {
+async function examine({ cartpole_file }) {
   const experiments = await import('./experiments.mjs');
-  return experiments.examine(mujoco, fs.readFileSync(cartpole_file, 'utf8'), angles);
+  return experiments.examine(mujoco, fs.readFileSync(cartpole_file, 'utf8'));
+}
+
+/** Return quaternions of rotations about z: the cosine and the sine of half of each angle. */
+function rotate({ angles }) {
+  const buffer = new mujoco.DoubleBuffer(4);
+  const quaternions = angles.map((angle) => {
+    mujoco.mju_axisAngle2Quat(buffer, [0, 0, 1], angle);
+    return Array.from(buffer.GetView());
+  });
+  buffer.delete();
+  return { quaternions };
 }
 
 /** Copy the whole state of `data` to a row of an array. */
