@@ -159,7 +159,7 @@ class Observe(Request["Observed"]):
 
 
 @dataclass(frozen=True)
-class Trace(Request["RoundingReference"]):
+class Trace(Request["Traced"]):
     """Read a workload, and return what C does with it, for an engine that only rounds otherwise.
 
     Attributes:
@@ -322,3 +322,10 @@ class Observed:
     warnings: Mapping[str, int]
     final_state: "np.ndarray"
     followed: "Followed"
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """What C did with a workload, and from states along it."""
+
+    reference: "RoundingReference"

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
     from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import Resources, States
-    from mjbench.simulation.rounding_reference import RoundingReference
     from mjbench.simulation.workload import PortableWorkload, Workload
 
 # Random allocations before each layout: how many, and the largest of each kind, in bytes.
@@ -200,11 +199,11 @@ class Worker:
             followed=work_check.follow(self.workload, portable.probe),
         )
 
-    def _trace(self, request: requests.Trace) -> "RoundingReference":
+    def _trace(self, request: requests.Trace) -> requests.Traced:
         from mjbench.simulation import rounding_reference
 
         self._read_workload(request.workload_file)
-        return rounding_reference.trace(self.workload, request.seed)
+        return requests.Traced(rounding_reference.trace(self.workload, request.seed))
 
     def _list_files(self, request: requests.ListFiles) -> tuple[str, ...]:
         from mjbench.simulation import model_files

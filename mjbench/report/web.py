@@ -40,8 +40,8 @@ def print_model(out: Console, row: WebRow) -> None:
     if row.work is None:
         return
     out.print(
-        f"MuJoCo {row.release}, Node {row.node}; {row.nbatch} simulations × {row.nstep} steps,"
-        f" {row.block_nbatch} of them in a block; {row.work.contacts:.1f} contacts and"
+        f"MuJoCo {row.release}, Node {row.node}; {row.nbatch} × {row.nstep} steps compared,"
+        f" {row.block_nbatch} × {row.block_nstep} in a block; {row.work.contacts:.1f} contacts and"
         f" {row.work.constraints:.1f} constraints a step",
         soft_wrap=True,
     )

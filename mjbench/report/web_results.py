@@ -64,6 +64,7 @@ class WebRow:
     nbatch: int | None
     nstep: int | None
     block_nbatch: int | None
+    block_nstep: int | None
     hold: int
     seed: int
     workload_digest: str
@@ -132,6 +133,7 @@ def derive(record: WebRecord) -> WebRow:
         nbatch=record.nbatch,
         nstep=record.nstep,
         block_nbatch=record.block_nbatch,
+        block_nstep=record.block_nstep,
         hold=record.hold,
         seed=record.seed,
         workload_digest=record.workload_digest,
@@ -139,7 +141,7 @@ def derive(record: WebRecord) -> WebRow:
         work=record.work,
         c_compile_ms=record.c_compile_ms,
         paths=[
-            _path_row(path, base, (record.block_nbatch or 1) * (record.nstep or 1))
+            _path_row(path, base, (record.block_nbatch or 1) * (record.block_nstep or 1))
             for path in record.paths
         ],
     )

@@ -175,8 +175,9 @@ class BuildRun:
         Raises:
           NodeError: the process failed, crashed or hung.
         """
-        run, count = self._reference.traced.run, self._reference.block_nbatch
-        arguments = self._steps(run.states[0, :count], run.control[:count], run.hold)
+        run, block = self._reference.traced.run, self._reference.block
+        control = run.control[: block.nbatch, : block.nstep // run.hold]
+        arguments = self._steps(run.states[0, : block.nbatch], control, run.hold)
         self.process.call(messages.Prepare(**arguments))
 
     def check_blocks(self) -> None:
@@ -189,9 +190,9 @@ class BuildRun:
         assert self._states is not None, "the build was checked"
         file = self._folder / "block.f64"
         self.process.call(messages.SaveStates(str(file)))
-        count = self._reference.block_nbatch
-        final = _read(file, (count, self._states.shape[2]))
-        if not np.array_equal(final, self._states[-1, :count]):
+        block = self._reference.block
+        final = _read(file, (block.nbatch, self._states.shape[2]))
+        if not np.array_equal(final, self._states[block.nstep, : block.nbatch]):
             raise BlocksDisagreeError(
                 "timed blocks do not end where the run ended that was checked"
             )
@@ -211,11 +212,12 @@ class BuildRun:
         warmed: WarmUp,
     ) -> StartUp:
         """Return what the build took before it was steady."""
+        block = self._reference.block
         return StartUp(
             import_ms=instantiated.import_ms,
             instantiate_ms=instantiated.instantiate_ms,
             compile_ms=loaded.compile_ms,
-            first_ns=warmed.first_ns / (self._reference.block_nbatch * self._reference.nstep),
+            first_ns=warmed.first_ns / (block.nbatch * block.nstep),
             warm_up_s=warmed.seconds,
             heap_bytes=instantiated.heap_bytes,
         )

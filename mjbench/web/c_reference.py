@@ -6,7 +6,7 @@ C runs in processes of its own, in which that release is installed alone (see `p
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,24 +16,26 @@ from mjbench.comparison import step_costs
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.paired import requests
+from mjbench.paired.block_sizes import BlockSize
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import starts
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.rounding_reference import RoundingReference
+from mjbench.simulation.rounding_reference import ReferenceRun, RoundingReference
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
-from mjbench.simulation.workload import whole_holds
+from mjbench.simulation.workload import PortableWorkload, whole_holds
 from mjbench.web.records import C_PATH
 
 # Simulations that are compared, and steps of each, unless the user says otherwise.
 NBATCH, NSTEP = 16, 100
 # Fewer simulations where one pass over all would take C more seconds than this, but so many.
 _PASS_S, _MIN_NBATCH = 1.0, 2
-# Seconds of a timed block of C, which has as many of these simulations as fit, and at least one.
-_BLOCK_S = 0.005
+# Seconds of a timed block of C: the first steps of the first simulations, as many as fit, but at
+# least so many steps of one.
+_BLOCK_S, _MIN_BLOCK_NSTEP = 0.01, 10
 
 
 @dataclass(frozen=True)
@@ -62,23 +64,23 @@ class CReference:
     Attributes:
       files: that the model is compiled from, its own first.
       model_file: holds what C compiled.
-      workload_file: holds the workload, final states included.
-      digest: of start states and controls.
+      block_file: holds the workload of a timed block, final states included.
+      digest: of all start states and controls.
       traced: what C does.
       work: of a step.
       starts: where start states came from.
-      block_nbatch: simulations of a timed block, the first ones.
+      block: size of a timed block.
       compile_ms: to compile the model, with loading its files.
     """
 
     files: tuple[str, ...]
     model_file: Path
-    workload_file: Path
+    block_file: Path
     digest: str
     traced: RoundingReference
     work: Work
     starts: Starts
-    block_nbatch: int
+    block: BlockSize
     compile_ms: float
 
     @property
@@ -131,22 +133,41 @@ def prepare(
         if not len(healthy):
             raise InputError(f"every simulation diverges ({observed.diagnosis})")
         workload = drawn.workload.only(healthy, observed.final_state)
-        workload_file = pool.save(workload)
-        traced = process.call(requests.Trace(workload_file, sizes.seed))
-        nbatch, nstep = traced.run.states.shape[1], len(traced.run.states) - 1
+        with pool.saved(workload) as file:
+            traced = process.call(requests.Trace(file, sizes.seed)).reference
+        block = block_size(traced.run, step_s)
         return CReference(
             files,
             model_file,
-            workload_file,
+            pool.save(_first(workload, traced.run, block)),
             workload.digest(),
             traced,
             observed.work,
             drawn.starts,
-            max(1, min(nbatch, int(_BLOCK_S / (nstep * step_s)))),
+            block,
             compile_ms,
         )
     finally:
         pool.end([process])
+
+
+def block_size(run: ReferenceRun, step_s: float) -> BlockSize:
+    """Return the size of a timed block: first steps of first simulations.
+
+    Args:
+      run: the whole workload.
+      step_s: seconds of a step.
+    """
+    nbatch, nstep = run.states.shape[1], len(run.states) - 1
+    fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
+    block_nstep = min(nstep, whole_holds(fitting, run.hold))
+    return BlockSize(max(1, min(nbatch, fitting // block_nstep)), block_nstep)
+
+
+def _first(workload: PortableWorkload, run: ReferenceRun, block: BlockSize) -> PortableWorkload:
+    """Return the workload of a block, and where it ends."""
+    first = workload.only(np.arange(block.nbatch), run.states[block.nstep])
+    return replace(first, control=first.control[:, : block.nstep // run.hold])
 
 
 def _sample(process: WorkerProcess, sizes: WebSizes) -> tuple[SampleRequest, float]:
@@ -194,7 +215,7 @@ def timed_paths(
         for i, variant in enumerate(variants):
             process = pool.start(release, f"{variant} of MuJoCo {release.version}", side=i)
             processes.append(process)
-            process.ask(requests.Equip(reference.model_file, reference.workload_file, variant.path))
+            process.ask(requests.Equip(reference.model_file, reference.block_file, variant.path))
         for process, variant in zip(processes, variants, strict=True):
             pool.wait_for(process, release)
             process.call(
@@ -202,7 +223,7 @@ def timed_paths(
                     path=variant.path,
                     options=dict(variant.options),
                     cores=[] if core is None else [core],
-                    simulations=range(reference.block_nbatch),
+                    simulations=range(reference.block.nbatch),
                 )
             )
         for process in processes:

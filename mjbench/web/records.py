@@ -80,7 +80,8 @@ class WebRecord:
       detail: one line; empty when ok.
       nbatch: simulations that were compared; None where there was no workload.
       nstep: steps of each; None likewise.
-      block_nbatch: simulations of a timed block; None likewise.
+      block_nbatch: simulations of a timed block, the first ones; None likewise.
+      block_nstep: steps of each in a timed block, the first ones; None likewise.
       hold: steps for which each control is held.
       seed: of start states and controls.
       workload_digest: of start states and controls; empty likewise.
@@ -99,6 +100,7 @@ class WebRecord:
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     block_nbatch: PositiveInt | None = None
+    block_nstep: PositiveInt | None = None
     hold: PositiveInt = 1
     seed: NonNegativeInt = 0
     workload_digest: str = ""
@@ -116,7 +118,7 @@ class WebRecord:
         counts = {len(path.block_ns) for path in self.paths if path.block_ns}
         if len(counts) > 1:
             raise ValueError("the paths have different numbers of rounds")
-        if counts and (self.block_nbatch is None or self.nstep is None):
+        if counts and (self.block_nbatch is None or self.block_nstep is None):
             raise ValueError("paths were timed, but the size of a block is missing")
 
     @classmethod
