@@ -10,11 +10,11 @@ from mjbench.instrument.stats import Estimate
 from mjbench.report import tables
 from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.status import Status
-from mjbench.web.messages import Examined, ObjectMemory
+from mjbench.web.messages import Examined, HeapLimit, ObjectMemory
 from mjbench.web.records import Mathematics, WebExperimentsRecord
 from mjbench.web.rounding_check import FirstDifference, RoundingCheck
 
-_MIB = 1 << 20
+_MIB, _GIB = 1 << 20, 1 << 30
 
 
 @dataclass(frozen=True)
@@ -193,6 +193,8 @@ def findings(records: Sequence[WebExperimentsRecord]) -> list[WebFinding]:
     builds: dict[tuple[str, str], list[str]] = {}
     for record in records:
         shown = [] if record.examined is None else list(_shown(record.examined))
+        if record.limits:
+            shown.append(_limit(record.limits))
         if record.mathematics is not None:
             shown.append((_mathematics(record.mathematics), ""))
         for each in shown:
@@ -223,13 +225,6 @@ def _shown(examined: Examined) -> Iterator[tuple[str, str]]:
             f" {_kept(examined.contact)}, of {examined.contact.ncon} contacts each. Delete it:",
             "const contacts = data.contact; /* … */ contacts.delete();",
         )
-    limit = examined.limit
-    if limit.error:
-        yield (
-            f"{limit.count} MjData of a box on a plane fill the heap, which ends at"
-            f" {limit.heap_bytes / (1 << 30):.1f} GiB; the next one fails: {limit.error}",
-            "",
-        )
     if not examined.state.is_array_written:
         error = examined.state.error
         how = f"fails: {error}" if error else "raises no error"
@@ -257,6 +252,19 @@ def _growth(examined: Examined) -> tuple[str, str]:
         " when you need it:",
         "data.qpos[0]",
     )
+
+
+def _limit(limits: Sequence[HeapLimit]) -> tuple[str, str]:
+    """Return how many MjData fill the heap, and what makes them smaller."""
+    usual, *others = limits
+    text = (
+        f"{usual.count:,} MjData of a box on a plane fill the heap, which ends at"
+        f" {usual.heap_bytes / _GIB:.1f} GiB; the next one fails: {usual.error}"
+    )
+    smaller = max(others, key=lambda limit: limit.count, default=usual)
+    if smaller.count <= usual.count:
+        return text, ""
+    return f"{text}. {smaller.count:,} fit with this in the MJCF:", smaller.size
 
 
 def _kept(memory: ObjectMemory) -> str:

@@ -4,8 +4,10 @@
  * Python's side of the results is `Examined` in messages.py.
  */
 
-/** A box that rests on a plane: four contacts, and an MjData of usual size. */
-const BOX = `<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+/** The size of MjData that people get, and one that they can ask for. */
+const SIZES = ['', '<size memory="1M"/>'];
+/** A box that rests on a plane, with four contacts. */
+const box = (size) => `<mujoco>${size}<worldbody><geom type="plane" size="1 1 1"/>
   <body pos="0 0 .1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
 </worldbody></mujoco>`;
 
@@ -17,13 +19,21 @@ const MOST_COUNT = 10000;
 const TURNS = 20;
 
 /**
- * Try everything.
+ * Fill the heap, once with MjData of each size.
+ * @param {any} mujoco a module that was just instantiated
+ */
+export function fill(mujoco) {
+  return { limits: SIZES.map((size) => examineLimit(mujoco, size)) };
+}
+
+/**
+ * Try everything else.
  * @param {any} mujoco an instantiated module
  * @param {string} cartpole MJCF of the model whose pole falls from keyframe 0
  */
 export async function examine(mujoco, cartpole) {
   const tools = { mujoco, heapBytes: () => heapBytes(mujoco) };
-  const model = mujoco.MjModel.from_xml_string(BOX);
+  const model = mujoco.MjModel.from_xml_string(box(SIZES[0]));
   try {
     return {
       growth: examineGrowth(tools, model),
@@ -31,7 +41,6 @@ export async function examine(mujoco, cartpole) {
       data: await examineObjects(tools, DATA_COUNT, () => new mujoco.MjData(model)),
       contact: await examineContacts(tools, model),
       state: examineState(tools, model),
-      limit: examineLimit(tools, model),
     };
   } finally {
     model.delete();
@@ -112,7 +121,8 @@ async function examineObjects({ heapBytes }, count, create) {
 }
 
 /** How many MjData fit into the largest heap that the module may have. */
-function examineLimit({ mujoco, heapBytes }, model) {
+function examineLimit(mujoco, size) {
+  const model = mujoco.MjModel.from_xml_string(box(size));
   const datas = [];
   let error = '';
   try {
@@ -120,8 +130,9 @@ function examineLimit({ mujoco, heapBytes }, model) {
   } catch (thrown) {
     error = String(thrown.message ?? thrown);
   }
-  const result = { count: datas.length, heap_bytes: heapBytes(), error };
+  const result = { size, count: datas.length, heap_bytes: heapBytes(mujoco), error };
   for (const each of datas) each.delete();
+  model.delete();
   return result;
 }
 

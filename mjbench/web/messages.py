@@ -152,17 +152,26 @@ class StateTarget:
 
 @dataclass(frozen=True)
 class HeapLimit:
-    """How many MjData fit.
+    """How many MjData of a box on a plane fit into the heap.
 
     Attributes:
+      size: MJCF that says how large an MjData is; empty for the default.
       count: of MjData.
       heap_bytes: of the heap then.
       error: that the next one raised.
     """
 
+    size: str
     count: PositiveInt
     heap_bytes: PositiveInt
     error: str
+
+
+@dataclass(frozen=True)
+class FilledHeap:
+    """How many MjData fill the heap: of the default size, and of a smaller one."""
+
+    limits: Sequence[HeapLimit]
 
 
 @dataclass(frozen=True)
@@ -175,7 +184,6 @@ class Examined:
       data: what MjData take.
       contact: what copies of contacts take.
       state: what `mj_getState` writes to.
-      limit: of the heap.
     """
 
     growth: HeapGrowth
@@ -183,7 +191,6 @@ class Examined:
     data: ObjectMemory
     contact: ObjectMemory
     state: StateTarget
-    limit: HeapLimit
 
 
 @dataclass(frozen=True)
@@ -316,6 +323,13 @@ class Examine(Request[Examined]):
 
     action, answer, activity = "examine", Examined, "trying the module's memory"
     cartpole_file: str
+
+
+@dataclass(frozen=True)
+class FillHeap(Request[FilledHeap]):
+    """Fill the heap of a module that did nothing before."""
+
+    action, answer, activity = "fill", FilledHeap, "filling the heap"
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def find(command: str = COMMAND, limit_s: float = _LIMIT_S) -> Node:
         raise MachineError(
             f"{file} is Node {version}; MuJoCo's WebAssembly builds need {oldest()} or newer"
         )
-    return Node(Path(file), version)
+    return Node(Path(file).absolute(), version)
 
 
 def _version(file: str, limit_s: float) -> str:

@@ -12,7 +12,7 @@ from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, Positive
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
-from mjbench.web.messages import Examined
+from mjbench.web.messages import Examined, HeapLimit
 from mjbench.web.npm_package import Build
 from mjbench.web.rounding_check import RoundingCheck
 
@@ -157,6 +157,7 @@ class WebExperimentsRecord:
       status: `ok`, or why there is nothing.
       detail: one line; empty when ok.
       examined: what experiments with its memory showed; None where they failed.
+      limits: how many MjData fill the heap, of each size that was tried.
       mathematics: how its sines and cosines differ; None likewise.
     """
 
@@ -167,4 +168,5 @@ class WebExperimentsRecord:
     status: Status = Status.OK
     detail: str = ""
     examined: Examined | None = None
+    limits: Sequence[HeapLimit] = ()
     mathematics: Mathematics | None = None

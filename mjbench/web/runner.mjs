@@ -35,7 +35,7 @@ let finalStates;
 /** The bits of mjSTATE_INTEGRATION. */
 let integration = 0;
 
-const ACTIONS = { instantiate, load, record, prepare, block, save, memory, examine, rotate };
+const ACTIONS = { instantiate, load, record, prepare, block, save, memory, examine, fill, rotate };
 
 /** Import and instantiate a build. */
 async function instantiate({ script, nthread }) {
@@ -142,6 +142,12 @@ function memory() {
 async function examine({ cartpole_file }) {
   const experiments = await import('./experiments.mjs');
   return experiments.examine(mujoco, fs.readFileSync(cartpole_file, 'utf8'));
+}
+
+/** Fill the heap (see experiments.mjs); use a process for nothing else. */
+async function fill() {
+  const experiments = await import('./experiments.mjs');
+  return experiments.fill(mujoco);
 }
 
 /** Return quaternions of rotations about z: the cosine and the sine of half of each angle. */
