@@ -24,6 +24,7 @@ from mjbench.pages import (
     scaling,
     tuning,
     verdicts,
+    web,
 )
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.paired import selfcheck
@@ -42,6 +43,7 @@ from mjbench.report.thread_advice import by_model
 from mjbench.report.verdicts import confidence_of
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
+from mjbench.web.records import WebExperimentsRecord, WebRecord
 
 # Conclusions that stand at the head of a report, at most; the others are in their sections.
 _MOST_CONCLUSIONS = 40
@@ -135,6 +137,7 @@ def _sections(named: NamedRun) -> Iterator[Section]:
     yield from loops.planning_sections(run.of_type(PlanningRow), command)
     yield from programs.sections(run.of_type(ProgramRow), command)
     yield from environments.sections(run.of_type(EnvironmentRecord), command)
+    yield from web.sections(run.of_type(WebRecord), run.of_type(WebExperimentsRecord), command)
     yield from tuning.sections(run.of_type(TuneRecord), command)
     yield from tuning.engine_sections(run.of_type(EngineTuneRecord), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)

@@ -24,8 +24,8 @@ from mjbench.web.rounding_check import RoundingCheck
 
 # The option of a path that has the engine step one simulation on several threads.
 ENGINE_THREADS = "engine_threads"
-# Warming up takes at least so many blocks and seconds, and at most so many seconds.
-_MIN_BLOCKS, _MIN_S, _MAX_S = 10, 1.0, 10.0
+# Warming up takes at least so many seconds, unless less was asked for, and at most so many.
+MIN_WARM_UP_S, _MAX_S = 1.0, 10.0
 # It is over when the median of so many blocks is no less than this share of that of those before.
 _WINDOW, _STEADY = 10, 0.97
 # The first block that takes no longer than so many times the last ones is about as fast.
@@ -197,13 +197,13 @@ class BuildRun:
                 "timed blocks do not end where the run ended that was checked"
             )
 
-    def warm_up(self) -> WarmUp:
-        """Run blocks until they are steady.
+    def warm_up(self, least_s: float) -> WarmUp:
+        """Run blocks until they are steady, for `least_s` seconds or more.
 
         Raises:
           NodeError: the process failed, crashed or hung.
         """
-        return warm_up(self.process.time_block)
+        return warm_up(self.process.time_block, least_s)
 
     def start_up(
         self,
@@ -275,7 +275,9 @@ class BuildRun:
 
 
 def warm_up(
-    time_block: Callable[[], int], clock: Callable[[], float] = time.perf_counter
+    time_block: Callable[[], int],
+    least_s: float,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> WarmUp:
     """Run blocks until they are steady: until they get no faster, or for ten seconds.
 
@@ -283,12 +285,13 @@ def warm_up(
 
     Args:
       time_block: runs a block, and returns its nanoseconds.
+      least_s: seconds that it takes at least.
       clock: returns seconds.
     """
     begin, blocks = clock(), [time_block()]
     while True:
         spent_s = clock() - begin
-        enough = len(blocks) >= max(_MIN_BLOCKS, 2 * _WINDOW) and spent_s >= _MIN_S
+        enough = len(blocks) >= 2 * _WINDOW and spent_s >= least_s
         if (enough and _is_steady(blocks)) or spent_s >= _MAX_S:
             return WarmUp.of(blocks)
         blocks.append(time_block())

@@ -22,7 +22,7 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation.models import ModelSource
 from mjbench.status import Status
 from mjbench.web import c_reference, messages, rounding_check
-from mjbench.web.build_run import ENGINE_THREADS, BuildRun, Engine
+from mjbench.web.build_run import ENGINE_THREADS, MIN_WARM_UP_S, BuildRun, Engine
 from mjbench.web.c_reference import CReference, WebSizes
 from mjbench.web.node_process import NodeError
 from mjbench.web.npm_package import Build
@@ -146,7 +146,7 @@ class _Measurement:
             if failed := rounding_check.failures(check):
                 return replace(record, status=Status.DISAGREES, detail="; ".join(failed))
             run.prepare()
-            warmed = run.warm_up()
+            warmed = run.warm_up(min(MIN_WARM_UP_S, self._plan.budget_s))
             run.check_blocks()
         except MjbenchError as error:
             return _failed(record, error)
