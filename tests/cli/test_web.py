@@ -1,4 +1,4 @@
-"""`mjbench web` as a user types it, with a program in Node's place that steps C (see its module)."""
+"""`mjbench web` as a user types it; a program that steps C stands in for Node."""
 
 import json
 from pathlib import Path
