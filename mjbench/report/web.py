@@ -64,6 +64,8 @@ def conclusion(row: WebRow) -> str:
     if row.status != Status.OK:
         return f"{row.model}: {row.status}: {row.detail}"
     wasm = [path for path in row.paths if path.is_wasm]
+    if not wasm:
+        return f"{row.model}: no build was compared"
     first = next((path for path in wasm if path.status == Status.OK), None)
     if first is None:
         bad = next((path for path in wasm if path.status == Status.DISAGREES), wasm[0])

@@ -105,6 +105,15 @@ class RoundingCheck:
     first_of_same_model: FirstDifference | None = None
     has_same_model: bool = False
 
+    def __post_init__(self) -> None:
+        """Check that there is a last point.
+
+        Raises:
+          ValueError: there is none.
+        """
+        if not self.points:
+            raise ValueError("points are missing")
+
     @property
     def final(self) -> PointDifference:
         """How far the whole run is from C."""

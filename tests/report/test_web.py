@@ -1,52 +1,13 @@
 """What `mjbench web` says of made-up results."""
 
 from dataclasses import replace
-from typing import Any
+
+from example_web_records import CHECK, experiments, record, wasm
 
 from mjbench.report import tables, web, web_results
-from mjbench.simulation.work import Work
 from mjbench.status import Status
-from mjbench.web.messages import HeapLimit
 from mjbench.web.npm_package import Build
-from mjbench.web.records import Mathematics, StartUp, WebExperimentsRecord, WebPathRecord, WebRecord
-from mjbench.web.rounding_check import FirstDifference, PointDifference, RoundingCheck, StepErrors
-
-FIRST = FirstDifference(7, "qpos", 1, 3, 2.2e-16)
-CHECK = RoundingCheck(
-    nstep=100,
-    first=FIRST,
-    points=[PointDifference(0, 0.0, 0.0), PointDifference(100, 3e-14, 5e-14)],
-    excess=None,
-    unconstrained_nstep=100,
-    unconstrained=StepErrors(12, 1e-16, 2e-16),
-    constrained=StepErrors(0, 0.0, 0.0),
-    first_of_same_model=FIRST,
-    has_same_model=True,
-)
-START_UP = StartUp(10.0, 200.0, 50.0, 9000.0, 0.1, 1 << 24)
-
-
-def path(name: str, block_ns: int, **fields: Any) -> WebPathRecord:
-    return WebPathRecord(path=name, options={}, block_ns=[block_ns] * 8, **fields)
-
-
-def record(*builds: WebPathRecord) -> WebRecord:
-    of_c = [path("python_loop", 3_000_000), path("rollout", 2_000_000)]
-    return WebRecord(
-        model="cartpole",
-        release="3.14.0",
-        node="20.1.2",
-        nbatch=4,
-        nstep=100,
-        block_nbatch=2,
-        block_nstep=100,
-        work=Work(0.0, 0.0, 0.0),
-        paths=[*of_c, *builds],
-    )
-
-
-def wasm(check: RoundingCheck = CHECK, name: str = "wasm") -> WebPathRecord:
-    return path(name, 5_000_000, check=check, start_up=START_UP, heap_bytes=1 << 24, rss_bytes=1)
+from mjbench.web.records import WebRecord
 
 
 def printed(stored: WebRecord) -> str:
@@ -101,18 +62,11 @@ def test_a_model_that_failed_has_no_table() -> None:
 
 
 def test_findings_name_the_builds_that_they_are_of() -> None:
-    limits = [HeapLimit("", 9, 1 << 31, "no memory"), HeapLimit("<size/>", 99, 1 << 31, "")]
-    experiments = [
-        WebExperimentsRecord(
-            build=build,
-            release="3.14.0",
-            node="20.1.2",
-            limits=limits,
-            mathematics=Mathematics(1000, differing, 0, 1e-16),
-        )
-        for build, differing in ((Build.WASM, 30), (Build.WASM_MT, 0))
-    ]
-    limit, sines, same = web.findings(experiments)
+    of_wasm = replace(experiments(), examined=None)
+    assert of_wasm.mathematics is not None
+    exact = replace(of_wasm.mathematics, sines=0)
+    of_both = [of_wasm, replace(of_wasm, build=Build.WASM_MT, mathematics=exact)]
+    limit, sines, same = web.findings(of_both)
     assert limit.builds == ["wasm", "wasm_mt"]
     assert limit.text.startswith(
         "9 MjData of a box on a plane fill the heap, which ends at 2.0 GiB"
