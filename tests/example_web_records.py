@@ -22,8 +22,8 @@ CHECK = RoundingCheck(
     points=[PointDifference(0, 0.0, 0.0), PointDifference(100, 3e-14, 5e-14)],
     excess=None,
     unconstrained_nstep=100,
-    unconstrained=StepErrors(12, 1e-16, 2e-16),
-    constrained=StepErrors(0, 0.0, 0.0),
+    unconstrained=StepErrors(12, 1e-16, 2e-16, 0.0, 1e-16),
+    constrained=StepErrors(0, 0.0, 0.0, 0.0, 0.0),
     first_of_same_model=FIRST,
     has_same_model=True,
 )

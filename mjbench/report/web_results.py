@@ -164,7 +164,7 @@ def _path_row(path: WebPathRecord, base_ns: Sequence[int], steps: int) -> WebPat
         check=path.check,
         step_ns=step_ns,
         steps_per_s=1e9 / step_ns if step_ns else None,
-        ratio=stats.speedup(path.block_ns, base_ns) if step_ns and base_ns else None,
+        ratio=stats.speedup_in_common(path.block_ns, base_ns) if step_ns and base_ns else None,
         rounds=len(path.block_ns),
         start_up=path.start_up,
         heap_bytes=path.heap_bytes,

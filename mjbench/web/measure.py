@@ -6,8 +6,9 @@ differs by more than rounding gets no speed. Then all that agree take turns in b
 
 import contextlib
 import random
+import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -161,7 +162,7 @@ class _Measurement:
             if core is not None:
                 run.process.confine([core])
         with cores.pinned(core):
-            rows = rounds(blocks, self._plan.budget_s, self._drop)
+            rows = rounds(blocks, self._plan.budget_s, self._drop, range(len(processes)))
         for i in [*self._runs]:
             self._check_timed(i, self._runs[i])
         for i, path in enumerate(self._paths):
@@ -194,6 +195,7 @@ def rounds(
     blocks: Mapping[int, Callable[[], int]],
     budget_s: float,
     on_failure: Callable[[int, NodeError], None],
+    kept: Collection[int] = (),
     rng: random.Random | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> list[Mapping[int, int]]:
@@ -201,11 +203,14 @@ def rounds(
 
     Each two rounds have one random order and its opposite, so that each block follows each other
     one as often. A block that fails is left out from then on, and so are its unfinished rounds.
+    After the least number of rounds, so is one that takes longer than all others together, unless
+    it is kept.
 
     Args:
       blocks: each runs one, and returns its nanoseconds.
       budget_s: seconds for all rounds; no two begin that would exceed them.
       on_failure: called with the key of a block that failed, and its error.
+      kept: keys of blocks that are never left out for their length.
       rng: draws the orders.
       clock: returns seconds.
     """
@@ -223,7 +228,19 @@ def rounds(
             on_failure(error.key, error.cause)
             del going_on[error.key]
         longest_s = max(longest_s, clock() - pair_begin)
+        key = _longest(rows) if len(rows) == _LEAST_ROUNDS else None
+        if key is not None and key not in kept:
+            del going_on[key]
+            longest_s = 0.0
     return rows
+
+
+def _longest(rows: Sequence[Mapping[int, int]]) -> int | None:
+    """Return which block takes longer than all others together; None without one."""
+    medians = {key: statistics.median(row[key] for row in rows) for key in rows[-1]}
+    longest = max(medians, key=medians.__getitem__)
+    others = sum(medians.values()) - medians[longest]
+    return longest if len(medians) > 2 and medians[longest] > others else None
 
 
 class _BlockError(Exception):

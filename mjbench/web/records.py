@@ -1,6 +1,7 @@
 """What is stored of a model in WebAssembly builds and in C, and of experiments with the builds.
 
-Frozen dataclasses. Raw times are of blocks; the same position is the same round for all paths.
+Frozen dataclasses. Raw times are of blocks; the same position is the same round for all paths. A
+path that was left out of the last rounds has fewer.
 """
 
 from collections.abc import Mapping, Sequence
@@ -115,9 +116,9 @@ class WebRecord:
         Raises:
           ValueError: it is not.
         """
-        counts = {len(path.block_ns) for path in self.paths if path.block_ns}
-        if len(counts) > 1:
-            raise ValueError("the paths have different numbers of rounds")
+        counts = {path.path: len(path.block_ns) for path in self.paths if path.block_ns}
+        if counts and max(counts.values()) > counts.get(C_PATH, 0):
+            raise ValueError(f"a path has more rounds than {C_PATH}")
         if counts and (self.block_nbatch is None or self.block_nstep is None):
             raise ValueError("paths were timed, but the size of a block is missing")
 

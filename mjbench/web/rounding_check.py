@@ -71,11 +71,15 @@ class StepErrors:
       count: of them.
       error: the largest.
       shadow: the shadow's largest.
+      median_error: the median.
+      median_shadow: the shadow's median.
     """
 
     count: NonNegativeInt
     error: float
     shadow: float
+    median_error: float
+    median_shadow: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,9 +194,14 @@ def failures(check: RoundingCheck) -> list[str]:
         ("an unconstrained", check.unconstrained, UNCONSTRAINED_STEP_LIMIT),
         ("a constrained", check.constrained, CONSTRAINED_STEP_LIMIT),
     ):
-        allowed = max(least, SHADOW_FACTOR * errors.shadow)
-        if not errors.error <= allowed:
-            failed.append(f"{kind} step differs by {errors.error:.1e}, more than {allowed:.1e}")
+        for which, error, shadow in (
+            ("", errors.error, errors.shadow),
+            (" in the median", errors.median_error, errors.median_shadow),
+        ):
+            allowed = max(least, SHADOW_FACTOR * shadow)
+            if not error <= allowed:
+                failed.append(f"{kind} step differs by {error:.1e}{which}, more than {allowed:.1e}")
+                break
     if check.excess is not None:
         failed.append(
             f"from step {check.excess} on, the run differs by more than {SHADOW_FACTOR:g} times"
@@ -203,8 +212,13 @@ def failures(check: RoundingCheck) -> list[str]:
 
 
 def _errors(errors: np.ndarray, steps: ReferenceSteps, which: np.ndarray) -> StepErrors:
+    if not which.any():
+        return StepErrors(0, 0.0, 0.0, 0.0, 0.0)
+    error, shadow = errors[which], steps.shadow[which]
     return StepErrors(
         int(which.sum()),
-        float(errors[which].max(initial=0.0)),
-        float(steps.shadow[which].max(initial=0.0)),
+        float(error.max()),
+        float(shadow.max()),
+        float(np.median(error)),
+        float(np.median(shadow)),
     )

@@ -38,7 +38,7 @@ def never(key: int, error: NodeError) -> None:
 def test_each_two_rounds_run_in_opposite_orders() -> None:
     clock = Clock()
     blocks = {key: clock.block(key, 0.01 * (key + 1)) for key in range(3)}
-    rows = measure.rounds(blocks, 0.0, never, random.Random(0), clock)
+    rows = measure.rounds(blocks, 0.0, never, (), random.Random(0), clock)
     assert len(rows) == 8
     assert all(row == {0: 10_000_000, 1: 20_000_000, 2: 30_000_000} for row in rows)
     turns = [clock.order[i : i + 3] for i in range(0, len(clock.order), 3)]
@@ -48,7 +48,7 @@ def test_each_two_rounds_run_in_opposite_orders() -> None:
 
 def test_rounds_end_with_the_budget() -> None:
     clock = Clock()
-    rows = measure.rounds({0: clock.block(0, 0.1)}, 2.0, never, random.Random(0), clock)
+    rows = measure.rounds({0: clock.block(0, 0.1)}, 2.0, never, (), random.Random(0), clock)
     assert len(rows) == pytest.approx(20, abs=2)
     assert clock.now_s <= 2.0 + 1e-9
 
@@ -65,11 +65,22 @@ def test_a_block_that_fails_is_left_out_and_the_others_go_on() -> None:
 
     rows = measure.rounds(
         {0: steady, 1: fails}, 0.0, lambda key, error: failed.append((key, str(error))),
-        random.Random(0), clock,
+        (), random.Random(0), clock,
     )  # fmt: skip
     assert failed == [(1, "wasm: killed")]
     assert [len(row) for row in rows] == [2] * 4 + [1] * 4
     assert all(0 in row for row in rows)
+
+
+def test_a_block_that_takes_most_of_a_round_is_left_out_after_the_first() -> None:
+    clock = Clock()
+    blocks = {key: clock.block(key, seconds) for key, seconds in ((0, 0.01), (1, 0.01), (2, 1.0))}
+    rows = measure.rounds(blocks, 10.0, never, (), random.Random(0), clock)
+    assert sum(2 in row for row in rows) == 8
+    assert all(2 in row for row in rows[:8])
+    assert len(rows) == pytest.approx(100, abs=8)
+    assert all({0, 1} <= set(row) for row in rows)
+    assert all(2 in row for row in measure.rounds(blocks, 20.0, never, [2], clock=clock))
 
 
 def warmed(block_ns: list[int], least_s: float) -> tuple[WarmUp, int]:

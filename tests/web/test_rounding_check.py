@@ -90,6 +90,20 @@ def test_a_single_step_that_differs_is_a_failure(row: int, kind: str) -> None:
     assert failure.startswith(kind)
 
 
+def test_one_sensitive_step_of_the_shadow_does_not_excuse_all_others() -> None:
+    sensitive = steps(20)
+    sensitive.shadow[1] = 1e-3
+    after = sensitive.after.copy()
+    after[1, 3] += 1e-3
+    assert not rounding_check.failures(
+        rounding_check.check(run(), sensitive, run().states, after, None)
+    )
+    after[3::2, 3] += 1e-5
+    found = rounding_check.check(run(), sensitive, run().states, after, None)
+    (failure,) = rounding_check.failures(found)
+    assert failure.startswith("a constrained step differs by 1.0e-05 in the median")
+
+
 def test_it_is_told_whether_the_model_that_c_compiled_differs_too() -> None:
     assert not check(moved(5, 1e-15)).has_same_model
     alike = check(moved(5, 1e-15), same=run().states)
