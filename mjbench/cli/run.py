@@ -78,7 +78,15 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "--rate",
     "rate_hz",
     type=click.IntRange(1, 1000),
-    help="Samples of the program's stacks per second  [default: 20]",
+    help="Samples of the program's stacks per second  [default: 10, or fewer where they would cost"
+    " too much]",
+)
+@click.option(
+    "--native/--no-native",
+    "has_native",
+    default=None,
+    help="Read the stacks of libraries, too, which tells NumPy and PyTorch from Python  [default:"
+    " unless the program has several processes]",
 )
 @click.option(
     "--python",
@@ -98,6 +106,7 @@ def run(
     seconds: float | None,
     pid: int | None,
     rate_hz: int | None,
+    has_native: bool | None,
     interpreter: str | None,
     confirm: bool,
     results: Path,
@@ -131,21 +140,23 @@ def run(
         launch.check(of_program)
     if confirm and of_program is None:
         raise InputError("--confirm runs the program again, which --attach cannot")
+    sampling = launch.Sampling(rate_hz, has_native)
     arguments = {
         "program": program,
         "seconds": seconds,
         "attach": pid,
         "rate_hz": rate_hz,
+        "has_native": has_native,
         "confirm": confirm,
     }
     files = [Path(program[0])] if program and Path(program[0]).is_file() else []
     storage = Storage(results, arguments)
     with RunContext("run", json_file, files, storage, wait, to_stderr=True) as context:
         if of_program is not None:
-            name, seen = of_program.name, launch.run(of_program, seconds, rate_hz)
+            name, seen = of_program.name, launch.run(of_program, seconds, sampling)
         else:
             assert pid is not None, "one of both is given"
-            name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, rate_hz)
+            name, seen = f"process {pid}", launch.attach(pid, seconds or 10.0, sampling)
         row = ProgramRow.of(name, seen)
         if confirm and of_program is not None:
             row = _confirmed(context, of_program, row)

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from mjbench.program.samples import Frame
+from mjbench.program.source_loops import source_line
 
 
 class Activity(enum.StrEnum):
@@ -113,15 +114,19 @@ _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
 _STEP_CLOCK = "step_clock.py"
+# A line of Python that calls the engine for as long as a step takes, or longer.
+_STEPS = re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\(")
 # Lines of multiprocessing between its functions and the call that waits.
 _NEAR = 4
 
 
-def activity(stack: Sequence[Frame]) -> Activity | None:
+def activity(stack: Sequence[Frame], has_native: bool = True) -> Activity | None:
     """Return what a stack shows; None where only the line's other samples can tell.
 
     Args:
       stack: outermost frame first.
+      has_native: whether stacks of libraries were read. Where they were not, a line of Python that
+        steps counts as physics.
     """
     python = [frame for frame in stack if frame.is_python]
     library = _libraries_at_end(stack)
@@ -129,9 +134,19 @@ def activity(stack: Sequence[Frame]) -> Activity | None:
         _by_engine(python, library)
         or _by_caller(python, library)
         or _by_library(library)
+        or (None if has_native else _by_line(python))
         or _by_python(python, library)
         or _interpreter(library)
     )
+
+
+def _by_line(python: Sequence[Frame]) -> Activity | None:
+    """Return physics where the innermost line of Python steps; None for any other."""
+    if not python:
+        return None
+    frame = python[-1]
+    steps = frame.file.endswith(_STEP_CLOCK) or _STEPS.search(source_line(frame.file, frame.line))
+    return Activity.PHYSICS if steps else None
 
 
 def _interpreter(library: Sequence[Frame]) -> Activity | None:

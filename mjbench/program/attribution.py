@@ -123,7 +123,8 @@ def loop_times(
                 frame = stack[position]
                 loop = outermost_loop(frame.file, frame.line)
                 assert loop is not None, "the frame was chosen because it is in a loop"
-                by_loop[loop].append(_Sample(thread, stack, position, activities.activity(stack)))
+                activity = activities.activity(stack, thread.has_native)
+                by_loop[loop].append(_Sample(thread, stack, position, activity))
     times = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)

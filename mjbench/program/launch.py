@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 
@@ -31,6 +31,9 @@ _START_S = 10.0
 _END_S = 10.0
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
+# From so many child processes on, stacks of libraries are not read unless the user asks for them:
+# reading them stops each process, and takes time from a core that the others need.
+MANY_CHILDREN = 2
 # Fewer samples per second tell too little, whatever they cost.
 LEAST_RATE_HZ = 3
 # Seconds after the first step from which its pauses count: before, the profiler reads libraries.
@@ -71,6 +74,7 @@ class Observation:
       threads: samples of its threads, and those of its child processes.
       steps: what the step clock of each process noted.
       rate_hz: samples per second.
+      has_native: whether stacks of libraries were asked for.
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
       problem: why there are no samples, in one line; empty where there are.
@@ -83,8 +87,22 @@ class Observation:
     threads: Sequence[ThreadSamples]
     steps: Sequence[StepTimes]
     rate_hz: int
+    has_native: bool
     paused_share: float | None
     problem: str = ""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a program is to be sampled.
+
+    Attributes:
+      rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
+      has_native: whether stacks of libraries are read; None where the program has few processes.
+    """
+
+    rate_hz: int | None = None
+    has_native: bool | None = None
 
 
 @dataclass
@@ -98,7 +116,9 @@ class Profiling:
       pid: the program's process.
       folder: for the profiler's files.
       rate_hz: samples per second.
+      has_native: whether stacks of libraries are read.
       adapts: whether the rate may be lowered.
+      drops_native: whether stacks of libraries may be left out once there are many processes.
       sampler: the profiler.
       looks: how often the program was looked at.
       paused: how often the profiler had stopped it, or one of its child processes, then.
@@ -111,7 +131,9 @@ class Profiling:
     pid: int
     folder: Path
     rate_hz: int
+    has_native: bool
     adapts: bool
+    drops_native: bool
     sampler: sampler.Sampler
     looks: int = 0
     paused: int = 0
@@ -121,20 +143,35 @@ class Profiling:
 
     @classmethod
     def begin(
-        cls, pid: int, folder: Path, rate_hz: int | None, seconds: float | None = None
+        cls, pid: int, folder: Path, sampling: "Sampling", seconds: float | None = None
     ) -> "Profiling":
         """Start the profiler; without a rate, at the usual one, which may be lowered.
 
         It ends with the program, or after so many seconds.
         """
-        rate = rate_hz or sampler.DEFAULT_RATE_HZ
-        of_profiler = sampler.start(pid, folder, rate, seconds)
-        return cls(pid, folder, rate, rate_hz is None and seconds is None, of_profiler)
+        rate = sampling.rate_hz or sampler.DEFAULT_RATE_HZ
+        has_native = True if sampling.has_native is None else sampling.has_native
+        return cls(
+            pid,
+            folder,
+            rate,
+            has_native,
+            adapts=sampling.rate_hz is None and seconds is None,
+            drops_native=sampling.has_native is None and seconds is None,
+            sampler=sampler.start(pid, folder, rate, has_native, seconds),
+        )
 
     def look(self) -> None:
-        """See whether the profiler has begun."""
+        """See whether the profiler has begun, and whether there are many processes by now."""
         if self.begin_s is None and self.sampler.has_begun:
             self.begin_s = time.monotonic()
+        is_sampling = self.begin_s is not None and self.sampler.is_running
+        if self.drops_native and is_sampling and self._has_many_children():
+            self.drops_native = self.has_native = False
+            self._restart(self.rate_hz)
+
+    def _has_many_children(self) -> bool:
+        return len(_children(self.folder, self.pid)) >= MANY_CHILDREN
 
     def look_for_pause(self) -> None:
         """See whether the profiler has stopped the program at this moment (Linux)."""
@@ -151,13 +188,17 @@ class Profiling:
         self.adapts = False
         share = self.paused / self.looks
         if share > MAX_PAUSED_SHARE and self.sampler.is_running:
-            end_s = time.monotonic()
-            self.sampler.stop()
-            self.earlier = self._read(end_s)
-            self.begin_s = None
-            self.rate_hz = max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share))
-            self.sampler = sampler.start(self.pid, self.folder, self.rate_hz)
-            self.looks = self.paused = 0
+            self._restart(max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share)))
+
+    def _restart(self, rate_hz: int) -> None:
+        """Start the profiler again; what it has seen is not lost."""
+        end_s = time.monotonic()
+        self.sampler.stop()
+        self.earlier = [*self.earlier, *self._read(end_s)]
+        self.begin_s = None
+        self.rate_hz = rate_hz
+        self.sampler = sampler.start(self.pid, self.folder, rate_hz, self.has_native)
+        self.looks = self.paused = 0
 
     @property
     def paused_share(self) -> float | None:
@@ -213,29 +254,32 @@ def check(program: Program) -> None:
     sampler.program()
 
 
-def run(program: Program, seconds: float | None = None, rate_hz: int | None = None) -> Observation:
+def run(
+    program: Program, seconds: float | None = None, sampling: Sampling = Sampling()
+) -> Observation:
     """Run a program to its end, and return what was seen.
 
     Args:
       program: to run.
       seconds: after its first step, for which it runs before it is ended as by Ctrl-C; None to let
         it run.
-      rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
+      sampling: how often, and how deep.
 
     Raises:
       MachineError: the program could not be started.
     """
     with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
-        return _run(program, Path(name), seconds, rate_hz)
+        return _run(program, Path(name), seconds, sampling)
 
 
-def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
+def attach(pid: int, seconds: float, sampling: Sampling = Sampling()) -> Observation:
     """Sample a program that runs already; it runs on afterwards.
 
     Args:
       pid: its process.
       seconds: to sample for.
-      rate_hz: samples per second, as of `run`.
+      sampling: how often, and how deep; of a program with many processes, stacks of libraries are
+        read if this says so.
 
     Raises:
       InputError: there is no such process.
@@ -244,7 +288,9 @@ def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
         raise InputError(f"--attach {pid}: no such process")
     with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
         begin_s = time.monotonic()
-        profiling = Profiling.begin(pid, Path(name), rate_hz, seconds)
+        if sampling.has_native is None and _has_many_children(pid):
+            sampling = replace(sampling, has_native=False)
+        profiling = Profiling.begin(pid, Path(name), sampling, seconds)
         with contextlib.suppress(KeyboardInterrupt):
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
                 profiling.look()
@@ -261,18 +307,19 @@ def attach(pid: int, seconds: float, rate_hz: int | None = None) -> Observation:
             threads=threads,
             steps=(),
             rate_hz=profiling.rate_hz,
+            has_native=profiling.has_native,
             paused_share=profiling.paused_share,
             problem=problem,
         )
 
 
-def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | None) -> Observation:
+def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampling) -> Observation:
     with _passing_on() as signals:
         begin_s = time.monotonic()
         process = _start(program, folder)
         signals.forward = process.send_signal
         was_ended = has_begun = False
-        profiling = _start_profiler(process, folder, rate_hz)
+        profiling = _start_profiler(process, folder, sampling)
         while process.poll() is None:
             time.sleep(_LOOK_S)
             if profiling is not None:
@@ -294,6 +341,7 @@ def _run(program: Program, folder: Path, seconds: float | None, rate_hz: int | N
         threads=threads,
         steps=step_times.read_all(folder),
         rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
+        has_native=profiling is None or profiling.has_native,
         paused_share=None if profiling is None else profiling.paused_share,
         problem=problem,
     )
@@ -362,7 +410,7 @@ def _start(
 
 
 def _start_profiler(
-    process: "subprocess.Popen[bytes]", folder: Path, rate_hz: int | None
+    process: "subprocess.Popen[bytes]", folder: Path, sampling: Sampling
 ) -> Profiling | None:
     """Start the profiler once Python runs; None where the program ends before."""
     file, begin_s = folder / f"{process.pid}.steps", time.monotonic()
@@ -370,7 +418,7 @@ def _start_profiler(
         if process.poll() is not None:
             return None
         time.sleep(_LOOK_S)
-    return Profiling.begin(process.pid, folder, rate_hz)
+    return Profiling.begin(process.pid, folder, sampling)
 
 
 def _has_stepped(folder: Path, seconds: float) -> bool:
@@ -435,6 +483,14 @@ def _children(folder: Path, pid: int) -> list[int]:
     """Return the processes whose step clock has begun, but the first."""
     stems = (file.stem for file in folder.glob("*.steps"))
     return [int(stem) for stem in stems if stem != str(pid)]
+
+
+def _has_many_children(pid: int) -> bool:
+    import psutil
+
+    with contextlib.suppress(psutil.Error):
+        return len(psutil.Process(pid).children(recursive=True)) >= MANY_CHILDREN
+    return False
 
 
 def process_state(pid: int) -> bytes | None:

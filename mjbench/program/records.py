@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from mjbench.program import attribution, remedies
+from mjbench.program import attribution, remedies, sampler
 from mjbench.program.attribution import LoopTime
 from mjbench.program.launch import Observation
 from mjbench.program.remedies import Remedy
@@ -42,6 +42,8 @@ class ProgramRow:
         over processes; None where that cannot be seen.
       loops: that step, or wait for processes that do; the program's own first.
       steps: of each process that stepped.
+      has_native: whether stacks of libraries were read to the end of the run; otherwise what NumPy
+        and other libraries do counts as Python.
     """
 
     record_type: ClassVar[str] = "program"
@@ -56,6 +58,7 @@ class ProgramRow:
     paused_share: float | None
     loops: Sequence[LoopReport]
     steps: Sequence[StepTimes]
+    has_native: bool = True
 
     @classmethod
     def of(cls, name: str, seen: Observation) -> "ProgramRow":
@@ -75,6 +78,7 @@ class ProgramRow:
             paused_share=seen.paused_share,
             loops=[LoopReport(time, remedies.remedies(time, steps)) for time in times],
             steps=steps,
+            has_native=seen.has_native and sampler.can_read_libraries(),
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

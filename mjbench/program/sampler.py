@@ -101,18 +101,21 @@ def program() -> str:
     return path
 
 
-def has_native() -> bool:
+def can_read_libraries() -> bool:
     """Return whether the profiler can read the stacks of libraries on this platform."""
     return sys.platform == "linux" and os.uname().machine in ("x86_64", "armv7l")
 
 
-def start(pid: int, folder: Path, rate_hz: int, seconds: float | None = None) -> Sampler:
+def start(
+    pid: int, folder: Path, rate_hz: int, has_native: bool, seconds: float | None = None
+) -> Sampler:
     """Sample a process and those that it starts, until it ends or `Sampler.stop`.
 
     Args:
       pid: the process.
       folder: for the profiler's files.
       rate_hz: samples per second.
+      has_native: whether stacks of libraries are read, too, where this platform can.
       seconds: after which it ends by itself, at the latest; None for never.
 
     Raises:
@@ -122,7 +125,7 @@ def start(pid: int, folder: Path, rate_hz: int, seconds: float | None = None) ->
     command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]
     command += ["--format", "speedscope", "--output", str(file)]
     command += ["--threads", "--idle", "--full-filenames", "--subprocesses"]
-    command += ["--native"] if has_native() else []
+    command += ["--native"] if has_native and can_read_libraries() else []
     command += ["--duration", str(math.ceil(seconds) + 1)] if seconds is not None else []
     with log.open("wb") as output:
         # in a session of its own: Ctrl-C is for the program

@@ -60,11 +60,13 @@ class ThreadSamples:
       thread: whose stacks they are.
       stacks: the stack of each sample, outermost frame first.
       interval_s: time that each sample stands for.
+      has_native: whether stacks of libraries were read.
     """
 
     thread: Thread
     stacks: Sequence[Sequence[Frame]]
     interval_s: float
+    has_native: bool = True
 
 
 class _File(msgspec.Struct):
@@ -112,7 +114,9 @@ def read(file: Path) -> list[ThreadSamples]:
         else Frame(frame.name, frame.file or "", frame.line or 0)
         for frame in stored.shared.frames
     ]
-    return [_thread_samples(profile, frames) for profile in stored.profiles]
+    has_native = any(frame is not None and not frame.is_python for frame in frames)
+    threads = [_thread_samples(profile, frames) for profile in stored.profiles]
+    return [replace(thread, has_native=has_native) for thread in threads]
 
 
 def spread_over(threads: Sequence[ThreadSamples], seconds: float) -> list[ThreadSamples]:

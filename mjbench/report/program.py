@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from mjbench.instrument.units import duration, plain
-from mjbench.program import remedies
+from mjbench.program import remedies, sampler
 from mjbench.program.activities import Activity
 from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
@@ -220,6 +220,12 @@ def _print_cost(out: Console, row: ProgramRow) -> None:
     if row.paused_share is None:
         out.print("\nWhat observing took of the program's time is not known.")
         return
+    if not row.has_native and sampler.can_read_libraries():
+        out.print(
+            "\nThe program has several processes, so stacks of libraries were not read: what NumPy"
+            " and PyTorch do counts as Python. --native reads them, at a higher cost.",
+            soft_wrap=True,
+        )
     line = f"\nObserving took {percent(row.cost_share, 1)} of the program's time."
     if row.cost_share > MAX_COST:
         line += f" --rate {max(1, row.rate_hz // 2)} makes it less."

@@ -65,6 +65,18 @@ def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
     assert "correct a wrong result" in done.stderr
 
 
+def test_what_a_remedy_saves_is_measured_by_running_the_program_again(tmp_path):
+    done, row = run(
+        tmp_path, "--confirm", "--rate", "200", PLANTED / "collector.py", HUMANOID, "1500"
+    )
+    assert done.returncode == 0, done.stderr
+    first = row["loops"][0]["remedies"][0]
+    assert first["kind"] == "garbage collection"
+    assert first["confirmed"]["runs"] == 8
+    assert first["confirmed"]["low"] > 0
+    assert "measured" in done.stderr
+
+
 def can_render():
     """Return whether MuJoCo draws by EGL here."""
     model = "mujoco.MjModel.from_xml_string('<mujoco/>')"

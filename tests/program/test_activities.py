@@ -124,3 +124,13 @@ def test_paths_are_shown_short(monkeypatch, tmp_path):
 
 def test_lines_of_compiled_sources_are_no_python():
     assert not Frame("f", "Modules/_struct.c", 12).is_python
+
+
+def test_without_stacks_of_libraries_a_line_that_steps_is_physics(tmp_path):
+    script = tmp_path / "loop.py"
+    script.write_text("x = 1\nmujoco.mj_step(model, data)\n")
+    steps, other = (Frame("main", str(script), line) for line in (2, 1))
+    assert activities.activity([OWN, CLOCK], has_native=False) == Activity.PHYSICS
+    assert activities.activity([steps], has_native=False) == Activity.PHYSICS
+    assert activities.activity([steps]) == Activity.PYTHON
+    assert activities.activity([other], has_native=False) == Activity.PYTHON

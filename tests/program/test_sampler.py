@@ -47,14 +47,14 @@ class FakeSampler:
 def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypatch, paused, rate):
     started = []
 
-    def start(pid, folder, rate_hz, seconds=None):
+    def start(pid, folder, rate_hz, has_native, seconds=None):
         started.append(rate_hz)
         return FakeSampler(folder)
 
     monkeypatch.setattr(sampler, "start", start)
     states = iter([b"t"] * paused + [b"R"] * 10_000)
     monkeypatch.setattr(launch, "process_state", lambda pid: next(states))
-    profiling = launch.Profiling.begin(1, tmp_path, None)
+    profiling = launch.Profiling.begin(1, tmp_path, launch.Sampling())
     for _ in range(2 * launch.LOOKS_TO_ADAPT):
         profiling.look_for_pause()
     assert profiling.rate_hz == rate
@@ -62,10 +62,34 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
 
 
 def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(sampler, "start", lambda pid, folder, rate_hz, seconds: FakeSampler(folder))
+    monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
     monkeypatch.setattr(launch, "process_state", lambda pid: b"t")
-    profiling = launch.Profiling.begin(1, tmp_path, 50)
+    profiling = launch.Profiling.begin(1, tmp_path, launch.Sampling(50))
     for _ in range(2 * launch.LOOKS_TO_ADAPT):
         profiling.look_for_pause()
     assert profiling.rate_hz == 50
     assert profiling.paused_share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("children", "has_native", "started"),
+    [(1, None, [True]), (2, None, [True, False]), (2, True, [True]), (0, False, [False])],
+)
+def test_stacks_of_libraries_are_left_out_of_many_processes_unless_asked_for(
+    tmp_path, monkeypatch, children, has_native, started
+):
+    modes = []
+
+    def start(pid, folder, rate_hz, native, seconds=None):
+        modes.append(native)
+        return FakeSampler(folder)
+
+    monkeypatch.setattr(sampler, "start", start)
+    for pid in range(1, children + 2):
+        (tmp_path / f"{pid}.steps").touch()
+    profiling = launch.Profiling.begin(1, tmp_path, launch.Sampling(None, has_native))
+    for _ in range(3):
+        profiling.look()
+    assert modes == started
+    assert profiling.has_native == started[-1]
+    assert profiling.rate_hz == sampler.DEFAULT_RATE_HZ
