@@ -33,6 +33,7 @@ from mjbench.cli import (  # each adds its command to the group
     site,
     tune,
     versions,
+    web,
 )
 from mjbench.cli.group import cli
 

@@ -211,7 +211,25 @@ def _searches(run: RunContext, stored: "Run") -> object | None:
     searches += stored.of_type(EngineTuneRecord)
     for search in searches:
         tuning_accelerated.print_any(run.out, search)
-    return TuneDocument.of(stored.header.machine, searches) if searches else None
+    if searches:
+        return TuneDocument.of(stored.header.machine, searches)
+    return _web(run, stored)
+
+
+def _web(run: RunContext, stored: "Run") -> object:
+    """Print what WebAssembly builds were like; return the document, or None without any."""
+    from mjbench.report import web, web_results
+    from mjbench.report.documents import WebDocument
+    from mjbench.web.records import WebExperimentsRecord, WebRecord
+
+    rows = [web_results.derive(record) for record in stored.of_type(WebRecord)]
+    experiments = stored.of_type(WebExperimentsRecord)
+    for row in rows:
+        web.print_model(run.out, row)
+    web.print_findings(run.out, experiments)
+    if not rows and not experiments:
+        return None
+    return WebDocument(machine=stored.header.machine, results=rows, experiments=experiments)
 
 
 def _comparison(run: RunContext, stored: "Run", code: bool) -> object:

@@ -66,7 +66,7 @@ def check_run(workload: Workload, advance: Advance, precision: Precision) -> Che
     """
     rounded = precision == Precision.FLOAT32
     reference = trajectory.record_trajectory(workload, FOLLOWED)
-    shadow = trajectory.record_trajectory(workload, FOLLOWED, rounded=True)
+    shadow = trajectory.record_trajectory(workload, FOLLOWED, trajectory.as_float32)
     starts = start_fields(workload)
     fields = advance(starts, workload.control, 0).fields
     singles = trajectory.single_steps(workload, reference, MAX_SINGLE_STEPS, rounded, [*fields])

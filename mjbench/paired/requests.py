@@ -20,6 +20,7 @@ from mjbench.releases.placement import Placement
 if TYPE_CHECKING:
     import numpy as np
 
+    from mjbench.simulation.rounding_reference import RoundingReference
     from mjbench.simulation.sampling import SampleRequest
     from mjbench.simulation.starts import StartPlan, Starts
     from mjbench.simulation.work import Work
@@ -155,6 +156,32 @@ class Observe(Request["Observed"]):
 
     activity = "stepping the model"
     workload_file: Path
+
+
+@dataclass(frozen=True)
+class Trace(Request["Traced"]):
+    """Read a workload, and return what C does with it, for an engine that only rounds otherwise.
+
+    Attributes:
+      workload_file: holds a pickled `PortableWorkload`.
+      seed: of the shadow's moves.
+    """
+
+    activity = "stepping the model"
+    workload_file: Path
+    seed: int
+
+
+@dataclass(frozen=True)
+class ListFiles(Request[tuple[str, ...]]):
+    """Return which files a model is compiled from: its own, and all that it names.
+
+    Attributes:
+      file: of the model.
+    """
+
+    activity = "listing the model's files"
+    file: Path
 
 
 @dataclass(frozen=True)
@@ -295,3 +322,10 @@ class Observed:
     warnings: Mapping[str, int]
     final_state: "np.ndarray"
     followed: "Followed"
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """What C did with a workload, and from states along it."""
+
+    reference: "RoundingReference"

@@ -91,6 +91,8 @@ class Worker:
             requests.MakeWorkload: self._make_workload,
             requests.TakeWorkload: self._take_workload,
             requests.Observe: self._observe,
+            requests.Trace: self._trace,
+            requests.ListFiles: self._list_files,
             requests.Equip: self._equip,
             requests.Prepare: self._prepare,
             requests.PrepareOperation: self._prepare_operation,
@@ -196,6 +198,17 @@ class Worker:
             final_state=observation.final_state,
             followed=work_check.follow(self.workload, portable.probe),
         )
+
+    def _trace(self, request: requests.Trace) -> requests.Traced:
+        from mjbench.simulation import rounding_reference
+
+        self._read_workload(request.workload_file)
+        return requests.Traced(rounding_reference.trace(self.workload, request.seed))
+
+    def _list_files(self, request: requests.ListFiles) -> tuple[str, ...]:
+        from mjbench.simulation import model_files
+
+        return model_files.of(request.file)
 
     def _equip(self, request: requests.Equip) -> None:
         from mjbench import paths

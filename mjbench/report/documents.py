@@ -46,9 +46,11 @@ from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.set_document import RunSetDocument
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
+from mjbench.report.web_results import WebRow
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
+from mjbench.web.records import WebExperimentsRecord, WebRecord
 
 SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 
@@ -72,6 +74,8 @@ RECORD_TYPES: Mapping[str, type] = {
     ExplainRecord.record_type: ExplainRecord,
     TuneRecord.record_type: TuneRecord,
     EngineTuneRecord.record_type: EngineTuneRecord,
+    WebRecord.record_type: WebRecord,
+    WebExperimentsRecord.record_type: WebExperimentsRecord,
 }
 
 
@@ -289,6 +293,16 @@ class TuneDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WebDocument:
+    """What `mjbench web --json` writes; `experiments` has an item for each build."""
+
+    schema: int = SCHEMA
+    machine: Machine
+    results: Sequence[WebRow]
+    experiments: Sequence[WebExperimentsRecord]
+
+
+@dataclass(frozen=True, kw_only=True)
 class FallsDocument:
     """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
 
@@ -358,6 +372,7 @@ DOCUMENTS: Mapping[str, type] = {
     "latency": LatencyDocument,
     "plan": PlanDocument,
     "env": EnvDocument,
+    "web": WebDocument,
     "doctor": DoctorDocument,
     "falls": FallsDocument,
     "lint": LintDocument,

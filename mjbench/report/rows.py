@@ -23,13 +23,14 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import environment_results, tuning, tuning_accelerated
+from mjbench.report import environment_results, tuning, tuning_accelerated, web_results
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
 from mjbench.report.thread_advice import by_model
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
+from mjbench.web.records import WebRecord
 
 # What a cell holds.
 Cell = str | float | int | bool | None
@@ -112,6 +113,8 @@ def _results(run: Run) -> Iterator[object]:
         yield from tuning.rows(search)
     for engine_search in run.of_type(EngineTuneRecord):
         yield from tuning_accelerated.rows(engine_search)
+    for web_record in run.of_type(WebRecord):
+        yield from web_results.rows(web_record)
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)
 

@@ -6,7 +6,7 @@ engine that computes in float32 is expected to differ from C by about as much as
 """
 
 import copy
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -99,13 +99,15 @@ class Trajectory:
     unconstrained_nstep: int
 
 
-def record_trajectory(workload: Workload, nsim: int, rounded: bool = False) -> Trajectory:
+def record_trajectory(
+    workload: Workload, nsim: int, change: Callable[[np.ndarray], np.ndarray] | None = None
+) -> Trajectory:
     """Run simulations in C and return all their states.
 
     Args:
       workload: to run.
       nsim: number of simulations, the first and the last among them; at most all.
-      rounded: round states and controls to float32 before every step: the shadow.
+      change: of states and controls before every step, for a shadow; None for no change.
     """
     model, data = workload.model, mujoco.MjData(workload.model)
     spec, nstep = compat.state_spec("INTEGRATION"), workload.nstep
@@ -116,11 +118,11 @@ def record_trajectory(workload: Workload, nsim: int, rounded: bool = False) -> T
         mujoco.mj_resetData(model, data)
         states[i, 0] = workload.initial_state[simulation]
         for k in range(nstep):
-            if k == 0 or rounded:
-                before = as_float32(states[i, k]) if rounded else states[i, k]
+            if k == 0 or change:
+                before = change(states[i, k]) if change else states[i, k]
                 compat.set_state(model, data, before, spec)
             ctrl = workload.control[simulation, k // workload.hold]
-            data.ctrl[:] = as_float32(ctrl) if rounded else ctrl
+            data.ctrl[:] = change(ctrl) if change else ctrl
             mujoco.mj_step(model, data)
             if data.nefc or data.ncon:
                 unconstrained_nstep = min(unconstrained_nstep, k)
@@ -156,10 +158,10 @@ def single_steps(
         state[1::2] = set_inputs(workload.model, state[1::2], workload.seed, inputs_to_set)
     if rounded:
         state, control = as_float32(state), as_float32(control)
-    return _take_steps(workload.model, np.ascontiguousarray(state), control)
+    return take_steps(workload.model, np.ascontiguousarray(state), control)
 
 
-def _take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
+def take_steps(model: mujoco.MjModel, state: np.ndarray, control: np.ndarray) -> SingleSteps:
     """Take one step in C from each row of `state`, with its row of `control`."""
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
     contactless = copy.copy(model)

@@ -1,0 +1,193 @@
+"""`mjbench web`: MuJoCo's WebAssembly builds beside C of the same release."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjbench.cli.context import RunContext, Storage
+from mjbench.cli.group import cli
+from mjbench.cli.shared import (
+    JSON,
+    LIMIT,
+    RESULTS,
+    SIZES,
+    WAIT,
+    Seconds,
+    check_sizes,
+    start_plan,
+    with_options,
+)
+from mjbench.status import Status
+
+if TYPE_CHECKING:
+    from mjbench.releases.installs import ReleaseSpec
+    from mjbench.report.web_results import WebRow
+    from mjbench.simulation.models import ModelSource
+    from mjbench.web.build_run import Engine
+    from mjbench.web.c_reference import WebSizes
+    from mjbench.web.measure import WebPlan
+    from mjbench.web.records import WebExperimentsRecord
+
+
+@cli.command()
+@click.argument("names", nargs=-1, metavar="[MODEL]…")
+@click.option(
+    "--release",
+    metavar="RELEASE",
+    help="Release of MuJoCo, whose npm package is installed  [default: the one that mjbench pins]",
+)
+@click.option(
+    "--package",
+    "package_folder",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder into which npm installed @mujoco/mujoco  [default: one in the cache folder]",
+)
+@click.option(
+    "--node", "node_command", default="node", show_default=True, help="Node.js to run it."
+)
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Seconds(zero=True),
+    default="5s",
+    show_default=True,
+    help="Time for the rounds of each model.",
+)
+@click.option(
+    "--no-experiments",
+    is_flag=True,
+    help="Leave out the experiments with views, memory, sines and cosines.",
+)
+@with_options(*SIZES, LIMIT, RESULTS, WAIT, JSON)
+def web(
+    names: tuple[str, ...],
+    release: str | None,
+    package_folder: Path | None,
+    node_command: str,
+    budget_s: float,
+    no_experiments: bool,
+    time_limit: float,
+    results: Path,
+    wait: bool,
+    json_file: str | None,
+    **sizes: Any,
+) -> None:
+    """How fast is MuJoCo in WebAssembly, and does it compute what C does?
+
+    The builds of the npm package @mujoco/mujoco step under Node.js, beside C of the same release,
+    on the same start states and controls. A build whose states differ from C's by more than
+    rounding gets no speed. Without a MODEL: all shipped models.
+
+    mjbench downloads no npm package. If it is missing, the message has npm's command.
+
+    \b
+    Examples:
+      mjbench web cartpole humanoid
+      mjbench web robot.xml --release 3.12.0
+      mjbench web --package path/to/your/app --json web.json
+    """
+    from mjbench.releases import installs
+    from mjbench.report.documents import WebDocument
+    from mjbench.simulation import models
+    from mjbench.web.measure import WebPlan
+
+    sources = [models.resolve(name) for name in names or models.shipped()]
+    spec = None if release is None else installs.parse_release(release)
+    engine = _engine(spec, package_folder, node_command, time_limit)
+    spec = spec or installs.parse_release(engine.package.version)
+    plan = WebPlan(spec, engine, _sizes(**sizes), budget_s)
+    arguments = {
+        "models": [source.name for source in sources],
+        "release": plan.release.key,
+        "node": plan.engine.node.version,
+        "sizes": plan.sizes,
+        "budget_s": budget_s,
+        "experiments": not no_experiments,
+    }
+    files = [*(source.path for source in sources), *plan.sizes.starts.files]
+    with RunContext("web", json_file, files, Storage(results, arguments), wait) as run:
+        rows = _measure(run, sources, plan)
+        experiments: Sequence[WebExperimentsRecord] = ()
+        if not no_experiments and not run.interrupted:
+            experiments = _examine(run, engine)
+        run.write(WebDocument(machine=run.machine, results=rows, experiments=experiments))
+    statuses = [status for row in rows for status in row.statuses()]
+    run.exit([*statuses, *(record.status for record in experiments)])
+
+
+def _engine(
+    release: "ReleaseSpec | None", package_folder: Path | None, node_command: str, limit_s: float
+) -> "Engine":
+    """Return the builds of a release, and the Node that runs them.
+
+    Raises:
+      InputError: the folder has no package, or that of another release.
+      MachineError: the package or Node is missing.
+    """
+    from mjbench.instrument import machine
+    from mjbench.web import node, npm_package
+    from mjbench.web.build_run import Engine
+
+    package = npm_package.find(None if release is None else release.version, package_folder)
+    return Engine(package, node.find(node_command), limit_s, machine.usable_cores())
+
+
+def _sizes(
+    nbatch: int | None,
+    nstep: int | None,
+    hold: int,
+    seed: int,
+    settle_s: float | None,
+    states_file: Path | None,
+    actions_file: Path | None,
+) -> "WebSizes":
+    """Return what the options SIZES ask for.
+
+    Raises:
+      InputError: they contradict each other, or a file cannot be read.
+    """
+    from mjbench.web.c_reference import WebSizes
+
+    check_sizes(nstep, hold)
+    starts = start_plan(settle_s, states_file, actions_file)
+    return WebSizes(nbatch, nstep, hold, seed, starts)
+
+
+def _measure(run: RunContext, sources: "Sequence[ModelSource]", plan: "WebPlan") -> list["WebRow"]:
+    """Measure models; print and store what was measured of each."""
+    from mjbench.paired.worker_pool import WorkerPool
+    from mjbench.report.web import print_model
+    from mjbench.report.web_results import derive
+    from mjbench.web import measure
+
+    rows = []
+    with WorkerPool(plan.engine.limit_s) as pool:
+        for source in sources:
+            record = measure.measure(pool, source, plan)
+            run.record(record)
+            rows.append(derive(record))
+            print_model(run.out, rows[-1])
+            if record.status == Status.INTERRUPTED:
+                run.interrupt()
+                break
+    return rows
+
+
+def _examine(run: RunContext, engine: "Engine") -> list["WebExperimentsRecord"]:
+    """Try the memory of each build; print and store what that showed."""
+    from mjbench.report.web import print_findings
+    from mjbench.web import experiments
+    from mjbench.web.npm_package import Build
+
+    records = []
+    for build in Build:
+        records.append(experiments.examine(engine, build))
+        run.record(records[-1])
+        if records[-1].status == Status.INTERRUPTED:
+            run.interrupt()
+            break
+    print_findings(run.out, records)
+    return records

@@ -1,0 +1,72 @@
+"""Reports of WebAssembly builds: agreement with C, speed, start-up, memory, and what to watch."""
+
+from collections.abc import Iterator, Sequence
+
+from mjbench.comparison.plan import describe_options
+from mjbench.pages.content import Column, Conclusion, DataTable, Section, Tone
+from mjbench.report import web, web_results
+from mjbench.report.web_results import WebPathRow, WebRow
+from mjbench.status import Status
+from mjbench.web.records import WebExperimentsRecord, WebRecord
+
+_MIB = 1 << 20
+
+
+def sections(
+    records: Sequence[WebRecord], experiments: Sequence[WebExperimentsRecord], command: str
+) -> Iterator[Section]:
+    """Yield a section for each model, and one for what experiments with the builds showed."""
+    for record in records:
+        yield _section(web_results.derive(record), command)
+    if found := web.findings(experiments):
+        yield Section(
+            heading="WebAssembly: what experiments with the builds showed",
+            command=command,
+            conclusions=[
+                Conclusion(f"{', '.join(finding.builds)}: {finding.text} {finding.code}".strip())
+                for finding in found
+            ],
+        )
+
+
+def _section(row: WebRow, command: str) -> Section:
+    is_good = all(status in (Status.OK, Status.UNAVAILABLE) for status in row.statuses())
+    conclusion = web.conclusion(row)
+    return Section(
+        heading=f"{row.model} in WebAssembly",
+        command=command,
+        conclusions=[Conclusion(conclusion) if is_good else Conclusion(conclusion, Tone.BAD)],
+        tables=[_table(row)] if row.paths else [],
+        notes=web.notes(row),
+    )
+
+
+def _table(row: WebRow) -> DataTable:
+    columns = (
+        Column("path"),
+        Column("options"),
+        Column("status"),
+        Column("ns/step", 4),
+        Column("× C", 3),
+        Column("low", 3),
+        Column("high", 3),
+        Column("difference", 2),
+        Column("heap MiB", 3),
+        Column("process MiB", 3),
+    )
+    return DataTable(
+        f"Steps of {row.model}, and times over those of C", columns, [_cells(p) for p in row.paths]
+    )
+
+
+def _cells(path: WebPathRow) -> tuple[str | float | None, ...]:
+    ratio = path.ratio
+    return (
+        path.path,
+        describe_options(path.options),
+        path.status.value,
+        path.step_ns,
+        *((None, None, None) if ratio is None else (ratio.median, ratio.low, ratio.high)),
+        None if path.check is None else path.check.final.difference,
+        *(None if size is None else size / _MIB for size in (path.heap_bytes, path.rss_bytes)),
+    )

@@ -1,0 +1,168 @@
+"""What C does, for an engine that should do the same up to rounding: a run, and single steps.
+
+The *shadow* is C itself, in which every state and control is moved by one unit in the last place
+before each step. An engine that only rounds otherwise differs from C by about as much as the shadow
+does. In contact, both differences grow from step to step; in a single step, neither can.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjbench.simulation import agreement, compat, trajectory
+from mjbench.simulation.trajectory import COMPARED, Trajectory
+from mjbench.simulation.workload import Workload
+
+# Single steps from states of a run, at most.
+MAX_SINGLE_STEPS = 256
+# Fields of a state that the shadow moves.
+_MOVED = ("qpos", "qvel", "act", "qacc_warmstart")
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceRun:
+    """A run of C, and of its shadow.
+
+    Attributes:
+      columns: of each MjData field in a row of mjSTATE_INTEGRATION.
+      has_reset: whether an MjData must be reset between simulations.
+      control: (nbatch, ncontrol, nu) controls.
+      hold: steps for which each control is held.
+      states: (nstep + 1, nbatch, nstate) rows of mjSTATE_INTEGRATION, from the start on.
+      unconstrained_nstep: steps before the first on which a contact or another constraint acted, in
+        any of the simulations; nstep if there was none.
+      shadow: (nstep + 1,) largest difference of the shadow so far (see `differences`).
+    """
+
+    columns: Mapping[str, slice]
+    has_reset: bool
+    control: np.ndarray
+    hold: int
+    states: np.ndarray
+    unconstrained_nstep: int
+    shadow: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceSteps:
+    """Single steps of C from states of a run; in every second one, each input has a value.
+
+    Attributes:
+      state: (n, nstate) rows of mjSTATE_INTEGRATION to start from.
+      control: (n, nu) controls of the step.
+      after: (n, nstate) states that the steps lead to.
+      is_constrained: (n,) bool: whether a contact or another constraint acted.
+      shadow: (n,) difference of the shadow's step (see `differences`).
+    """
+
+    state: np.ndarray
+    control: np.ndarray
+    after: np.ndarray
+    is_constrained: np.ndarray
+    shadow: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RoundingReference:
+    """What C does with a workload, and from states along it."""
+
+    run: ReferenceRun
+    steps: ReferenceSteps
+
+
+def trace(workload: Workload, seed: int) -> RoundingReference:
+    """Return what C does with a workload; `seed` draws the directions of the shadow's moves."""
+    model = workload.model
+    columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
+    run = trajectory.record_trajectory(workload, workload.nbatch)
+    move = _Move(columns, seed)
+    return RoundingReference(
+        _with_shadow(workload, run, columns, move), _single_steps(workload, run, columns, move)
+    )
+
+
+def _with_shadow(
+    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_Move"
+) -> ReferenceRun:
+    moved = trajectory.record_trajectory(workload, workload.nbatch, change=move)
+    states = np.ascontiguousarray(run.states.swapaxes(0, 1))
+    return ReferenceRun(
+        columns,
+        compat.has_sleep(workload.model),
+        workload.control,
+        workload.hold,
+        states,
+        run.unconstrained_nstep,
+        largest_so_far(moved.states.swapaxes(0, 1), states, columns),
+    )
+
+
+def _single_steps(
+    workload: Workload, run: Trajectory, columns: Mapping[str, slice], move: "_Move"
+) -> ReferenceSteps:
+    singles = trajectory.single_steps(workload, run, MAX_SINGLE_STEPS, False, [*columns])
+    moved = trajectory.take_steps(workload.model, move(singles.state), move(singles.control))
+    is_in_contact = singles.contacts.counts(len(singles.state)) > 0
+    return ReferenceSteps(
+        singles.state,
+        singles.control,
+        singles.after,
+        is_in_contact | (singles.constraints > 0),
+        differences(moved.after, singles.after, columns),
+    )
+
+
+def differences(
+    states: np.ndarray, reference: np.ndarray, columns: Mapping[str, slice]
+) -> np.ndarray:
+    """Return (n,) the largest difference of qpos, qvel and act, row by row.
+
+    It is relative to the largest entry of its field in that row, where that exceeds 1.
+
+    Args:
+      states: (n, nstate).
+      reference: (n, nstate), to compare with.
+      columns: of each field in a row.
+    """
+    got, want = (
+        {field: rows[:, columns[field]] for field in COMPARED if field in columns}
+        for rows in (states, reference)
+    )
+    return agreement.max_relative_error(got, want, COMPARED)
+
+
+def largest_so_far(
+    states: np.ndarray, reference: np.ndarray, columns: Mapping[str, slice]
+) -> np.ndarray:
+    """Return (npoint,) the largest difference of any simulation up to each point of a run.
+
+    Args:
+      states: (npoint, nbatch, nstate).
+      reference: of the same shape, to compare with.
+      columns: of each field in a row.
+    """
+    npoint, nbatch, nstate = reference.shape
+    rows = differences(states.reshape(-1, nstate), reference.reshape(-1, nstate), columns)
+    largest: np.ndarray = np.maximum.accumulate(rows.reshape(npoint, nbatch).max(axis=1))
+    return largest
+
+
+class _Move:
+    """Moves numbers by one unit in the last place, up or down at random; zeros stay."""
+
+    def __init__(self, columns: Mapping[str, slice], seed: int):
+        self._nstate = max(place.stop for place in columns.values())
+        self._is_moved = np.zeros(self._nstate, dtype=bool)
+        for field in _MOVED:
+            if field in columns:
+                self._is_moved[columns[field]] = True
+        self._rng = np.random.default_rng([seed, 4])
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Return moved states, which have nstate columns, or moved controls."""
+        towards = np.where(self._rng.random(values.shape) < 0.5, -np.inf, np.inf)
+        moved = np.where(values == 0, values, np.nextafter(values, towards))
+        if values.shape[-1] == self._nstate:
+            return np.where(self._is_moved, moved, values)
+        return moved

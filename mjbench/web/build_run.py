@@ -1,0 +1,323 @@
+"""A WebAssembly build in a Node process: started, checked against C, warmed up, timed."""
+
+import itertools
+import shutil
+import statistics
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mjbench.comparison.plan import Variant
+from mjbench.errors import MachineError, UnavailableError, writing
+from mjbench.status import Status
+from mjbench.web import messages, rounding_check
+from mjbench.web.c_reference import CReference
+from mjbench.web.node import Node
+from mjbench.web.node_process import NodeProcess
+from mjbench.web.npm_package import Build, NpmPackage
+from mjbench.web.records import StartUp
+from mjbench.web.rounding_check import RoundingCheck
+
+# The option of a path that has the engine step one simulation on several threads.
+ENGINE_THREADS = "engine_threads"
+# Warming up takes at least so many seconds, unless less was asked for, and at most so many.
+MIN_WARM_UP_S, _MAX_S = 1.0, 10.0
+# It is over when the median of so many blocks is no less than this share of that of those before.
+_WINDOW, _STEADY = 10, 0.97
+# The first block that takes no longer than so many times the last ones is about as fast.
+_NEARLY_STEADY = 1.1
+
+
+@dataclass(frozen=True)
+class Engine:
+    """The builds of a release, and what runs them.
+
+    Attributes:
+      package: that has them.
+      node: that runs them.
+      limit_s: seconds without an answer after which a process is killed.
+      nthread: workers of a build with threads.
+    """
+
+    package: NpmPackage
+    node: Node
+    limit_s: float
+    nthread: int
+
+    def start(self, build: Build, name: str, folder: Path) -> NodeProcess:
+        """Return a new process; its build is not instantiated yet.
+
+        Raises:
+          MachineError: no process can be started.
+        """
+        with writing(folder):
+            folder.mkdir()
+        return NodeProcess(self.node, f"{build} ({name})", folder, self.limit_s)
+
+    def instantiate(self, process: NodeProcess, build: Build) -> messages.Instantiated:
+        """Have a process instantiate a build.
+
+        Raises:
+          NodeError: it failed.
+          MachineError: the engine is another release than its package says.
+        """
+        script = str(self.package.script(build))
+        instantiated = process.call(messages.Instantiate(script, self.nthread))
+        if instantiated.version != self.package.version:
+            raise MachineError(
+                f"{self.package.folder} says that it is {self.package.version}, and its engine that"
+                f" it is {instantiated.version}; install the package anew"
+            )
+        return instantiated
+
+
+@dataclass(frozen=True)
+class WarmUp:
+    """What came before blocks were steady.
+
+    Attributes:
+      first_ns: of the first block.
+      seconds: of all blocks before the first that was about as fast as the last ones.
+    """
+
+    first_ns: int
+    seconds: float
+
+    @classmethod
+    def of(cls, blocks: Sequence[int]) -> "WarmUp":
+        """Return what came before blocks were steady, from nanoseconds of each block."""
+        steady = _NEARLY_STEADY * statistics.median(blocks[-_WINDOW:])
+        before = itertools.takewhile(lambda ns: ns > steady, blocks)
+        return cls(blocks[0], sum(before) / 1e9)
+
+
+class BlocksDisagreeError(MachineError):
+    """Timed blocks do not end where the run did that was checked."""
+
+    status = Status.DISAGREES
+
+
+class BuildRun:
+    """One variant of a build on one model; a context manager that ends its processes.
+
+    Attributes:
+      variant: the build's path, and its options.
+    """
+
+    def __init__(
+        self, engine: Engine, variant: Variant, model: str, reference: CReference, folder: Path
+    ):
+        """Start nothing yet.
+
+        Args:
+          engine: the builds.
+          variant: of a build.
+          model: name of the model, for error messages.
+          reference: the model, its workload, and what C does.
+          folder: for files of this run; it is removed at its end.
+        """
+        self.variant = variant
+        self._engine, self._model, self._reference = engine, model, reference
+        self._folder = folder
+        self._processes: list[NodeProcess] = []
+        self._states: np.ndarray | None = None
+
+    def __enter__(self) -> "BuildRun":
+        with writing(self._folder):
+            self._folder.mkdir()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for process in self._processes:
+            process.end()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def process(self) -> NodeProcess:
+        """The process that is timed."""
+        return self._processes[0]
+
+    def load(self) -> tuple[messages.Instantiated, messages.LoadedModel]:
+        """Start the process, and compile the model in it.
+
+        Raises:
+          UnavailableError: the build cannot have the threads that the variant asks for.
+          NodeError: the process failed, crashed or hung.
+          MachineError: the engine is another release, or no process can be started.
+        """
+        return self._load(self._reference.files)
+
+    def check(self) -> RoundingCheck:
+        """Step the workload, and single steps along it; return how far the build is from C.
+
+        Raises:
+          NodeError: the process failed, crashed or hung.
+          MachineError: files cannot be written.
+        """
+        traced = self._reference.traced
+        self._states = self._run(self.process)
+        steps = traced.steps
+        after = self._record(self.process, steps.state, steps.control[:, None], 1, [1])[0]
+        of_same_model = None
+        if rounding_check.first_difference(self._states, traced.run) is not None:
+            self._load((str(self._reference.model_file),))
+            of_same_model = self._run(self._processes[-1])
+            self._processes.pop().end()
+        return rounding_check.check(traced.run, steps, self._states, after, of_same_model)
+
+    def prepare(self) -> None:
+        """Prepare blocks, each of which steps the first simulations.
+
+        Raises:
+          NodeError: the process failed, crashed or hung.
+        """
+        run, block = self._reference.traced.run, self._reference.block
+        control = run.control[: block.nbatch, : block.nstep // run.hold]
+        arguments = self._steps(run.states[0, : block.nbatch], control, run.hold)
+        self.process.call(messages.Prepare(**arguments))
+
+    def check_blocks(self) -> None:
+        """Refuse blocks that do not end where the run did that was checked.
+
+        Raises:
+          BlocksDisagreeError: they do not.
+          NodeError: the process failed, crashed or hung.
+        """
+        assert self._states is not None, "the build was checked"
+        file = self._folder / "block.f64"
+        self.process.call(messages.SaveStates(str(file)))
+        block = self._reference.block
+        final = _read(file, (block.nbatch, self._states.shape[2]))
+        if not np.array_equal(final, self._states[block.nstep, : block.nbatch]):
+            raise BlocksDisagreeError(
+                "timed blocks do not end where the run ended that was checked"
+            )
+
+    def warm_up(self, least_s: float) -> WarmUp:
+        """Run blocks until they are steady, for `least_s` seconds or more.
+
+        Raises:
+          NodeError: the process failed, crashed or hung.
+        """
+        return warm_up(self.process.time_block, least_s)
+
+    def start_up(
+        self,
+        instantiated: messages.Instantiated,
+        loaded: messages.LoadedModel,
+        warmed: WarmUp,
+    ) -> StartUp:
+        """Return what the build took before it was steady."""
+        block = self._reference.block
+        return StartUp(
+            import_ms=instantiated.import_ms,
+            instantiate_ms=instantiated.instantiate_ms,
+            compile_ms=loaded.compile_ms,
+            first_ns=warmed.first_ns / (block.nbatch * block.nstep),
+            warm_up_s=warmed.seconds,
+            heap_bytes=instantiated.heap_bytes,
+        )
+
+    def _load(self, files: tuple[str, ...]) -> tuple[messages.Instantiated, messages.LoadedModel]:
+        """Compile a model in a new process."""
+        build = Build(self.variant.path)
+        folder = self._folder / f"process{len(self._processes)}"
+        process = self._engine.start(build, self._model, folder)
+        self._processes.append(process)
+        instantiated = self._engine.instantiate(process, build)
+        threads = self.variant.options.get(ENGINE_THREADS, 0)
+        if threads and not instantiated.has_threadpool:
+            raise UnavailableError(f"MuJoCo {instantiated.version} has no mju_threadpool")
+        pairs = [(_path_there(file), file) for file in files]
+        loaded = process.call(messages.LoadModel(pairs, pairs[0][0], threads))
+        return instantiated, loaded
+
+    def _run(self, process: NodeProcess) -> np.ndarray:
+        """Return (nstep + 1, nbatch, nstate) states of the workload."""
+        run = self._reference.traced.run
+        every_step = range(len(run.states))
+        return self._record(process, run.states[0], run.control, run.hold, every_step)
+
+    def _record(
+        self,
+        process: NodeProcess,
+        starts: np.ndarray,
+        control: np.ndarray,
+        hold: int,
+        points: Collection[int],
+    ) -> np.ndarray:
+        """Step in a process, and return (npoint, nbatch, nstate) states."""
+        file = self._folder / "states.f64"
+        arguments = self._steps(starts, control, hold)
+        process.call(messages.Record(**arguments, points=list(points), states_file=str(file)))
+        states = _read(file, (len(points), *starts.shape))
+        file.unlink()
+        return states
+
+    def _steps(self, starts: np.ndarray, control: np.ndarray, hold: int) -> dict[str, Any]:
+        """Write a workload to files; return the arguments of a request that steps it."""
+        arrays = {"starts_file": starts, "control_file": control}
+        files = {name: self._folder / f"{name}.f64" for name in arrays}
+        for name, array in arrays.items():
+            with writing(files[name]):
+                files[name].write_bytes(np.ascontiguousarray(array, dtype=float).tobytes())
+        return {
+            **{name: str(file) for name, file in files.items()},
+            "nbatch": len(starts),
+            "ncontrol": control.shape[1],
+            "hold": hold,
+            "has_reset": self._reference.traced.run.has_reset,
+        }
+
+
+def warm_up(
+    time_block: Callable[[], int],
+    least_s: float,
+    clock: Callable[[], float] = time.perf_counter,
+) -> WarmUp:
+    """Run blocks until they are steady: until they get no faster, or for ten seconds.
+
+    V8 compiles WebAssembly quickly first, and functions that run often again, meanwhile.
+
+    Args:
+      time_block: runs a block, and returns its nanoseconds.
+      least_s: seconds that it takes at least.
+      clock: returns seconds.
+    """
+    begin, blocks = clock(), [time_block()]
+    while True:
+        spent_s = clock() - begin
+        enough = len(blocks) >= 2 * _WINDOW and spent_s >= least_s
+        if (enough and _is_steady(blocks)) or spent_s >= _MAX_S:
+            return WarmUp.of(blocks)
+        blocks.append(time_block())
+
+
+def _is_steady(blocks: list[int]) -> bool:
+    """Return whether the last blocks are no faster than those before."""
+    last, before = blocks[-_WINDOW:], blocks[-2 * _WINDOW : -_WINDOW]
+    return statistics.median(last) >= _STEADY * statistics.median(before)
+
+
+def _read(file: Path, shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array that the Node program wrote.
+
+    Raises:
+      MachineError: the file is missing, or has another size.
+    """
+    try:
+        values = np.fromfile(file)
+    except OSError as error:
+        raise MachineError(f"cannot read {file}: {error.strerror}") from error
+    if values.size != np.prod(shape):
+        raise MachineError(f"{file} has {values.size} numbers instead of {np.prod(shape)}")
+    return values.reshape(shape)
+
+
+def _path_there(file: str) -> str:
+    """Return where a file is put in the module's own file system: where it is here."""
+    return Path(file).absolute().as_posix()

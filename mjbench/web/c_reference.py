@@ -1,0 +1,241 @@
+"""C of the release that the builds are of: the workload, what C does with it, and its speed.
+
+C runs in processes of its own, in which that release is installed alone (see `paired.worker`).
+"""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mjbench import paths
+from mjbench.comparison import step_costs
+from mjbench.comparison.plan import Variant
+from mjbench.errors import InputError
+from mjbench.paired import requests
+from mjbench.paired.block_sizes import BlockSize
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
+from mjbench.releases.installs import ReleaseSpec
+from mjbench.simulation import starts
+from mjbench.simulation.models import ModelSource
+from mjbench.simulation.rounding_reference import ReferenceRun, RoundingReference
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
+from mjbench.simulation.work import Work
+from mjbench.simulation.workload import PortableWorkload, whole_holds
+from mjbench.web.records import C_PATH
+
+# Simulations that are compared, and steps of each, unless the user says otherwise.
+NBATCH, NSTEP = 16, 100
+# Fewer simulations where one pass over all would take C more seconds than this, but so many.
+_PASS_S, _MIN_NBATCH = 1.0, 2
+# Seconds of a timed block of C: the first steps of the first simulations, as many as fit, but at
+# least so many steps of one.
+_BLOCK_S, _MIN_BLOCK_NSTEP = 0.01, 10
+
+
+@dataclass(frozen=True)
+class WebSizes:
+    """The work that is compared, as the user asked for it.
+
+    Attributes:
+      nbatch: simulations; None to choose.
+      nstep: steps of each; None to choose.
+      hold: steps for which each control is held.
+      seed: of start states and controls.
+      starts: where start states are to come from.
+    """
+
+    nbatch: int | None = None
+    nstep: int | None = None
+    hold: int = 1
+    seed: int = 0
+    starts: StartPlan = DEFAULT_STARTS
+
+
+@dataclass(frozen=True, eq=False)
+class CReference:
+    """A model, its workload, and what C does with that.
+
+    Attributes:
+      files: that the model is compiled from, its own first.
+      model_file: holds what C compiled.
+      block_file: holds the workload of a timed block, final states included.
+      digest: of all start states and controls.
+      traced: what C does.
+      work: of a step.
+      starts: where start states came from.
+      block: size of a timed block.
+      compile_ms: to compile the model, with loading its files.
+    """
+
+    files: tuple[str, ...]
+    model_file: Path
+    block_file: Path
+    digest: str
+    traced: RoundingReference
+    work: Work
+    starts: Starts
+    block: BlockSize
+    compile_ms: float
+
+    @property
+    def nbatch(self) -> int:
+        """Simulations that are compared."""
+        return int(self.traced.run.states.shape[1])
+
+    @property
+    def nstep(self) -> int:
+        """Steps of each."""
+        return len(self.traced.run.states) - 1
+
+
+def prepare(
+    pool: WorkerPool,
+    release: ReleaseSpec,
+    source: ModelSource,
+    sizes: WebSizes,
+    clock: Callable[[], float] = time.perf_counter,
+) -> CReference:
+    """Load a model, draw its workload, and see what C does with it.
+
+    The files of the result last as long as the pool.
+
+    Args:
+      pool: starts the process.
+      release: of MuJoCo.
+      source: the model.
+      sizes: of the work.
+      clock: returns seconds.
+
+    Raises:
+      InputError: the model cannot be loaded, or every simulation of it diverges.
+      TargetError: the process crashed, hung or failed.
+    """
+    process = pool.start(release, f"C of MuJoCo {release.version} ({source.name})")
+    try:
+        pool.wait_for(process, release)
+        begin = clock()
+        process.call(requests.LoadModel(source.name, source.path, {}))
+        compile_ms = 1e3 * (clock() - begin)
+        files = process.call(requests.ListFiles(source.path))
+        model_file = pool.new_file(".mjb")
+        process.call(requests.SaveModel(model_file))
+        sample, step_s = _sample(process, sizes)
+        drawn = process.call(requests.MakeWorkload(sample))
+        with pool.saved(drawn.workload) as file:
+            observed = process.call(requests.Observe(file))
+        healthy = np.flatnonzero(observed.healthy)
+        if not len(healthy):
+            raise InputError(f"every simulation diverges ({observed.diagnosis})")
+        workload = drawn.workload.only(healthy, observed.final_state)
+        with pool.saved(workload) as file:
+            traced = process.call(requests.Trace(file, sizes.seed)).reference
+        block = block_size(traced.run, step_s)
+        return CReference(
+            files,
+            model_file,
+            pool.save(_first(workload, traced.run, block)),
+            workload.digest(),
+            traced,
+            observed.work,
+            drawn.starts,
+            block,
+            compile_ms,
+        )
+    finally:
+        pool.end([process])
+
+
+def block_size(run: ReferenceRun, step_s: float) -> BlockSize:
+    """Return the size of a timed block: first steps of first simulations.
+
+    Args:
+      run: the whole workload.
+      step_s: seconds of a step.
+    """
+    nbatch, nstep = run.states.shape[1], len(run.states) - 1
+    fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
+    block_nstep = min(nstep, whole_holds(fitting, run.hold))
+    return BlockSize(max(1, min(nbatch, fitting // block_nstep)), block_nstep)
+
+
+def _first(workload: PortableWorkload, run: ReferenceRun, block: BlockSize) -> PortableWorkload:
+    """Return the workload of a block, and where it ends."""
+    first = workload.only(np.arange(block.nbatch), run.states[block.nstep])
+    return replace(first, control=first.control[:, : block.nstep // run.hold])
+
+
+def _sample(process: WorkerProcess, sizes: WebSizes) -> tuple[SampleRequest, float]:
+    """Return the workload to draw, and about how many seconds a step of it takes."""
+    request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NBATCH, sizes.hold)
+    now = process.call(request)
+    step_s = step_costs.step_cost_s(now.digest, lambda: process.call(requests.MeasureSettledCost()))
+    nstep = sizes.nstep or whole_holds(NSTEP, sizes.hold)
+    affordable = max(_MIN_NBATCH, int(_PASS_S / (nstep * step_s)))
+    sample = SampleRequest(
+        sizes.nbatch or min(NBATCH, affordable),
+        nstep,
+        sizes.hold,
+        sizes.seed,
+        sizes.starts,
+        starts.max_settling_nstep(step_s),
+        may_shorten=sizes.nstep is None,
+    )
+    return sample, step_s
+
+
+@contextlib.contextmanager
+def timed_paths(
+    pool: WorkerPool,
+    release: ReleaseSpec,
+    reference: CReference,
+    variants: Sequence[Variant],
+    core: int | None,
+) -> Iterator[list[WorkerProcess]]:
+    """Yield a process for each path of C, which `time_block` steps the first simulations of.
+
+    Args:
+      pool: starts the processes.
+      release: of MuJoCo.
+      reference: the model and its workload.
+      variants: the paths.
+      core: that they run on; None for any.
+
+    Raises:
+      InputError: a path cannot run.
+      TargetError: a process crashed, hung or failed.
+    """
+    processes: list[WorkerProcess] = []
+    try:
+        for i, variant in enumerate(variants):
+            process = pool.start(release, f"{variant} of MuJoCo {release.version}", side=i)
+            processes.append(process)
+            process.ask(requests.Equip(reference.model_file, reference.block_file, variant.path))
+        for process, variant in zip(processes, variants, strict=True):
+            pool.wait_for(process, release)
+            process.call(
+                requests.Prepare(
+                    path=variant.path,
+                    options=dict(variant.options),
+                    cores=[] if core is None else [core],
+                    simulations=range(reference.block.nbatch),
+                )
+            )
+        for process in processes:
+            process.ask(requests.TimeBlocks())
+        yield processes
+        for process in processes:
+            process.end_blocks()
+    finally:
+        pool.end(processes)
+
+
+def variants() -> list[Variant]:
+    """Return the paths of C that builds are timed beside: the plain loop, and one thread of C."""
+    choices: dict[str, dict[str, int]] = {paths.BASE: {}, C_PATH: {"threads": 1}}
+    return [Variant(name, paths.find(name).complete(options)) for name, options in choices.items()]

@@ -1,0 +1,76 @@
+"""What `mjbench web` says of made-up results."""
+
+from dataclasses import replace
+
+from example_web_records import CHECK, experiments, record, wasm
+
+from mjbench.report import tables, web, web_results
+from mjbench.status import Status
+from mjbench.web.npm_package import Build
+from mjbench.web.records import WebRecord
+
+
+def printed(stored: WebRecord) -> str:
+    return tables.text_of(lambda out: web.print_model(out, web_results.derive(stored)))
+
+
+def test_speeds_are_over_c_round_by_round() -> None:
+    *_, build = web_results.derive(record(wasm())).paths
+    assert build.step_ns == 25_000.0
+    assert build.steps_per_s == 40_000.0
+    assert build.ratio is not None
+    assert (round(build.ratio.median, 12), build.rounds) == (2.5, 8)
+
+
+def test_the_conclusion_has_speed_and_agreement() -> None:
+    first = printed(record(wasm())).splitlines()[0]
+    assert first == (
+        "cartpole: in WebAssembly a step takes 2.50 times as long as in C (2.50 to 2.50);"
+        " after 100 steps its states are within 3.0e-14 of C's"
+    )
+    identical = wasm(replace(CHECK, first=None))
+    assert "its states are C's to the last bit" in printed(record(identical)).splitlines()[0]
+
+
+def test_what_is_the_same_of_builds_is_said_once() -> None:
+    text = printed(record(wasm(), wasm(name="wasm_mt")))
+    line = (
+        "wasm, wasm_mt: differs from C first after step 7, in qpos[1] of simulation 3, by 2.2e-16;"
+        " with the model that C compiled, too"
+    )
+    assert text.splitlines().count(line) == 1
+
+
+def test_it_is_said_when_only_the_compiled_model_differs() -> None:
+    only = replace(CHECK, first_of_same_model=None)
+    assert "it does not: what differs is the compiled model" in printed(record(wasm(only)))
+
+
+def test_a_build_that_disagrees_comes_first() -> None:
+    bad = replace(wasm(), block_ns=(), status=Status.DISAGREES, detail="it differs")
+    text = printed(record(bad))
+    assert text.splitlines()[0] == "cartpole: wasm: disagrees: it differs"
+    row = next(line for line in text.splitlines() if line.startswith("wasm "))
+    assert "NO" in row and "25,000" not in row
+
+
+def test_a_model_that_failed_has_no_table() -> None:
+    stored = WebRecord(
+        model="a.xml", release="3.14.0", node="20.1.2", status=Status.INPUT, detail="b"
+    )
+    assert printed(stored) == "a.xml: input: b"
+
+
+def test_findings_name_the_builds_that_they_are_of() -> None:
+    of_wasm = replace(experiments(), examined=None)
+    assert of_wasm.mathematics is not None
+    exact = replace(of_wasm.mathematics, sines=0)
+    of_both = [of_wasm, replace(of_wasm, build=Build.WASM_MT, mathematics=exact)]
+    limit, sines, same = web.findings(of_both)
+    assert limit.builds == ["wasm", "wasm_mt"]
+    assert limit.text.startswith(
+        "9 MjData of a box on a plane fill the heap, which ends at 2.0 GiB"
+    )
+    assert (limit.text[-29:], limit.code) == ("99 fit with this in the MJCF:", "<size/>")
+    assert sines.builds == ["wasm"] and "3.0 % of the sines" in sines.text
+    assert same.builds == ["wasm_mt"] and "to the last bit" in same.text

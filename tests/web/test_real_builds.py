@@ -1,0 +1,85 @@
+"""The builds of the release that mjbench pins, under Node; skipped where one of them is missing."""
+
+import itertools
+from collections.abc import Iterator
+
+import pytest
+
+from mjbench.errors import MjbenchError
+from mjbench.paired.worker_pool import WorkerPool
+from mjbench.releases import installs
+from mjbench.simulation import models
+from mjbench.status import Status
+from mjbench.web import experiments, measure, node, npm_package
+from mjbench.web.build_run import Engine
+from mjbench.web.c_reference import WebSizes
+from mjbench.web.measure import WebPlan
+from mjbench.web.npm_package import Build
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    try:
+        return Engine(npm_package.find(), node.find(), 120.0, 2)
+    except MjbenchError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def plan(engine: Engine) -> WebPlan:
+    release = installs.parse_release(engine.package.version)
+    try:
+        installs.install(release)
+    except MjbenchError as error:
+        pytest.skip(str(error))
+    return WebPlan(release, engine, WebSizes(nbatch=4), 0.0)
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[WorkerPool]:
+    with WorkerPool(120.0) as pool:
+        yield pool
+
+
+@pytest.mark.parametrize("model", ["cartpole", "muscle_arm"])
+def test_they_agree_with_c_without_contact(pool: WorkerPool, plan: WebPlan, model: str) -> None:
+    record = measure.measure(pool, models.resolve(model), plan)
+    assert record.status == Status.OK, record.detail
+    builds = [path for path in record.paths if path.path in [*Build]]
+    assert {path.path for path in builds} == {*Build}
+    for path in builds:
+        assert path.status == Status.OK, path.detail
+        assert path.check is not None
+        assert (path.check.nstep, path.check.final.step) == (100, 100)
+        assert path.check.final.difference <= 1e-10
+        assert path.block_ns and path.start_up and path.heap_bytes
+    for one, other in itertools.pairwise(path.check for path in builds):
+        assert one == other
+
+
+def test_they_agree_with_c_in_contact(pool: WorkerPool, plan: WebPlan) -> None:
+    record = measure.measure(pool, models.resolve("cube_table"), plan)
+    for path in record.paths[2:]:
+        assert path.status == Status.OK, path.detail
+        assert path.check is not None and path.check.constrained.count > 0
+
+
+@pytest.mark.parametrize("build", [*Build])
+def test_experiments_show_how_their_memory_behaves(engine: Engine, build: Build) -> None:
+    record = experiments.examine(engine, build)
+    assert record.status == Status.OK, record.detail
+    examined, mathematics = record.examined, record.mathematics
+    assert examined is not None and mathematics is not None
+    growth = examined.growth
+    assert growth.grown_bytes > growth.heap_bytes
+    assert growth.length == growth.new_length == 7
+    assert growth.is_live == (build == Build.WASM_MT)
+    assert growth.grown_length == (7 if growth.is_live else 0)
+    assert examined.snapshot.views_range_m == 0.0
+    assert examined.snapshot.copies_range_m == pytest.approx(0.2269, abs=5e-5)
+    assert examined.data.again_bytes > examined.data.deleted_bytes
+    assert examined.contact.again_bytes > examined.contact.deleted_bytes
+    assert not examined.state.is_array_written and examined.state.is_buffer_written
+    usual, small = record.limits
+    assert usual.error and small.count > usual.count
+    assert mathematics.difference < 1e-15
