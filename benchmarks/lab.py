@@ -1,6 +1,6 @@
 """Build the lab: one HTML file in which MuJoCo's WebAssembly build runs in a browser, offline.
 
-    python -m benchmarks.lab [-o FILE] [--figures FILE]
+    python -m benchmarks.lab [-o FILE] [--package DIR] [--figures FILE]
 
 puts together the sources in docs/lab, the shipped models, and the npm package that `mjbench web`
 measures. The package is the code of others: the page that is written holds it, not the project.
@@ -97,22 +97,21 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
         )
     machine = document.machine
     return OtherFigures(
-        machine=f"{machine.cpu}, {machine.usable_cores} cores, {machine.system}",
+        machine=f"{machine.cpu}, {machine.usable_cores} cores",
         figures=tuple(figure for row in rows for figure in _figures(row)),
         contacts={row.model: row.work.contacts for row in rows if row.work is not None},
     )
 
 
 def _figures(row: WebRow) -> Iterator[Figure]:
-    """Yield what the programs reached that have a speed, without those that add threads."""
+    """Yield what programs reached with the build that is in the page, and what C did; C first."""
     names = {
         C_PATH: "C",
         paths.BASE: "Python",
         Build.WASM.value: f"Node {row.node}",
-        Build.WASM_MT.value: f"Node {row.node}, build with threads",
     }
     for path in sorted(row.paths, key=lambda path: path.path != C_PATH):
-        if path.steps_per_s is None or (path.is_wasm and path.options):
+        if path.steps_per_s is None or path.path not in names:
             continue
         ratio = None if path.path == C_PATH or path.ratio is None else path.ratio.median
         yield Figure(row.model, names[path.path], path.steps_per_s, ratio)
@@ -205,10 +204,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE")
+    parser.add_argument("--package", type=Path, metavar="DIR", help="into which npm installed it")
     parser.add_argument("--figures", type=Path, default=RESULTS, metavar="FILE")
     options = parser.parse_args(arguments)
     try:
-        package = npm_package.find()
+        package = npm_package.find(folder=options.package)
         page = render(package, read_figures(options.figures, package.version))
         with writing(options.output):
             options.output.parent.mkdir(parents=True, exist_ok=True)

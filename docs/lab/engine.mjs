@@ -1,7 +1,7 @@
 // MuJoCo's WebAssembly build: unpacked, compiled once, started as often as a part of the page needs one.
 
 /** What this page needs of a browser, and who has it. */
-const REQUIREMENT = "It needs Chrome or Edge 103, Firefox 114 or Safari 16.4, or a newer one.";
+const REQUIREMENT = "It needs Chrome or Edge 103, Firefox 113 or Safari 16.4, or a newer one.";
 
 /** An error whose message is for the reader of the page. */
 export class LabError extends Error {}
@@ -24,8 +24,10 @@ export class Engine {
    * @throws {LabError} this browser cannot
    */
   static async load(script, wasm) {
-    if (typeof WebAssembly === "undefined") throw new LabError(`This browser has no WebAssembly. ${REQUIREMENT}`);
-    if (typeof DecompressionStream === "undefined") throw new LabError(`This browser is too old. ${REQUIREMENT}`);
+    if (typeof WebAssembly === "undefined")
+      throw new LabError(`This browser has no WebAssembly. ${REQUIREMENT}`);
+    if (typeof DecompressionStream === "undefined")
+      throw new LabError(`This browser is too old. ${REQUIREMENT}`);
     const [text, bytes] = await Promise.all([unpack(script).text(), unpack(wasm).arrayBuffer()]);
     try {
       return new Engine(text, await WebAssembly.compile(bytes));
@@ -41,18 +43,44 @@ export class Engine {
    */
   async start() {
     const { default: load } = await import(this.url);
-    return new Promise((resolve, reject) => {
-      const fail = (/** @type {unknown} */ error) => reject(new LabError(`MuJoCo cannot start: ${messageOf(error)}`));
-      load({
-        instantiateWasm: (/** @type {WebAssembly.Imports} */ imports, /** @type {Function} */ done) => {
-          WebAssembly.instantiate(this.compiled, imports).then((instance) => done(instance), fail);
-          return {};
-        },
-        print: () => {},
-        printErr: () => {}, // what MuJoCo cannot do comes as an exception, too
-      }).then(resolve, fail);
-    });
+    return instantiate(load, this.compiled);
   }
+
+  /**
+   * Return the source of mujoco.js as a script of a worker, which sets `loadMujoco`. A worker cannot import the
+   * module: Chrome and WebKit refuse that on a page that is a file.
+   * @returns {string}
+   */
+  get workerScript() {
+    return this.script
+      .replaceAll("import.meta.url", "location.href")
+      .replace(/^export default loadMujoco;$/m, "");
+  }
+}
+
+/**
+ * Start a compiled engine.
+ * @param {(options: object) => Promise<import("@mujoco/mujoco").MainModule>} load what mujoco.js exports
+ * @param {WebAssembly.Module} compiled
+ * @returns {Promise<import("@mujoco/mujoco").MainModule>}
+ * @throws {LabError} there is too little memory
+ */
+export function instantiate(load, compiled) {
+  return new Promise((resolve, reject) => {
+    const fail = (/** @type {unknown} */ error) =>
+      reject(new LabError(`MuJoCo cannot start: ${messageOf(error)}`));
+    load({
+      instantiateWasm: (
+        /** @type {WebAssembly.Imports} */ imports,
+        /** @type {Function} */ done,
+      ) => {
+        WebAssembly.instantiate(compiled, imports).then((instance) => done(instance), fail);
+        return {};
+      },
+      print: () => {},
+      printErr: () => {}, // what MuJoCo cannot do comes as an exception, too
+    }).then(resolve, fail);
+  });
 }
 
 /**
@@ -62,7 +90,10 @@ export class Engine {
  */
 export function messageOf(error) {
   const text = error instanceof Error ? error.message : String(error);
-  return text.replaceAll(/(MuJoCo )?Error: /g, "").replaceAll(/\s+/g, " ").trim();
+  return text
+    .replace(/^(MuJoCo )?Error: /, "")
+    .replaceAll(/\s+/g, " ")
+    .trim();
 }
 
 /**

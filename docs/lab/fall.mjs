@@ -24,7 +24,8 @@ export class Fall {
     this.readings = new TracePlot(byId("readings"), SECONDS, METRES);
     this.lists = new TracePlot(byId("lists"), SECONDS, METRES);
     const speed = byId("speed");
-    const setSpeed = () => (this.playback.speed = Number(/** @type {HTMLSelectElement} */ (speed).value));
+    const setSpeed = () =>
+      (this.playback.speed = Number(/** @type {HTMLSelectElement} */ (speed).value));
     speed.addEventListener("change", setSpeed);
     setSpeed();
     for (const [id, action] of Object.entries(this.actions)) {
@@ -83,7 +84,8 @@ export class Fall {
   /** @returns {string} what the two lists hold, in words */
   get summary() {
     const { views, viewed, copied, steps, live } = this.recording;
-    if (!views.length) return `The pole is at tilted, x of its tip is ${metres(live)}. Both lists are empty.`;
+    if (!views.length)
+      return `The pole is at tilted, x of its tip is ${metres(live)}. Both lists are empty.`;
     return (
       `Step ${views.length} of ${steps}. Stored views: all ${metres(viewed[0])}, range ${metres(range(viewed))}. ` +
       `Stored copies: from ${metres(copied[0])} to ${metres(copied.at(-1))}, range ${metres(range(copied))}.`
@@ -91,7 +93,8 @@ export class Fall {
   }
 
   draw() {
-    const { model, data, views, copies, readings, times, viewed, copied, live, steps } = this.recording;
+    const { model, data, views, copies, readings, times, viewed, copied, live, steps } =
+      this.recording;
     const marked = (/** @type {Float64Array[]} */ list) => list.filter((_, i) => i % MARKED === 0);
     this.scene.draw(model, data, [
       { name: "copies", points: marked(copies) },
@@ -107,7 +110,8 @@ export class Fall {
         ? [name, String(list.length), ...[list[0], list[list.length - 1], range(list)].map(digits)]
         : [name, "0", "", "", ""];
     fill(byId("entries"), [row("views", viewed), row("copies", copied)]);
-    byId("time").textContent = `${(views.length * model.opt.timestep).toFixed(3)} s, step ${views.length} of ${steps}`;
+    byId("time").textContent =
+      `${(views.length * model.opt.timestep).toFixed(3)} s, step ${views.length} of ${steps}`;
     byId("live").textContent = metres(live);
     const { isPlaying } = this.playback;
     byId("play").textContent = isPlaying ? "Pause" : "Play";
@@ -119,8 +123,14 @@ export class Fall {
     const { live, readings, viewed, copied } = this.recording;
     const from = (/** @type {number[]} */ values) =>
       values.length ? `from ${metres(values[0])} to ${metres(values.at(-1))}` : "nothing yet";
-    byId("scene").setAttribute("aria-label", `Cart-pole from the side; x of the pole's tip is ${metres(live)}`);
-    byId("readings").setAttribute("aria-label", `Plot of x of the tip as it was read at each step: ${from(readings)}`);
+    byId("scene").setAttribute(
+      "aria-label",
+      `Cart-pole from the side; x of the pole's tip is ${metres(live)}`,
+    );
+    byId("readings").setAttribute(
+      "aria-label",
+      `Plot of x of the tip as it was read at each step: ${from(readings)}`,
+    );
     byId("lists").setAttribute(
       "aria-label",
       `Plot of x of the tip in the two lists: stored views, one flat line, ${from(viewed)}; stored copies, ${from(copied)}`,

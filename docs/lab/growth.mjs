@@ -37,7 +37,8 @@ export function growHeap(mujoco, xml) {
  */
 export function showGrowth({ made, before, after }) {
   const megabytes = (/** @type {number} */ bytes) => `${(bytes / 1e6).toFixed(1)} MB`;
-  const words = (/** @type {{length: number, x: number | undefined}} */ { length, x }) => `length ${length}, x ${metres(x)}`;
+  const words = (/** @type {{length: number, x: number | undefined}} */ { length, x }) =>
+    `length ${length}, x ${metres(x)}`;
   fill(byId("growth"), [
     ["stored view", words(before.view), words(after.view)],
     ["stored copy", words(before.copy), words(after.copy)],

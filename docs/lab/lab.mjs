@@ -23,7 +23,10 @@ export const start = guarded(async () => {
   if (!isStill) fall.play();
   const naming = new Naming(await engine.start(), cartpole);
   const grow = /** @type {HTMLButtonElement} */ (byId("grow"));
-  grow.addEventListener("click", guarded(async () => showGrowth(growHeap(await engine.start(), cartpole))));
+  grow.addEventListener(
+    "click",
+    guarded(async () => showGrowth(growHeap(await engine.start(), cartpole))),
+  );
   grow.disabled = false;
   const measuring = new Measuring(engine, text("worker"), models, JSON.parse(text("figures")));
   measuring.onStart = () => fall.playback.isPlaying && fall.pause();
@@ -74,7 +77,8 @@ function followKeys(actions) {
     const action = actions[event.key.toLowerCase()];
     if (!action || !isOn.checked || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.repeat && event.key !== "s") return;
-    if (target.closest("select, textarea, input:not([type=checkbox], [type=radio], [type=range])")) return;
+    if (target.closest("select, textarea, input:not([type=checkbox], [type=radio], [type=range])"))
+      return;
     // the space bar presses what has the focus
     if (event.key === " " && target.closest("button, summary, input, a")) return;
     event.preventDefault();

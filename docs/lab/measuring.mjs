@@ -2,7 +2,7 @@
 
 import { BLOCKS, NSTEP } from "./stepping.mjs";
 import { announce, byId, guarded } from "./page.mjs";
-import { figureOf, figureOfOther, HERE, Measurement, shown, writeTable } from "./speed.mjs";
+import { figureOf, figureOfOther, HERE, Measurement, shape, shown, writeTable } from "./speed.mjs";
 
 export class Measuring {
   /**
@@ -15,7 +15,7 @@ export class Measuring {
     this.engine = engine;
     this.models = models;
     this.others = others;
-    this.measurement = new Measurement(program);
+    this.measurement = new Measurement(`${engine.workerScript}\n${program}`);
     /** @type {Map<string, import("./speed.mjs").Figure>} */
     this.measured = new Map();
     /** @type {Map<string, number>} contacts of a step */
@@ -24,8 +24,12 @@ export class Measuring {
     this.refused = new Map();
     /** called before a measurement, which nothing is to disturb */
     this.onStart = () => {};
-    byId("measure").addEventListener("click", guarded(() => this.toggle()));
-    for (const id of ["measure", "own"]) /** @type {HTMLButtonElement} */ (byId(id)).disabled = false;
+    byId("measure").addEventListener(
+      "click",
+      guarded(() => this.toggle()),
+    );
+    for (const id of ["measure", "own"])
+      /** @type {HTMLButtonElement} */ (byId(id)).disabled = false;
     this.draw();
   }
 
@@ -35,8 +39,9 @@ export class Measuring {
       this.measurement.cancel();
       return;
     }
-    this.onStart();
     const models = [...this.models, ...(await ownModels())];
+    if (this.measurement.isRunning) return; // a second click, while the file was read
+    this.onStart();
     this.measured.clear();
     this.contacts.clear();
     this.refused.clear();
@@ -47,8 +52,8 @@ export class Measuring {
     this.draw();
     announce("Measuring.");
     try {
-      const { script, compiled } = this.engine;
-      const end = await this.measurement.start({ script, compiled, models }, (answer) => {
+      const { compiled } = this.engine;
+      const end = await this.measurement.start({ compiled, models }, (answer) => {
         if (answer.type === "block") this.showProgress(answer.share);
         if (answer.type === "speed") {
           this.measured.set(answer.model, figureOf(answer.model, answer.stepsPerSecond));
@@ -82,6 +87,8 @@ export class Measuring {
       const own = figures.filter(({ model }) => model === name);
       if (own.length) writeTable(parent, name, own);
     }
+    const [fast, slow] = names;
+    byId("shape").textContent = slow ? shape(figures, slow, fast) : "";
     const refusals = [...this.refused].map(([name, message]) => {
       const item = document.createElement("p");
       item.textContent = `${name}: ${message}`;
@@ -93,8 +100,12 @@ export class Measuring {
 
   /** @returns {string} the figures of this browser in a sentence */
   get summary() {
-    const speeds = [...this.measured.values()].map(({ model, stepsPerSecond }) => `${model}: ${shown(stepsPerSecond)} steps per second.`);
-    return [...speeds, ...[...this.refused].map(([name, message]) => `${name}: ${message}`)].join(" ");
+    const speeds = [...this.measured.values()].map(
+      ({ model, stepsPerSecond }) => `${model}: ${shown(stepsPerSecond)} steps per second.`,
+    );
+    return [...speeds, ...[...this.refused].map(([name, message]) => `${name}: ${message}`)].join(
+      " ",
+    );
   }
 
   /**
@@ -112,10 +123,12 @@ export class Measuring {
       return `${model} ${here}${there === undefined ? "" : `, there ${there.toFixed(1)}`}`;
     });
     return (
-      `${HERE}: the median of ${BLOCKS} blocks of ${Math.round(blockMs)} ms or more, after a second of warm-up. The ` +
+      `${HERE}: the median of ${BLOCKS} blocks of about ${Math.round(blockMs)} ms, after a second of warm-up. The ` +
       `clock ticks every ${tick} ms, at most ${error < 0.1 ? "0.1" : error.toFixed(1)} % of a block. Blocks repeat ` +
       `${NSTEP} steps from a settled state, without control. Contacts of a step: ${models.join("; ")}.` +
-      (wasHidden ? " This page was in the background for a while, where browsers slow down: measure again." : "")
+      (wasHidden
+        ? " This page was in the background for a while, where browsers slow down: measure again."
+        : "")
     );
   }
 }

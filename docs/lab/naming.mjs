@@ -18,7 +18,9 @@ export class Naming {
     const compile = guarded(() => {
       this.robot.compile(this.ball.checked);
       this.update();
-      announce(`The model is compiled anew. data.qpos[0] is ${this.robot.labels[0]}. ${this.outcome}`);
+      announce(
+        `The model is compiled anew. data.qpos[0] is ${this.robot.labels[0]}. ${this.outcome}`,
+      );
     });
     const update = guarded(() => this.update());
     const say = guarded(() => announce(this.outcome));
@@ -43,34 +45,39 @@ export class Naming {
       const cell = document.createElement("li");
       cell.className = [i === 0 ? "index" : "", i === sliderIndex ? "name" : ""].join(" ");
       for (const text of [`[${i}]`, label, data.qpos[i].toFixed(2)]) {
-        cell.append(document.createElement("span"));
-        cell.lastElementChild.textContent = text;
+        const part = document.createElement("span");
+        part.textContent = text;
+        cell.append(part);
       }
       return cell;
     });
     byId("qpos").replaceChildren(...cells);
-    showRead("index-codes", labels[0], data.qpos[0]);
-    showRead("name-codes", labels[sliderIndex], slider.qpos[0]);
+    showRead("index", labels[0], data.qpos[0]);
+    showRead("name", labels[sliderIndex], slider.qpos[0]);
     byId("outcome").textContent = this.outcome;
-    byId("robot").setAttribute("aria-label", `Cart-pole from the side${this.robot.hasBall ? ", and a ball" : ""}. ${this.outcome}`);
+    byId("robot").setAttribute(
+      "aria-label",
+      `Cart-pole from the side${this.robot.hasBall ? ", and a ball" : ""}. ${this.outcome}`,
+    );
   }
 
   /** @returns {string} what moved */
   get outcome() {
     const { labels, sliderIndex } = this.robot;
     const moved = this.byName.checked ? labels[sliderIndex] : labels[0];
-    return moved === "slider" ? "Right: the cart moves." : `Wrong: ${moved} changes, and the cart stays where it is.`;
+    return moved === "slider"
+      ? "Right: the cart moves."
+      : `Wrong: ${moved} changes, and the cart stays where it is.`;
   }
 }
 
 /**
  * Show what an expression reads.
- * @param {string} id of the element with the expression
+ * @param {"index" | "name"} way
  * @param {string} label of the number
  * @param {number} value in m
  */
-function showRead(id, label, value) {
-  const codes = byId(id);
-  codes.classList.toggle("wrong", label !== "slider");
-  codes.querySelector(".reads").textContent = `${value.toFixed(2)} m, ${label}`;
+function showRead(way, label, value) {
+  byId(`${way}-codes`).classList.toggle("wrong", label !== "slider");
+  byId(`${way}-value`).textContent = `${value.toFixed(2)} m, ${label}`;
 }

@@ -31,7 +31,9 @@ export class Playback {
    */
   due(now) {
     if (!this.isPlaying) return 0;
-    const elapsed = Number.isNaN(this.lastFrame) ? 0 : Math.min(now - this.lastFrame, LONGEST_FRAME_S);
+    const elapsed = Number.isNaN(this.lastFrame)
+      ? 0
+      : Math.min(now - this.lastFrame, LONGEST_FRAME_S);
     this.lastFrame = now;
     this.owed += (elapsed * this.speed) / this.timestep;
     const steps = Math.floor(this.owed);

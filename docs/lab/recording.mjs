@@ -28,7 +28,11 @@ export class Recording {
   /** Put the pole back to `tilted`, and begin new lists. */
   restart() {
     const { mujoco, model, data } = this;
-    mujoco.mj_resetDataKeyframe(model, data, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY.value, "tilted"));
+    mujoco.mj_resetDataKeyframe(
+      model,
+      data,
+      mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY.value, "tilted"),
+    );
     mujoco.mj_forward(model, data);
     this.views = [];
     this.copies = [];

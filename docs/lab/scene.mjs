@@ -53,7 +53,13 @@ export class Scene {
     add(svg, "line", { class: "rail", x1: 0, x2: width, y1: z(1), y2: z(1) });
     for (let tick = -6; tick <= 7; tick++) {
       const at = x(tick / 10);
-      add(svg, "line", { class: "rail-tick", x1: at, x2: at, y1: bottom, y2: bottom + (tick % 5 ? 4 : 8) });
+      add(svg, "line", {
+        class: "rail-tick",
+        x1: at,
+        x2: at,
+        y1: bottom,
+        y2: bottom + (tick % 5 ? 4 : 8),
+      });
       if (tick % 5 === 0) {
         const label = `${(tick / 10).toFixed(1)}${tick ? "" : " m"}`;
         add(svg, "text", { class: "tick", x: at, y: bottom + 21, "text-anchor": "middle" }, label);
@@ -90,14 +96,24 @@ export class Scene {
     if (ballId >= 0) {
       const ball = geom(model, data, ballId);
       add(svg, "circle", { class: "ball", cx: x(ball.x), cy: z(ball.z), r: ball.size[0] * metre });
-      add(svg, "text", { class: "label", x: x(ball.x), y: z(ball.z + ball.size[0]) - 6, "text-anchor": "middle" }, "ball");
+      add(
+        svg,
+        "text",
+        { class: "label", x: x(ball.x), y: z(ball.z + ball.size[0]) - 6, "text-anchor": "middle" },
+        "ball",
+      );
     }
     for (const { name, points } of trails) {
       for (const [px, , pz] of points) {
         if (px !== undefined) add(svg, "circle", { class: `trail ${name}`, cx: x(px), cy: z(pz) });
       }
     }
-    add(svg, "circle", { class: "tip", cx: x(tip[0]), cy: z(tip[2]), r: Math.max(3, thickness / 3) });
+    add(svg, "circle", {
+      class: "tip",
+      cx: x(tip[0]),
+      cy: z(tip[2]),
+      r: Math.max(3, thickness / 3),
+    });
   }
 }
 

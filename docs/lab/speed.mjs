@@ -40,7 +40,7 @@ export const HERE = "This browser";
  */
 export function figureOf(model, stepsPerSecond) {
   const [low, median, high] = [0.25, 0.5, 0.75].map((share) => quantile(stepsPerSecond, share));
-  const note = `half of the blocks: ${shown(low)} to ${shown(high)}`;
+  const note = `middle half ${shown(low)} to ${shown(high)}`;
   return { model, where: HERE, stepsPerSecond: median, note };
 }
 
@@ -50,7 +50,32 @@ export function figureOf(model, stepsPerSecond) {
  * @returns {Figure}
  */
 export function figureOfOther({ model, where, steps_per_s: stepsPerSecond, ratio }) {
-  return { model, where, stepsPerSecond, note: ratio === null ? "" : `${ratio.toPrecision(3)} times as long as C` };
+  return {
+    model,
+    where,
+    stepsPerSecond,
+    note: ratio === null ? "" : `${ratio.toPrecision(3)} × C's time`,
+  };
+}
+
+/**
+ * Compare two models within each program: unlike speeds, these ratios may be compared between machines.
+ * @param {readonly Figure[]} figures
+ * @param {string} slow model
+ * @param {string} fast model
+ * @returns {string} a sentence; empty where no program has both
+ */
+export function shape(figures, slow, fast) {
+  const speeds = new Map(
+    figures.map(({ model, where, stepsPerSecond }) => [`${model} ${where}`, stepsPerSecond]),
+  );
+  const ratios = [...new Set(figures.map(({ where }) => where))].flatMap((where) => {
+    const ratio = (speeds.get(`${fast} ${where}`) ?? NaN) / (speeds.get(`${slow} ${where}`) ?? NaN);
+    return ratio ? [`${where} ${ratio.toFixed(1)}`] : [];
+  });
+  return ratios.length
+    ? `Steps of ${fast} in the time of one of ${slow}: ${ratios.join("; ")}.`
+    : "";
 }
 
 /**
@@ -64,7 +89,7 @@ export function shown(value) {
 
 /** Measures models in a worker; one measurement at a time. */
 export class Measurement {
-  /** @param {string} program of the worker */
+  /** @param {string} program of the worker, after that of the engine */
   constructor(program) {
     this.url = URL.createObjectURL(new Blob([program], { type: "text/javascript" }));
     /** @type {Worker | undefined} */
@@ -94,7 +119,11 @@ export class Measurement {
       };
       worker.onerror = (event) => {
         event.preventDefault();
-        reject(new LabError(`The measurement stopped: ${event.message || "the browser refused to start it"}.`));
+        reject(
+          new LabError(
+            `The measurement stopped: ${event.message || "the browser refused to start it"}.`,
+          ),
+        );
       };
       worker.postMessage(request);
     }).finally(() => this.cancel());
@@ -126,7 +155,10 @@ export function writeTable(parent, model, figures) {
     cell.textContent = title;
     head.append(cell);
   }
-  fill(table, figures.map(({ where, stepsPerSecond, note }) => [where, shown(stepsPerSecond), note]));
+  fill(
+    table,
+    figures.map(({ where, stepsPerSecond, note }) => [where, shown(stepsPerSecond), note]),
+  );
   figures.forEach(({ where, stepsPerSecond }, i) => {
     const row = table.tBodies[0].rows[i];
     row.className = where === HERE ? "here" : "";

@@ -25,24 +25,35 @@ export const BLOCKS = 20;
  */
 export function measure(mujoco, xml, { now, blockMs, onBlock }) {
   const run = prepare(mujoco, xml);
-  let runs = 0;
+  try {
+    repeat(run.steps, now, WARM_UP_MS / 2); // the browser compiles what is hot
+    const runsPerBlock = Math.ceil(blockMs / repeat(run.steps, now, WARM_UP_MS / 2));
+    run.check();
+    const stepsPerSecond = [];
+    for (let block = 0; block < BLOCKS; block++) {
+      const begin = now();
+      for (let i = 0; i < runsPerBlock; i++) run.steps();
+      stepsPerSecond.push((1000 * runsPerBlock * NSTEP) / (now() - begin));
+      onBlock(block + 1);
+    }
+    return { stepsPerSecond, contacts: run.contacts() };
+  } finally {
+    run.delete();
+  }
+}
+
+/**
+ * Repeat some work for a while; return how long it takes, in ms.
+ * @param {() => void} work
+ * @param {() => number} now in ms
+ * @param {number} forMs
+ * @returns {number}
+ */
+function repeat(work, now, forMs) {
   const begin = now();
-  while (now() - begin < WARM_UP_MS) {
-    run.steps();
-    runs++;
-  }
-  run.check();
-  const runsPerBlock = Math.max(1, Math.ceil((runs * blockMs) / (now() - begin)));
-  const stepsPerSecond = [];
-  for (let block = 0; block < BLOCKS; block++) {
-    const start = now();
-    for (let i = 0; i < runsPerBlock; i++) run.steps();
-    stepsPerSecond.push((1000 * runsPerBlock * NSTEP) / (now() - start));
-    onBlock(block + 1);
-  }
-  const contacts = run.contacts();
-  run.delete();
-  return { stepsPerSecond, contacts };
+  let times = 0;
+  for (; now() - begin < forMs; times++) work();
+  return (now() - begin) / times;
 }
 
 /**
@@ -52,7 +63,9 @@ export function measure(mujoco, xml, { now, blockMs, onBlock }) {
 function prepare(mujoco, xml) {
   const [model, data] = compile(mujoco, xml);
   if (model.nkey) mujoco.mj_resetDataKeyframe(model, data, 0);
-  const settling = Math.round((model.nkey ? SETTLE_S.keyframe : SETTLE_S.defaults) / model.opt.timestep);
+  const settling = Math.round(
+    (model.nkey ? SETTLE_S.keyframe : SETTLE_S.defaults) / model.opt.timestep,
+  );
   for (let i = 0; i < settling; i++) mujoco.mj_step(model, data);
   const spec = mujoco.mjtState.mjSTATE_INTEGRATION.value;
   const state = new mujoco.DoubleBuffer(mujoco.mj_stateSize(model, spec));

@@ -45,7 +45,9 @@ export function scale([from0, from1], [to0, to1]) {
  */
 export function points(xs, ys, x, y) {
   return ys
-    .map((value, i) => (Number.isFinite(value) ? `${x(xs[i]).toFixed(2)},${y(value).toFixed(2)}` : ""))
+    .map((value, i) =>
+      Number.isFinite(value) ? `${x(xs[i]).toFixed(2)},${y(value).toFixed(2)}` : "",
+    )
     .filter(Boolean)
     .join(" ");
 }

@@ -43,14 +43,34 @@ export class TracePlot {
     for (const tick of ticks(this.metres)) {
       const at = this.y(tick);
       add(this.svg, "line", { class: "grid", x1: MARGIN.left, x2: right, y1: at, y2: at });
-      add(this.svg, "text", { class: "tick", x: MARGIN.left - 6, y: at + 4, "text-anchor": "end" }, tick.toFixed(1));
+      add(
+        this.svg,
+        "text",
+        { class: "tick", x: MARGIN.left - 6, y: at + 4, "text-anchor": "end" },
+        tick.toFixed(1),
+      );
     }
     for (const tick of ticks(this.seconds)) {
       const at = this.x(tick);
-      add(this.svg, "text", { class: "tick", x: at, y: bottom + 16, "text-anchor": "middle" }, tick.toFixed(1));
+      add(
+        this.svg,
+        "text",
+        { class: "tick", x: at, y: bottom + 16, "text-anchor": "middle" },
+        tick.toFixed(1),
+      );
     }
-    add(this.svg, "text", { class: "tick", x: right, y: HEIGHT - 5, "text-anchor": "end" }, "time in the simulation, s");
-    add(this.svg, "text", { class: "tick", x: 11, y: bottom, transform: `rotate(-90 11 ${bottom})` }, "x of the tip, m");
+    add(
+      this.svg,
+      "text",
+      { class: "tick", x: right, y: HEIGHT - 5, "text-anchor": "end" },
+      "time in the simulation, s",
+    );
+    add(
+      this.svg,
+      "text",
+      { class: "tick", x: 11, y: bottom, transform: `rotate(-90 11 ${bottom})` },
+      "x of the tip, m",
+    );
     this.draw(this.traces);
   }
 

@@ -1,12 +1,11 @@
 // The program of the worker that measures: the page stays responsive, and its drawing costs no block any time.
 
 import { blockLength, clockTick } from "./clock.mjs";
-import { Engine, messageOf } from "./engine.mjs";
+import { instantiate, messageOf } from "./engine.mjs";
 import { BLOCKS, measure } from "./stepping.mjs";
 
 /**
  * @typedef {object} MeasureRequest
- * @property {string} script the source of mujoco.js
  * @property {WebAssembly.Module} compiled
  * @property {readonly {name: string, xml: string}[]} models
  */
@@ -20,20 +19,29 @@ import { BLOCKS, measure } from "./stepping.mjs";
  *   | {type: "failed", message: string}} MeasureAnswer
  */
 
-/** Answer the request of the page. */
-export function serve() {
+/**
+ * Answer the request of the page.
+ * @param {(options: object) => Promise<import("@mujoco/mujoco").MainModule>} load what mujoco.js exports
+ */
+export function serve(load) {
   const answer = (/** @type {MeasureAnswer} */ message) => postMessage(message);
   const now = () => performance.now();
-  onmessage = async (/** @type {MessageEvent<MeasureRequest>} */ { data: { script, compiled, models } }) => {
+  onmessage = async (
+    /** @type {MessageEvent<MeasureRequest>} */ { data: { compiled, models } },
+  ) => {
     try {
-      const mujoco = await new Engine(script, compiled).start();
+      const mujoco = await instantiate(load, compiled);
       const tickMs = clockTick(now);
       const blockMs = blockLength(tickMs);
       models.forEach(({ name, xml }, i) => {
         const onBlock = (/** @type {number} */ done) =>
           answer({ type: "block", model: name, share: (i + done / BLOCKS) / models.length });
         try {
-          answer({ type: "speed", model: name, ...measure(mujoco, xml, { now, blockMs, onBlock }) });
+          answer({
+            type: "speed",
+            model: name,
+            ...measure(mujoco, xml, { now, blockMs, onBlock }),
+          });
         } catch (error) {
           answer({ type: "refused", model: name, message: messageOf(error) });
         }
