@@ -71,7 +71,7 @@ export function shape(figures, slow, fast) {
   );
   const ratios = [...new Set(figures.map(({ where }) => where))].flatMap((where) => {
     const ratio = (speeds.get(`${fast} ${where}`) ?? NaN) / (speeds.get(`${slow} ${where}`) ?? NaN);
-    return ratio ? [`${where} ${ratio.toFixed(1)}`] : [];
+    return ratio ? [`${ratio.toFixed(1)} in ${where === HERE ? "this browser" : where}`] : [];
   });
   return ratios.length
     ? `Steps of ${fast} in the time of one of ${slow}: ${ratios.join("; ")}.`

@@ -62,7 +62,10 @@ test("axes have the multiples of a tenth, and dead values are not drawn", () => 
   assert.deepEqual(ticks([0, 0.4]), [0, 0.1, 0.2, 0.3, 0.4]);
   const x = scale([0, 1], [0, 10]);
   assert.equal(x(0.25), 2.5);
-  assert.equal(points([0, 1, 2], [1, undefined, 0.5], (v) => v, x), "0.00,10.00 2.00,5.00");
+  assert.equal(
+    points([0, 1, 2], [1, undefined, 0.5], (v) => v, x),
+    "0.00,10.00 2.00,5.00",
+  );
 });
 
 test("a figure has the median and the middle half; others have their time over C's", () => {
@@ -79,12 +82,14 @@ test("a figure has the median and the middle half; others have their time over C
 test("the shape compares models within a program, where it has both", () => {
   const figure = (model, where, stepsPerSecond) => ({ model, where, stepsPerSecond, note: "" });
   const figures = [figure("a", "C", 300), figure("b", "C", 20), figure("a", "Node", 200)];
-  assert.equal(shape(figures, "b", "a"), "Steps of a in the time of one of b: C 15.0.");
+  assert.equal(shape(figures, "b", "a"), "Steps of a in the time of one of b: 15.0 in C.");
   assert.equal(shape(figures.slice(2), "b", "a"), "");
 });
 
 test("a message of MuJoCo is one line, without its prefix", () => {
-  const error = new Error("MuJoCo Error: Loading error: XML Error: Schema violation\nElement 'x'\n");
+  const error = new Error(
+    "MuJoCo Error: Loading error: XML Error: Schema violation\nElement 'x'\n",
+  );
   assert.equal(messageOf(error), "Loading error: XML Error: Schema violation Element 'x'");
   assert.equal(messageOf("out of memory"), "out of memory");
 });
@@ -131,7 +136,10 @@ test("blocks are whole runs of the same work, as long as was asked", () => {
   assert.equal(speed.contacts, 2);
   assert.equal(speed.stepsPerSecond.length, BLOCKS);
   for (const value of speed.stepsPerSecond) assert.ok(Math.abs(value - 10000) < 1e-6);
-  assert.deepEqual(blocks, Array.from({ length: BLOCKS }, (_, i) => i + 1));
+  assert.deepEqual(
+    blocks,
+    Array.from({ length: BLOCKS }, (_, i) => i + 1),
+  );
   // 0.1 s to settle; runs of 10 ms: a second of them, then three for each block, and one for contacts
   const runs = state.restores;
   assert.equal(state.steps, 50 + runs * NSTEP);

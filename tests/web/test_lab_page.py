@@ -320,7 +320,8 @@ def test_nothing_is_wider_than_the_screen_and_controls_fit_a_finger(
     click(opened, "end", "grow", "ball")
     assert opened.execute_script("return document.documentElement.scrollWidth") <= width
     small = opened.execute_script(
-        "return [...document.querySelectorAll('button, select, label:has(input), input:not(label *)')]"
+        "const controls = 'button, select, label:has(input), input:not(label *)';"
+        "return [...document.querySelectorAll(controls)]"
         ".filter((each) => each.getBoundingClientRect().height < 44).map((each) => each.outerHTML)"
     )
     assert small == []
