@@ -6,12 +6,14 @@ STAMP := $(VENV)/.up-to-date
 
 UPGRADE := build/upgrade
 SITE := build/site
-.PHONY: help bench test lint upgrade site picture c-floor slowdown soak fuzz verdicts foreign clean
+LAB := build/lab/mujoco-lab.html
+.PHONY: help bench test lint upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
 	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (about 15 minutes)"
 	@echo "make test      run lint (see below) and the tests (about 10 minutes on two cores)"
 	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
+	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs an npm package)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
@@ -50,6 +52,10 @@ upgrade: $(STAMP)
 
 site: $(STAMP)
 	$(BIN)/mjbench site -o $(SITE)
+
+# `make lab PACKAGE=FOLDER` names the folder into which npm installed it.
+lab: $(STAMP)
+	$(BIN)/python -m benchmarks.lab -o $(LAB) $(if $(PACKAGE),--package $(PACKAGE))
 
 picture: $(STAMP)
 	$(BIN)/python -m benchmarks.picture

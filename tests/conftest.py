@@ -1,11 +1,13 @@
 """What the tests share: a small model that starts in contact, and its workload."""
 
 import signal
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 import pytest
 from example_models import CONTACT_XML
+from headless_browser import session
 from hypothesis import settings
 
 from mjbench.comparison import step_costs
@@ -34,6 +36,11 @@ def _no_traces(tmp_path_factory: pytest.TempPathFactory) -> Any:
         costs = tmp_path_factory.mktemp("step_costs") / "costs.json"
         patch.setenv(step_costs.FILE_VARIABLE, str(costs))
         yield
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    yield from session()
 
 
 @pytest.fixture(scope="session")

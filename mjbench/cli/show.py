@@ -89,7 +89,12 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
         return ExplainDocument(results=rows)
     if stored.of_type(ScalingRecord):
         return _scaling(run, stored, code)
-    return _loops(run, stored, code) or _searches(run, stored) or _comparison(run, stored, code)
+    return (
+        _loops(run, stored, code)
+        or _searches(run, stored)
+        or _web(run, stored)
+        or _comparison(run, stored, code)
+    )
 
 
 def _selfcheck(run: RunContext, stored: "Run") -> object:
@@ -211,12 +216,10 @@ def _searches(run: RunContext, stored: "Run") -> object | None:
     searches += stored.of_type(EngineTuneRecord)
     for search in searches:
         tuning_accelerated.print_any(run.out, search)
-    if searches:
-        return TuneDocument.of(stored.header.machine, searches)
-    return _web(run, stored)
+    return TuneDocument.of(stored.header.machine, searches) if searches else None
 
 
-def _web(run: RunContext, stored: "Run") -> object:
+def _web(run: RunContext, stored: "Run") -> object | None:
     """Print what WebAssembly builds were like; return the document, or None without any."""
     from mjbench.report import web, web_results
     from mjbench.report.documents import WebDocument

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     default=".",
     show_default=True,
     type=click.Path(path_type=Path),
-    help="Folder that holds results/runs, results/history, docs and .asv/html, or some of them.",
+    help="Folder that holds results/runs, results/history, docs, .asv/html and build/lab, or some.",
 )
 def site(output: Path, project: Path) -> None:
     """Write a static site: the history of releases, reports of all runs, and the documents.
 
     The first page has the conclusions. Each release and each run file has a page of its own. If
-    `asv publish` wrote pages, they are on the site, too. It needs Sphinx, MyST and
-    Furo: the extra `site`.
+    `asv publish` wrote pages, or `make lab` its page, they are on the site, too. It needs Sphinx,
+    MyST and Furo: the extra `site`.
 
     \b
     Examples:
@@ -87,8 +87,13 @@ def _read(folder: Path) -> "Project":
         raise InputError(
             f"{folder} has neither results nor docs: measure something first, or give --project"
         )
+    lab = folder / "build/lab/mujoco-lab.html"
     return Project(
-        folder, named_runs, history, asv_pages if (asv_pages / "index.html").is_file() else None
+        folder,
+        named_runs,
+        history,
+        asv_pages if (asv_pages / "index.html").is_file() else None,
+        lab if lab.is_file() else None,
     )
 
 

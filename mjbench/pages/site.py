@@ -63,12 +63,14 @@ class Project:
       runs: of run files and run sets, the newest last.
       history: of releases; None without one.
       asv_pages: folder that `asv publish` wrote; None without one.
+      lab: page that `make lab` wrote; None without one.
     """
 
     folder: Path
     runs: Sequence[NamedRun]
     history: SpeedHistory | None = None
     asv_pages: Path | None = None
+    lab: Path | None = None
 
 
 def build(project: Project, scratch: Path, output: Path) -> list[str]:
@@ -142,6 +144,10 @@ def write_source(project: Project, source: Path) -> None:
     if project.asv_pages is not None:
         with _copying(project.asv_pages):
             shutil.copytree(project.asv_pages, copied / "asv")
+    if project.lab is not None:
+        with _copying(project.lab):
+            (copied / "lab").mkdir()
+            shutil.copy(project.lab, copied / "lab/index.html")
     if project.runs:
         _write_page(source / "reports.md", _reports_page(project.runs))
     _drop_dead_links(source)
@@ -255,6 +261,8 @@ def _index(project: Project, source: Path) -> Iterator[str]:
             yield f"\n{_report_link(named, 'The whole report')}\n"
     if project.asv_pages is not None:
         yield '<a href="asv/index.html">The pages of asv</a>: every benchmark over all releases\n'
+    if project.lab is not None:
+        yield '<a href="lab/index.html">The lab</a>: MuJoCo in your browser\n'
     results = {"releases": "releases.md", "docs/history": "docs/history.md"}
     listed = [name for name, file in results.items() if (source / file).exists()]
     listed += ["reports"] if project.runs else []

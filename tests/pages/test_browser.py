@@ -1,15 +1,12 @@
 """Reports in a browser: no error, no request, tables that sort, dark, on a phone, accessible."""
 
 import dataclasses
-import importlib.resources
-import json
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from commands import ROOT
+from headless_browser import emulate, requested, resize, violations
 
 from mjbench.instrument import runs
 from mjbench.pages import html, reports
@@ -18,26 +15,6 @@ from mjbench.report.documents import RECORD_TYPES
 
 # One run of each kind that has charts, and one without any.
 RUNS = ("reference-mujoco-4.0.0", "reference-between-builds", "reference-selfcheck-quiet")
-FLAGS = (
-    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    webdriver = pytest.importorskip("selenium.webdriver")
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not (chromium and driver):
-        pytest.skip("needs chromium and chromedriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    session = webdriver.Chrome(options, webdriver.ChromeService(driver))
-    yield session
-    session.quit()
 
 
 @pytest.fixture(scope="module", params=RUNS)
@@ -58,7 +35,7 @@ def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def opened(browser: Any, page: Path) -> Any:
     """Open the report at the size of a desktop, in light colours."""
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    emulate(browser)
     browser.get_log("browser")
     browser.get_log("performance")
     browser.get(page.as_uri())
@@ -67,12 +44,7 @@ def opened(browser: Any, page: Path) -> Any:
 
 def test_it_opens_without_errors_and_asks_the_network_for_nothing(opened: Any) -> None:
     assert opened.get_log("browser") == []
-    sent = [json.loads(entry["message"])["message"] for entry in opened.get_log("performance")]
-    urls = [
-        event["params"]["request"]["url"]
-        for event in sent
-        if event["method"] == "Network.requestWillBeSent"
-    ]
+    urls = requested(opened)
     assert urls
     assert all(url.startswith(("file:", "data:")) for url in urls)
 
@@ -114,28 +86,16 @@ def test_tables_sort_and_filter(opened: Any) -> None:
 def test_a_dark_page_is_dark(opened: Any) -> None:
     read = "return getComputedStyle(document.body).backgroundColor"
     light = opened.execute_script(read)
-    dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-    opened.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
+    emulate(opened, prefers_color_scheme="dark")
     assert opened.execute_script(read) != light
 
 
 def test_a_phone_scrolls_no_wider_than_its_screen(opened: Any) -> None:
-    size = {"width": 375, "height": 800, "deviceScaleFactor": 1, "mobile": True}
-    opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    resize(opened, 375)
     assert opened.execute_script("return document.documentElement.scrollWidth") <= 375
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_fault(opened: Any, scheme: str) -> None:
-    package = pytest.importorskip("axe_core_python")
-    scheme_feature = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
-    opened.execute_cdp_cmd("Emulation.setEmulatedMedia", scheme_feature)
-    script = importlib.resources.files(package).joinpath("axe.min.js").read_text()
-    opened.execute_script(script)
-    result = opened.execute_async_script("axe.run().then(arguments[arguments.length - 1])")
-    serious = [
-        (violation["id"], violation["nodes"][0]["html"][:200])
-        for violation in result["violations"]
-        if violation["impact"] in ("serious", "critical")
-    ]
-    assert serious == []
+    emulate(opened, prefers_color_scheme=scheme)
+    assert violations(opened, "serious", "critical") == []

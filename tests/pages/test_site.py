@@ -122,6 +122,26 @@ def test_a_history_of_one_release_has_nothing_to_compare(tmp_path: Path) -> None
     assert (tmp_path / "source/docs/history.md").is_file()
 
 
+def test_the_lab_is_on_the_site_where_it_was_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    projects: list[Project] = []
+    monkeypatch.setattr(site, "build", lambda project, *rest: projects.append(project) or [])
+    folder = tmp_path / "project"
+    (folder / "docs").mkdir(parents=True)
+    command = ["site", "--project", str(folder), "-o", str(tmp_path / "site")]
+    assert CliRunner().invoke(cli, command).exit_code == 0
+    page = folder / "build/lab/mujoco-lab.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("the lab")
+    assert CliRunner().invoke(cli, command).exit_code == 0
+    for project, source in zip(projects, (tmp_path / "without", tmp_path / "with"), strict=True):
+        site.write_source(project, source)
+    assert "The lab" not in (tmp_path / "without/index.md").read_text()
+    assert '<a href="lab/index.html">The lab</a>' in (tmp_path / "with/index.md").read_text()
+    assert (tmp_path / "with/copied/lab/index.html").read_text() == "the lab"
+
+
 def test_an_error_in_a_page_is_not_one_of_writing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

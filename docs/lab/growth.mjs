@@ -1,0 +1,53 @@
+// What becomes of a stored view when the heap grows.
+
+import { byId, fill, metres } from "./page.mjs";
+import { Recording } from "./recording.mjs";
+
+/** So many MjData grow any heap. */
+const MOST_DATA = 100;
+
+/**
+ * Store a view and a copy, make further MjData until the heap grows, and look at both again.
+ * @param {import("@mujoco/mujoco").MainModule} mujoco an engine that nothing else uses
+ * @param {string} xml models/cartpole.xml
+ */
+export function growHeap(mujoco, xml) {
+  const recording = new Recording(mujoco, xml);
+  while (!recording.isComplete) recording.step();
+  const { model, tip } = recording;
+  const view = recording.views[recording.steps - 1];
+  const copy = recording.copies[recording.steps - 1];
+  const look = () => ({
+    bytes: tip.xpos.buffer.byteLength,
+    view: { length: view.length, x: view[0] },
+    copy: { length: copy.length, x: copy[0] },
+  });
+  const before = look();
+  let made = 0;
+  while (tip.xpos.buffer.byteLength === before.bytes && made < MOST_DATA) {
+    new mujoco.MjData(model);
+    made++;
+  }
+  return { made, before, after: look() };
+}
+
+/**
+ * Show what growHeap returned.
+ * @param {ReturnType<typeof growHeap>} growth
+ */
+export function showGrowth({ made, before, after }) {
+  const megabytes = (/** @type {number} */ bytes) => `${(bytes / 1e6).toFixed(1)} MB`;
+  const words = (/** @type {{length: number, x: number | undefined}} */ { length, x }) =>
+    `length ${length}, x ${metres(x)}`;
+  fill(byId("growth"), [
+    ["stored view", words(before.view), words(after.view)],
+    ["stored copy", words(before.copy), words(after.copy)],
+  ]);
+  const number = made === 1 ? "One more MjData" : `${made} more MjData`;
+  byId("growth-summary").textContent =
+    before.bytes === after.bytes
+      ? `${number}: the heap did not grow, so the view is still alive.`
+      : `${number}: the heap grew from ${megabytes(before.bytes)} to ${megabytes(after.bytes)}.` +
+        (after.view.length ? "" : " The stored view is dead.");
+  byId("growth-result").hidden = false;
+}

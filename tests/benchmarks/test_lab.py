@@ -1,0 +1,170 @@
+"""Building the lab: one file with everything in it, or one line that says what is missing."""
+
+import json
+import re
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from benchmarks import lab
+from mjbench.errors import InputError
+from mjbench.instrument import machine
+from mjbench.instrument.stats import Estimate
+from mjbench.report.documents import WebDocument
+from mjbench.report.web_results import WebPathRow, WebRow
+from mjbench.simulation.work import Work
+from mjbench.status import Status
+from mjbench.web import npm_package
+
+SCRIPT = '"use strict"; export default loadMujoco; // </script>'
+
+
+def path_row(path: str, steps_per_s: float | None, ratio: float | None) -> WebPathRow:
+    return WebPathRow(
+        path=path,
+        options={},
+        status=Status.OK,
+        detail="",
+        check=None,
+        step_ns=None,
+        steps_per_s=steps_per_s,
+        ratio=None if ratio is None else Estimate(ratio, None, None),
+        rounds=8,
+        start_up=None,
+        heap_bytes=None,
+        rss_bytes=None,
+    )
+
+
+def web_row(model: str, release: str = "3.14.0") -> WebRow:
+    return WebRow(
+        model=model,
+        release=release,
+        node="20.1.0",
+        status=Status.OK,
+        detail="",
+        nbatch=1,
+        nstep=100,
+        block_nbatch=1,
+        hold=1,
+        seed=0,
+        workload_digest="",
+        starts=None,
+        work=Work(contacts=2.5, constraints=0.0, solver_iterations=0.0),
+        c_compile_ms=None,
+        paths=[
+            path_row("python_loop", 90.0, 1.1),
+            path_row("rollout", 100.0, 1.0),
+            path_row("wasm", 50.0, 2.0),
+            path_row("wasm_mt", 40.0, 2.5),
+        ],
+    )
+
+
+@pytest.fixture
+def figures_file(tmp_path: Path) -> Path:
+    rows = [web_row("cartpole"), web_row("pile")]
+    document = WebDocument(machine=machine.describe(), results=rows, experiments=())
+    file = tmp_path / "web.json"
+    file.write_bytes(msgspec.json.encode(document))
+    return file
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """Write what looks like the npm package, in a folder into which npm installed it."""
+    folder = tmp_path / "node_modules" / npm_package.NAME
+    for name in ("mujoco.js", "mujoco.wasm", "mt/mujoco.js", "mt/mujoco.wasm"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(SCRIPT)
+    manifest = {"name": npm_package.NAME, "version": "3.14.0"}
+    (folder / "package.json").write_text(json.dumps(manifest))
+    return tmp_path
+
+
+def write(folder: Path, **modules: str) -> Path:
+    for name, content in modules.items():
+        (folder / f"{name}.mjs").write_text(content)
+    return folder
+
+
+def test_modules_become_one_script_in_the_order_of_their_imports(tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        top='import { b } from "./middle.mjs";\nimport {\n  a,\n} from "./base.mjs";\n\nb(a);\n',
+        middle='import { a } from "./base.mjs";\nexport function b() {\n  return a;\n}\n',
+        base="// a\nexport const a = 1;\n",
+    )
+    expected = "// a\nconst a = 1;\n\nfunction b() {\n  return a;\n}\n\nb(a);"
+    assert lab.bundle("top", tmp_path) == expected
+
+
+@pytest.mark.parametrize(
+    "content",
+    ['import a from "./a.mjs";', "export default 1;", 'const a = "</script>";'],
+)
+def test_what_one_script_cannot_hold_is_refused(tmp_path: Path, content: str) -> None:
+    with pytest.raises(InputError, match=r"top\.mjs: cannot put into one script: "):
+        lab.bundle("top", write(tmp_path, top=content))
+
+
+def test_the_names_of_all_modules_of_a_script_differ() -> None:
+    for entry in ("lab", "worker"):
+        script = lab.bundle(entry)
+        names = re.findall(r"^(?:async )?(?:function|class|const|let) (\w+)", script, flags=re.M)
+        assert len(names) == len(set(names)), sorted(names)
+
+
+def test_figures_are_of_the_models_and_the_build_in_the_page_and_c_comes_first(
+    figures_file: Path,
+) -> None:
+    figures = lab.read_figures(figures_file, "3.14.0")
+    assert figures is not None
+    assert figures.figures == (
+        lab.Figure("cartpole", "C", 100.0, None),
+        lab.Figure("cartpole", "Python", 90.0, 1.1),
+        lab.Figure("cartpole", "Node 20.1.0", 50.0, 2.0),
+    )
+    assert figures.contacts == {"cartpole": 2.5}
+
+
+def test_figures_of_another_release_or_none_at_all_are_not_shown(
+    figures_file: Path, tmp_path: Path
+) -> None:
+    assert lab.read_figures(tmp_path / "none.json", "3.14.0") is None
+    with pytest.raises(InputError, match=r"is of MuJoCo 3\.14\.0, the page of 3\.12\.0: mjbench"):
+        lab.read_figures(figures_file, "3.12.0")
+    figures_file.write_text("{}")
+    with pytest.raises(InputError, match="cannot read "):
+        lab.read_figures(figures_file, "3.14.0")
+
+
+def test_the_page_is_one_file_that_needs_nothing_else(
+    package: Path, figures_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("jinja2")
+    page = package / "new/lab.html"
+    options = ["--package", str(package), "--figures", str(figures_file), "-o", str(page)]
+    lab.main(options)
+    text = page.read_text()
+    assert str(page) in capsys.readouterr().out
+    assert not re.search(r"\b(src|href)=(?!\"data:)", text)
+    assert "https:" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
+    assert SCRIPT not in text
+    others = re.search(r'id="figures">(.*?)</script>', text)
+    assert others is not None
+    assert json.loads(others[1])["figures"][2]["ratio"] == 2.0
+    assert "compare shapes, not digits" in text
+
+
+def test_what_is_missing_ends_in_one_line_and_leaves_the_earlier_page(
+    package: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / "lab.html"
+    page.write_text("earlier")
+    with pytest.raises(SystemExit, match=r"^lab: .*npm install .*@mujoco/mujoco@"):
+        lab.main(["--package", str(tmp_path / "empty"), "-o", str(page)])
+    assert page.read_text() == "earlier"
+    with pytest.raises(SystemExit, match=r"^lab: cannot write "):
+        lab.main(["--package", str(package), "-o", str(page / "lab.html")])
