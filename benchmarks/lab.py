@@ -15,19 +15,18 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-
-import msgspec
+from typing import TYPE_CHECKING
 
 import mjbench
 from mjbench import paths
 from mjbench.errors import InputError, MachineError, MjbenchError, one_line, writing
 from mjbench.instrument import extras, files
-from mjbench.report.documents import WebDocument
-from mjbench.report.web_results import WebRow
 from mjbench.simulation import models
 from mjbench.web import npm_package
 from mjbench.web.npm_package import Build, NpmPackage
-from mjbench.web.records import C_PATH
+
+if TYPE_CHECKING:
+    from mjbench.report.web_results import WebRow
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ROOT / "docs/lab"
@@ -83,6 +82,11 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     Raises:
       InputError: it is no such document, or of another release.
     """
+    # late: asv imports this module where few packages are
+    import msgspec
+
+    from mjbench.report.documents import WebDocument
+
     if not file.exists():
         return None
     try:
@@ -103,8 +107,10 @@ def read_figures(file: Path, release: str) -> OtherFigures | None:
     )
 
 
-def _figures(row: WebRow) -> Iterator[Figure]:
+def _figures(row: "WebRow") -> Iterator[Figure]:
     """Yield what programs reached with the build that is in the page, and what C did; C first."""
+    from mjbench.web.records import C_PATH
+
     names = {
         C_PATH: "C",
         paths.BASE: "Python",

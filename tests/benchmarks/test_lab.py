@@ -47,6 +47,7 @@ def web_row(model: str, release: str = "3.14.0") -> WebRow:
         nbatch=1,
         nstep=100,
         block_nbatch=1,
+        block_nstep=100,
         hold=1,
         seed=0,
         workload_digest="",
