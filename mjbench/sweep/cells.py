@@ -34,9 +34,11 @@ class Cell:
     Attributes:
       kind: what it measures.
       model: its name.
-      release: the release that is measured, of `versions` the candidate.
-      baseline: of `versions`, the release that `release` is compared with; of `instructions`, the
+      release: version that is measured, of `versions` the candidate.
+      baseline: of `versions`, the version that `release` is compared with; of `instructions`, the
         one that draws start states and controls for all.
+      installed: version that is meant as it is installed beside mjbench; empty where releases are
+        all installed apart.
       path: of `versions`.
       metric: of `versions`; None elsewhere.
       machine: label of the machines that may measure it; empty for any.
@@ -48,6 +50,7 @@ class Cell:
     model: str
     release: str = ""
     baseline: str = ""
+    installed: str = ""
     path: str = ""
     metric: Metric | None = None
     machine: str = ""

@@ -7,6 +7,7 @@ keeps what it has loaded. Fewer at once spread better over nodes, and less is lo
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from mjbench.releases.installs import INSTALLED
 from mjbench.sweep.cells import Cell, Kind
 
 
@@ -63,12 +64,18 @@ def _options(*names: str) -> tuple[Option, ...]:
     return tuple(Option(name) for name in names)
 
 
+def _word(cell: Cell, version: str) -> str:
+    """Return the word by which a command line names a release."""
+    return INSTALLED if version == cell.installed else version
+
+
 def _versions(cells: Sequence[Cell]) -> CommandLine:
     """Compare several releases with one, on one model, by one path and metric."""
     first = cells[0]
     assert first.metric is not None
-    new = [word for cell in cells for word in ("--new", cell.release)]
-    words = ["--old", first.baseline, *new, "--paths", first.path, "--metric", first.metric.value]
+    new = [word for cell in cells for word in ("--new", _word(cell, cell.release))]
+    words = ["--old", _word(first, first.baseline), *new]
+    words += ["--paths", first.path, "--metric", first.metric.value]
     return CommandLine(("versions", *words), (first.model,))
 
 
@@ -81,14 +88,16 @@ def _instructions(cells: Sequence[Cell]) -> CommandLine:
     """Count one model in several releases, all with what the first release of the plan draws."""
     first = cells[0]
     releases = dict.fromkeys([first.baseline, *(cell.release for cell in cells)])
-    words = [word for release in releases for word in ("--release", release)]
+    words = [word for version in releases for word in ("--release", _word(first, version))]
     return CommandLine(("instructions", *words), (first.model,))
 
 
 def _history(cells: Sequence[Cell]) -> CommandLine:
     """Time several models in one release; they share its launches."""
     models = [word for cell in cells for word in ("--model", cell.model)]
-    return CommandLine(("history", "measure", "--no-operations", *models), (cells[0].release,))
+    return CommandLine(
+        ("history", "measure", "--no-operations", *models), (_word(cells[0], cells[0].release),)
+    )
 
 
 _SIZES = ("nbatch", "nstep", "hold", "seed", "settle")

@@ -3,8 +3,9 @@
 docs/guides/cluster.md shows a plan with all its keys.
 """
 
+import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ class NodeRules:
 
     tries: int = 3
     patience_s: float = 600.0
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def load(
         if len(releases) < needed:
             raise file.error(
                 f"[{kind}] needs {needed} or more, such as"
-                f' releases = {["3.3.0", "4.0.0"][:needed]}'.replace("'", '"'),
+                f" releases = {['3.3.0', '4.0.0'][:needed]}".replace("'", '"'),
                 "",
                 "releases",
             )
@@ -327,7 +328,7 @@ def _pairs(
     """
     against = file.get(Kind.VERSIONS, AGAINST, FIRST)
     if against == BEFORE:
-        return tuple(zip(releases[:-1], releases[1:], strict=True))
+        return tuple(itertools.pairwise(releases))
     named = {word: spec for spec in releases for word in (spec.name, spec.version)}
     named[FIRST] = releases[0]
     if not isinstance(against, str) or against not in named:
