@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO
 
-from mjbench.errors import MjbenchError, one_line
+from mjbench.errors import MachineError, MjbenchError, one_line
 from mjbench.instrument import child, machine, scratch
 from mjbench.simulation import carried_models
 from mjbench.status import ExitCode
@@ -30,9 +30,8 @@ _PROGRAM = (
     "child.die_with_parent(int(sys.argv.pop(1)))\n"
     "runpy.run_module('mjbench', run_name='__main__', alter_sys=True)\n"
 )
-# Variables that Ray sets for its workers, and by which a command would not be what it is elsewhere.
+# What the variables begin with that Ray sets for its workers, which are nothing to a command.
 _FOREIGN_PREFIX = "RAY_"
-_THREADS_VARIABLE = "OMP_NUM_THREADS"
 
 
 def describe() -> NodeAnswer:
@@ -44,6 +43,7 @@ def measure(
     request: Request,
     *carried: CarriedModel,
     calibrate: Callable[[], calibration.NodeState] = calibration.calibrate,
+    is_lost: Callable[[], bool] = lambda: False,
 ) -> Iterator[Message]:
     """Measure, and yield what there is to say as it comes; the last is `Refused` or `Finished`.
 
@@ -54,6 +54,7 @@ def measure(
       request: what to measure.
       carried: the user's models that the command line names.
       calibrate: says what this machine has of its cores.
+      is_lost: whether nobody hears this process any more; the command then ends.
     """
     begin = time.perf_counter()
     try:
@@ -63,13 +64,17 @@ def measure(
                 yield Refused(reason)
                 return
         with scratch.folder() as folder, child.adoption():
-            yield from _run(request, carried, folder, begin)
+            yield from _run(request, carried, folder, begin, is_lost)
     except MjbenchError as error:
         yield Finished(ExitCode.ENVIRONMENT, str(error), time.perf_counter() - begin)
 
 
 def _run(
-    request: Request, carried: tuple[CarriedModel, ...], folder: Path, begin: float
+    request: Request,
+    carried: tuple[CarriedModel, ...],
+    folder: Path,
+    begin: float,
+    is_lost: Callable[[], bool],
 ) -> Iterator[Message]:
     """Run the command in a folder of its own."""
     results, work, log = folder / "results", folder / "work", folder / "errors.txt"
@@ -95,6 +100,8 @@ def _run(
             code = None
             while code is None:
                 code = process.wait(_POLL_S)
+                if is_lost():
+                    raise MachineError("this process is no longer part of a cluster")
                 if lines := tail.read():
                     yield Lines(lines)
     finally:
@@ -114,9 +121,6 @@ def environment(
       carried_index: list of the user's models; None without any.
     """
     variables = {name: value for name, value in own.items() if not name.startswith(_FOREIGN_PREFIX)}
-    variables.pop(_THREADS_VARIABLE, None)
-    if threads := own.get(f"{_FOREIGN_PREFIX}{_THREADS_VARIABLE}"):
-        variables[_THREADS_VARIABLE] = threads
     root = str(Path(__file__).resolve().parents[2])
     variables["PYTHONPATH"] = os.pathsep.join(filter(None, [root, own.get("PYTHONPATH", "")]))
     if label:

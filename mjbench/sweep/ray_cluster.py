@@ -56,6 +56,14 @@ class _RayNode:
         return self.resources.get("CPU", 0.0)
 
 
+@dataclass(frozen=True)
+class _Task:
+    """A task of Ray: what it yields, and the node that runs it."""
+
+    generator: Any
+    node_id: str
+
+
 class RayCluster:
     """A cluster of Ray, used as a context manager."""
 
@@ -67,7 +75,7 @@ class RayCluster:
         """
         self._address = address or LOCAL
         self._closing = contextlib.ExitStack()
-        self._running: dict[int, Any] = {}
+        self._running: dict[int, _Task] = {}
         self._asked: dict[Any, _RayNode] = {}
         self._known: dict[str, _RayNode] = {}
         self._models: dict[str, Any] = {}
@@ -120,6 +128,7 @@ class RayCluster:
                 " `ray start --head`, or leave out --address"
             ) from error
         closing.callback(ray.shutdown)
+        closing.enter_context(_unheard())
         self._measure = ray.remote(_measure)
         self._describe = ray.remote(_describe)
 
@@ -149,6 +158,10 @@ class RayCluster:
             del self._known[node_id]
             reason = one_line(deaths.get(node_id, ""), 100)
             self._events.append(Left(node_id, f"it is gone{f' ({reason})' if reason else ''}"))
+            # its workers may live on for a while, and Ray waits for them
+            for number in [n for n, task in self._running.items() if task.node_id == node_id]:
+                del self._running[number]
+                self._events.append(Died(number, "its node is gone"))
         usable = _usable(list(alive.values()))
         for node in usable:
             if node.id not in self._known:
@@ -193,7 +206,8 @@ class RayCluster:
         task = self._measure.options(
             num_returns="streaming", max_retries=0, **options, **_pinned(ray_node)
         )
-        self._running[number] = task.remote(request, *map(self._reference, carried))
+        generator = task.remote(request, *map(self._reference, carried))
+        self._running[number] = _Task(generator, node.id)
 
     def _reference(self, carried: CarriedModel) -> Any:
         """Return a model in Ray's store, from which each node takes it once."""
@@ -207,8 +221,8 @@ class RayCluster:
         """Have a node stop measuring; see `Executor`."""
         import ray
 
-        if generator := self._running.pop(number, None):
-            ray.cancel(generator)
+        if task := self._running.pop(number, None):
+            ray.cancel(task.generator)
 
     def events(self, timeout_s: float) -> list[Event]:
         """Return what happened since the last call; see `Executor`."""
@@ -216,7 +230,7 @@ class RayCluster:
 
         if time.monotonic() - self._nodes_read_s >= _NODES_S:
             self._read_nodes()
-        waited = [*self._running.values(), *self._asked]
+        waited = self._waited()
         timeout_s = 0.0 if self._events else timeout_s
         if not waited:
             time.sleep(timeout_s)
@@ -225,16 +239,20 @@ class RayCluster:
             if not ready:
                 break
             self._take(ready[0])
-            waited, timeout_s = [*self._running.values(), *self._asked], 0.0
+            waited, timeout_s = self._waited(), 0.0
         events, self._events = self._events, []
         return events
+
+    def _waited(self) -> list[Any]:
+        """Return what may have something to say."""
+        return [*(task.generator for task in self._running.values()), *self._asked]
 
     def _take(self, ready: Any) -> None:
         """Note the next message of a task, or the answer of a node."""
         if ready in self._asked:
             self._take_answer(ready)
             return
-        number = next(n for n, generator in self._running.items() if generator is ready)
+        number = next(n for n, task in self._running.items() if task.generator is ready)
         try:
             import ray
 
@@ -254,7 +272,7 @@ class RayCluster:
         """Have all nodes stop; those that do not within some seconds lose their worker."""
         import ray
 
-        running = list(self._running.values())
+        running = [task.generator for task in self._running.values()]
         self._running = {}
         for is_forced in (False, True):
             for generator in running:
@@ -279,11 +297,18 @@ def _measure(request: Request, *carried: CarriedModel) -> Iterator[Message]:
 
     from mjbench.sweep import node
 
+    parent = os.getppid()  # the node's own process, which a worker outlives while it is busy
+
+    def is_lost() -> bool:
+        return os.getppid() != parent
+
     # Ray sets it for its workers; the command is to have what whoever started Ray has set
     with contextlib.suppress(psutil.Error):
-        if _THREADS not in psutil.Process(os.getppid()).environ():
+        if _THREADS not in psutil.Process(parent).environ():
             os.environ.pop(_THREADS, None)
-    yield from node.measure(request, *carried)
+    yield from node.measure(request, *carried, is_lost=is_lost)
+    if is_lost():
+        os._exit(1)
 
 
 # -- Ray's own ----------------------------------------------------------------------------------
@@ -361,6 +386,23 @@ def _quiet() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Keep Ray's log lines about nodes and workers from standard output, where it prints them."""
+    import ray
+
+    module = ray._private.worker
+    show = getattr(module, "print_to_stdstream", None)
+    if show is None:  # another version of Ray
+        yield
+        return
+    module.print_to_stdstream = lambda *arguments, **options: None
+    try:
+        yield
+    finally:
+        module.print_to_stdstream = show
 
 
 @contextlib.contextmanager

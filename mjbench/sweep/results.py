@@ -145,12 +145,14 @@ def _named(cell: Cell, section: Section) -> CellResult:
 def _is_answer(record: Record, cell: Cell) -> bool:
     """Return whether a record is the result of a cell; one that was interrupted is none."""
     match record:
-        case VerdictRecord():
+        case VerdictRecord() if cell.kind == Kind.VERSIONS:
             names = (record.model, record.path, record.old, record.new)
             is_same = names == (cell.model, cell.path, cell.baseline, cell.release)
             is_answer = is_same and record.metric == cell.metric
         case StepRatioRecord() | InstructionsRecord():
-            is_answer = (record.model, record.release) == (cell.model, cell.release)
+            kind = Kind.HISTORY if isinstance(record, StepRatioRecord) else Kind.INSTRUCTIONS
+            given = (kind, record.model, record.release)
+            is_answer = given == (cell.kind, cell.model, cell.release)
         case _:
             return False
     return is_answer and record.status != Status.INTERRUPTED

@@ -199,17 +199,30 @@ class Scheduler:
     # -- assignments -----------------------------------------------------------------------------
 
     def assign(self, now_s: float) -> list[Assignment]:
-        """Return what nodes are to begin now; it counts as running from here on."""
+        """Return what nodes are to begin now; it counts as running from here on.
+
+        Nodes take turns, so that none has several commands while another has none.
+        """
         begun: list[Assignment] = []
-        for record in self.nodes.values():
-            while record.is_there and (cells := self._choose(record, now_s)):
-                assignment = Assignment(self._count, record.node, cells)
-                self._count += 1
-                self._running[assignment.number] = _Running(assignment, list(cells), now_s)
-                taken = set(cells)
-                self._missing = [cell for cell in self._missing if cell not in taken]
-                begun.append(assignment)
+        while turn := [
+            assignment
+            for record in self.nodes.values()
+            if record.is_there and (assignment := self._assign(record, now_s))
+        ]:
+            begun += turn
         return begun
+
+    def _assign(self, record: NodeRecord, now_s: float) -> Assignment | None:
+        """Have a node begin one command more; None where it is not to."""
+        cells = self._choose(record, now_s)
+        if not cells:
+            return None
+        assignment = Assignment(self._count, record.node, cells)
+        self._count += 1
+        self._running[assignment.number] = _Running(assignment, list(cells), now_s)
+        taken = set(cells)
+        self._missing = [cell for cell in self._missing if cell not in taken]
+        return assignment
 
     def _choose(self, record: NodeRecord, now_s: float) -> tuple[Cell, ...]:
         """Return what a node is to measure next; nothing while it may not.

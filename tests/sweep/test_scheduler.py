@@ -1,5 +1,7 @@
 """Cells are measured once each, whatever nodes do: die, refuse, come back, or share a machine."""
 
+import itertools
+
 import pytest
 from sweep_examples import count_cell, node, verdict_cell
 
@@ -107,7 +109,7 @@ def test_a_node_that_refuses_again_and_again_is_asked_less_often() -> None:
             scheduler.refuse(assignment.number, "busy", now_s)
             asked.append(now_s)
         now_s += 1.0
-    waits = [later - earlier for earlier, later in zip(asked, asked[1:], strict=False)]
+    waits = [later - earlier for earlier, later in itertools.pairwise(asked)]
     assert waits == [15.0, 30.0, 60.0, 120.0, 240.0, 300.0]
 
 
