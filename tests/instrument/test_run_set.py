@@ -93,6 +93,10 @@ def test_the_file_is_what_the_documents_say(tmp_path: Path) -> None:
     }
 
 
+def test_a_set_is_no_program(tmp_path: Path) -> None:
+    assert two_sections(tmp_path).stat().st_mode & 0o111 == 0
+
+
 def test_a_run_file_is_read_as_a_set_of_one(tmp_path: Path) -> None:
     (run,) = run_set.load_runs(written(tmp_path), TYPES)
     assert run == runs.Run(HEADER, RECORDS)
