@@ -31,6 +31,7 @@ from mjbench.cli import (  # each adds its command to the group
     selfcheck,
     show,
     site,
+    sweep,
     tune,
     versions,
     web,

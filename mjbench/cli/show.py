@@ -14,8 +14,8 @@ from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 if TYPE_CHECKING:
     from mjbench.instrument.runs import Run
 
-# Runs of a set that are printed; of more there is a list.
-_MOST_RUNS = 20
+# Runs of a set that are printed; of more there is a list. Functions of a count that are listed.
+_MOST_RUNS, _MOST_FUNCTIONS = 20, 10
 
 
 @cli.command()
@@ -68,13 +68,13 @@ def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
 def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     """Print a run; return its JSON document."""
     from mjbench.comparison.scaling import ScalingRecord
-    from mjbench.counts.records import ExplainRecord
+    from mjbench.counts.records import ExplainRecord, InstructionsRecord
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.releases.release_ratios import RatioRecord
-    from mjbench.report.counts import print_changes
-    from mjbench.report.documents import ExplainDocument
+    from mjbench.report.counts import print_changes, print_counts
+    from mjbench.report.documents import ExplainDocument, InstructionsDocument
 
     if stored.of_type(TrialRecord):
         return _selfcheck(run, stored)
@@ -87,6 +87,9 @@ def _shown(run: RunContext, stored: "Run", code: bool) -> object:
     if rows := stored.of_type(ExplainRecord):
         print_changes(run.out, rows)
         return ExplainDocument(results=rows)
+    if counts := stored.of_type(InstructionsRecord):
+        print_counts(run.out, counts, _MOST_FUNCTIONS)
+        return InstructionsDocument(results=counts)
     if stored.of_type(ScalingRecord):
         return _scaling(run, stored, code)
     return (

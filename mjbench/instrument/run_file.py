@@ -134,9 +134,14 @@ def lock(file: IO[Any]) -> None:
         pass
 
 
-def _write_line(file: TextIO, record: Record) -> None:
+def line_of(record: Record) -> str:
+    """Return a record as a run file has it, with its line break."""
     value = as_stored({"type": record.record_type, **to_json(record)})
-    file.write(json.dumps(value, allow_nan=False) + "\n")
+    return json.dumps(value, allow_nan=False) + "\n"
+
+
+def _write_line(file: TextIO, record: Record) -> None:
+    file.write(line_of(record))
     file.flush()
 
 

@@ -18,7 +18,12 @@ from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.scaling import ScalingRecord
-from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
+from mjbench.counts.records import (
+    ExplainRecord,
+    ExplainRow,
+    InstructionsRecord,
+    InstructionsRow,
+)
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
@@ -72,6 +77,7 @@ RECORD_TYPES: Mapping[str, type] = {
     StepRatioRecord.record_type: StepRatioRecord,
     OperationRatioRecord.record_type: OperationRatioRecord,
     ExplainRecord.record_type: ExplainRecord,
+    InstructionsRecord.record_type: InstructionsRecord,
     TuneRecord.record_type: TuneRecord,
     EngineTuneRecord.record_type: EngineTuneRecord,
     WebRecord.record_type: WebRecord,
