@@ -29,6 +29,7 @@ from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.results import ModelResults, PathResult, derive, derive_all
+from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
@@ -66,6 +67,11 @@ class Comparison(Measured):
     def crossovers(self) -> tuple[Crossover, ...]:
         """From how many simulations on accelerated paths overtake C."""
         return tuple(self._document().crossovers)
+
+    @property
+    def work_crossovers(self) -> tuple[WorkCrossover, ...]:
+        """From how much work per call on Ray overtakes other paths."""
+        return tuple(self._document().work_crossovers)
 
     def _document(self) -> CompareDocument:
         return CompareDocument.of(self.machine, self.models)

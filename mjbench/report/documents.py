@@ -44,6 +44,7 @@ from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
+from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
@@ -83,6 +84,7 @@ class CompareDocument:
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
+    work_crossovers: Sequence[WorkCrossover]
     scaling: Sequence[ScalingRow] = ()
     threads: Sequence[ThreadAdvice] = ()
 
@@ -96,6 +98,7 @@ class CompareDocument:
             advice=[advice for model_results in models for advice in advise(model_results)],
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
+            work_crossovers=work_crossovers(results),
         )
 
     @classmethod
@@ -112,6 +115,7 @@ class CompareDocument:
             advice=[],
             clock=[],
             crossovers=[],
+            work_crossovers=[],
             scaling=[row for search in models for row in search.rows()],
             threads=[advice for search in models for advice in search.advice()],
         )
