@@ -109,8 +109,8 @@ def compare(
 
     Args:
       *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
-      paths: names of paths (see `mjbench paths`), `c` for all C paths, `usual` for those and MJX
-        where that is installed, `module:Class` for one of your own; None for the C paths.
+      paths: names of paths (see `mjbench paths`), `c` for all C paths but `ray`, `usual` for those
+        and MJX where that is installed, `module:Class` for one of your own; None for `c`.
       threads: thread counts; None for one, and all usable cores.
       chunk: simulations that a thread takes at a time; None for the path's default.
       options: values of further options of paths by name, such as `{"pool": ["new", "kept"]}`.

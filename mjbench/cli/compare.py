@@ -79,7 +79,7 @@ class _Options:
     "path_names",
     type=Names(),
     help="Compare these (see `mjbench paths`) and python_loop, which is always added; `c` stands"
-    " for all C paths, `usual` for those and, where installed, MJX  [default: c]",
+    " for all C paths but ray, `usual` for those and, where installed, MJX  [default: c]",
 )
 @click.option(
     "--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: 1 and usable cores]"

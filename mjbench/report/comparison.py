@@ -147,7 +147,9 @@ def describe_work_crossover(row: WorkCrossover) -> str:
     variant = str(Variant(row.path, row.options))
     rival = str(Variant(row.rival.path, row.rival.options))
     if row.least:
-        return f"{row.model}: {variant} overtakes {rival} from {_call_work(row.least)} on"
+        return (
+            f"{row.model}: {variant} overtakes {rival} at {_call_work(row.least)}, of those tried"
+        )
     text = (
         f"{row.model}: {variant} does not overtake {rival} up to {_call_work(row.largest)}, where"
         f" it has {tables.factor(row.share)} of its speed"

@@ -86,8 +86,9 @@ def work_crossovers(results: Sequence[PathResult]) -> list[WorkCrossover]:
 def _sizes(results: Sequence[PathResult]) -> list[_Size]:
     """Return the sizes at which the plain loop was timed, from the least work of a call on."""
     sizes = []
+    others = [r for r in results if r.path != BASE]
     for base in (r for r in results if (r.path, r.options) == (BASE, {})):
-        same = [r for r in results if r.nbatch_asked == base.nbatch_asked]
+        same = [base, *(r for r in others if r.nbatch_asked == base.nbatch_asked)]
         assert base.nbatch and base.nstep and base.step_ns, "a timed result has sizes and a time"
         steps = base.nbatch * base.nstep
         sizes.append(_Size(CallWork(steps, 1e-6 * steps * base.step_ns.median), same))
