@@ -138,7 +138,8 @@ _WHAT = """
 model and one thread of `mujoco.rollout`. A release without rollout gets a Python loop in each
 actor. Actors are as many as usable cores, or as `--threads` says. What they return is
 bit-identical to what the plain loop returns, like that of every other C path. The path runs only
-where `--paths` names it, and needs the extra `ray`.
+where `--paths` names it, and needs the extra `ray`. `compare` never advises it: Ray starts too
+slowly to be compared again in [fresh processes](timing.md#advice).
 
 A call sends each actor the start states and controls of its share, and copies what comes back to
 one array. Both go as arguments and return values. Ray puts what is larger than 100 KB into its
