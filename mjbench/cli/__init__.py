@@ -30,6 +30,7 @@ from mjbench.cli import (  # each adds its command to the group
     selfcheck,
     show,
     site,
+    sweep,
     tune,
     versions,
 )

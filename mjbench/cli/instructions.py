@@ -4,9 +4,18 @@ from pathlib import Path
 
 import click
 
-from mjbench.cli.context import RunContext
+from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.group import cli
-from mjbench.cli.shared import COUNT, JSON, SIZES, Seconds, check_sizes, start_plan, with_options
+from mjbench.cli.shared import (
+    COUNT,
+    JSON,
+    RESULTS,
+    SIZES,
+    Seconds,
+    check_sizes,
+    start_plan,
+    with_options,
+)
 
 
 @cli.command()
@@ -33,7 +42,7 @@ from mjbench.cli.shared import COUNT, JSON, SIZES, Seconds, check_sizes, start_p
     show_default=True,
     help="Kill a release's process that finishes no model for this long.",
 )
-@with_options(*SIZES, JSON)
+@with_options(*SIZES, RESULTS, JSON)
 def instructions(
     names: tuple[str, ...],
     releases: tuple[str, ...],
@@ -46,6 +55,7 @@ def instructions(
     settle_s: float | None,
     states_file: Path | None,
     actions_file: Path | None,
+    results: Path,
     json_file: str | None,
 ) -> None:
     """Count instructions per step, by function and stage; within 0.1 % the same on any machine.
@@ -70,15 +80,24 @@ def instructions(
     specs = [installs.parse_release(name) for name in releases or (installs.INSTALLED,)]
     files = [source.path for source in sources] + [wheel for s in specs for wheel in s.wheels]
     files += starts.files
+    sizes = Sizes(nbatch, nstep, hold, seed, starts)
+    arguments = {
+        "sizes": sizes,
+        "releases": [spec.key for spec in specs],
+        "models": [source.name for source in sources],
+    }
     model_counts: list[ModelCount] = []
     with (
-        RunContext("instructions", json_file, files) as run,
-        InstructionCounter(Sizes(nbatch, nstep, hold, seed, starts)) as counter,
+        RunContext("instructions", json_file, files, Storage(results, arguments)) as run,
+        InstructionCounter(sizes) as counter,
     ):
         with run.progress(len(specs)) as advance:
             for number, spec in enumerate(specs):
                 advance(number, f"MuJoCo {spec.version}", 0.0)
-                model_counts += counter.count(spec, sources, limit_s)
+                counted = counter.count(spec, sources, limit_s)
+                for count in counted:
+                    run.record(count.record())
+                model_counts += counted
         counts.print_counts(run.out, model_counts, top)
         run.write(InstructionsDocument(results=[count.row() for count in model_counts]))
     run.exit(count.status for count in model_counts)

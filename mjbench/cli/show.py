@@ -13,6 +13,9 @@ from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 if TYPE_CHECKING:
     from mjbench.instrument.runs import Run
 
+# Functions of a count that are listed.
+_MOST_FUNCTIONS = 10
+
 
 @cli.command()
 @click.argument("file", required=False, type=click.Path(path_type=Path))
@@ -27,14 +30,14 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
       mjbench show results/runs/run.jsonl --code
     """
     from mjbench.comparison.scaling import ScalingRecord
-    from mjbench.counts.records import ExplainRecord
+    from mjbench.counts.records import ExplainRecord, InstructionsRecord
     from mjbench.instrument import runs
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.releases.release_ratios import RatioRecord
-    from mjbench.report.counts import print_changes
-    from mjbench.report.documents import RECORD_TYPES, ExplainDocument
+    from mjbench.report.counts import print_changes, print_counts
+    from mjbench.report.documents import RECORD_TYPES, ExplainDocument, InstructionsDocument
 
     file = file or runs.latest(results)
     stored = runs.load(file, RECORD_TYPES)
@@ -51,6 +54,9 @@ def show(file: Path | None, code: bool, results: Path, json_file: str | None) ->
             rows = stored.of_type(ExplainRecord)
             print_changes(run.out, rows)
             run.write(ExplainDocument(results=rows))
+        elif counts := stored.of_type(InstructionsRecord):
+            print_counts(run.out, counts, _MOST_FUNCTIONS)
+            run.write(InstructionsDocument(results=counts))
         elif stored.of_type(ScalingRecord):
             _show_scaling(run, stored, code)
         elif not _show_loops(run, stored, code):

@@ -12,7 +12,7 @@ from mjbench.cli import paired_options
 from mjbench.cli.context import OutputOptions, RunContext, Storage
 from mjbench.cli.fail_on import FAIL_ON, FailOn, Finding
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JUDGING, SIZES, STORING, Names, with_options
+from mjbench.cli.shared import COUNT, JUDGING, SIZES, STORING, Names, with_options
 from mjbench.errors import InputError
 from mjbench.paired.outcomes import Metric
 from mjbench.status import ExitCode
@@ -51,6 +51,12 @@ if TYPE_CHECKING:
     " machine, but they need valgrind; they are those of the engine alone, and --confidence,"
     " --precision, --time-limit and --as-shipped do not apply.",
 )
+@click.option(
+    "--family",
+    type=COUNT,
+    help="Number of comparisons that are decided together, where other commands do some of them: a"
+    " change needs more evidence  [default: those of this command]",
+)
 @with_options(*FAIL_ON, *JUDGING, *SIZES, *STORING)
 def versions(
     names: tuple[str, ...],
@@ -58,6 +64,7 @@ def versions(
     news: tuple[str, ...],
     path_names: list[str] | None,
     metric: str,
+    family: int | None,
     findings: list[Finding],
     allow_inconclusive: bool,
     results: Path,
@@ -100,7 +107,7 @@ def versions(
         comparison = InstructionComparison(baseline, candidates, sources, plan.min_effect)
         sys.exit(_compare_instructions(comparison, plan, fail_on, output))
     pairs = targets.of_releases(baseline, candidates, sources, path_names)
-    plan = replace(plan, family=len(pairs))
+    plan = replace(plan, family=max(len(pairs), family or 1))
     sys.exit(paired_options.compare_targets("versions", pairs, plan, fail_on, output))
 
 

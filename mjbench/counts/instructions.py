@@ -17,13 +17,14 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mjbench.counts import callgrind, counted_program, messages
 from mjbench.counts.callgrind import CodePlace
 from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
-from mjbench.counts.records import FunctionCount, InstructionsRow
+from mjbench.counts.records import FunctionCount, InstructionsRecord, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
 from mjbench.instrument import child, platforms, scratch
@@ -74,8 +75,14 @@ class ModelCount(InstructionsRow):
 
     def row(self) -> InstructionsRow:
         """Return the row of `mjbench instructions --json`."""
-        names = [f.name for f in fields(InstructionsRow)]
-        return InstructionsRow(**{name: getattr(self, name) for name in names})
+        return InstructionsRow(**self._row_fields())
+
+    def record(self) -> InstructionsRecord:
+        """Return the row as a run file stores it."""
+        return InstructionsRecord(**self._row_fields())
+
+    def _row_fields(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in fields(InstructionsRow)}
 
 
 def unavailable() -> str | None:

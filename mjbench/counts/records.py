@@ -71,6 +71,13 @@ class InstructionsRow:
     starts: Starts | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class InstructionsRecord(InstructionsRow):
+    """A row as a run file stores it."""
+
+    record_type: ClassVar[str] = "instructions"
+
+
 @dataclass(frozen=True)
 class CountPair:
     """Instructions per step in both releases; None where they were not counted."""

@@ -7,6 +7,8 @@ Parts of this module also run inside the environments of old releases, where psu
 see `available_memory_bytes`.
 """
 
+import hashlib
+import hmac
 import importlib.metadata
 import math
 import os
@@ -14,11 +16,12 @@ import platform
 import subprocess
 import sys
 import threading
+import uuid
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError
+from mjbench.errors import InputError, one_line
 from mjbench.instrument import platforms
 
 if TYPE_CHECKING:
@@ -47,6 +50,9 @@ _FLAGS = (
     "GLIBC_TUNABLES",
     "LD_PRELOAD",
 )
+# The environment variable with the user's name for this machine, and the longest such name.
+LABEL_VARIABLE = "MJBENCH_MACHINE"
+_LABEL_LENGTH = 40
 # XML of a body that costs about a microsecond a step and touches little memory.
 _SPINNER = (
     "<mujoco><option gravity='0 0 0'/><worldbody><body><joint type='hinge'/>"
@@ -221,6 +227,9 @@ class Machine:
       python: its version.
       versions: of the packages that a result depends on, by name.
       flags: environment variables that change speed or results, by name.
+      label: the user's name for this machine, from MJBENCH_MACHINE; empty without one.
+      host: a hash that tells machines apart without naming them (see `host_hash`); empty where it
+        is unknown, and in older files.
     """
 
     cpu: str
@@ -236,6 +245,8 @@ class Machine:
     python: str
     versions: dict[str, str]
     flags: dict[str, str] = field(default_factory=dict)
+    label: str = ""
+    host: str = ""
 
 
 def describe() -> Machine:
@@ -256,6 +267,8 @@ def describe() -> Machine:
         python=platform.python_version(),
         versions={name: version for name in _PACKAGES if (version := _version(name))},
         flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
+        label=one_line(os.environ.get(LABEL_VARIABLE, ""), _LABEL_LENGTH),
+        host=host_hash(),
     )
 
 
@@ -299,6 +312,27 @@ def cpu_name() -> str:
     """Return the name of the processor."""
     name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
     return name or platform.processor() or platform.machine()
+
+
+def host_hash() -> str:
+    """Return ten hexadecimal digits that differ from machine to machine and do not name any.
+
+    They are an HMAC of the host's name, keyed with what nobody outside knows: the machine's id
+    (machine-id(5), which must not be published), else the address of a network card. Both go in,
+    because containers of one image share the id, and machines may share a name. Empty where there
+    is no key: a container that has neither.
+    """
+    key = read_text("/etc/machine-id") or _network_address()
+    if not key:
+        return ""
+    return hmac.new(key.encode(), platform.node().encode(), hashlib.sha256).hexdigest()[:10]
+
+
+def _network_address() -> str:
+    """Return the hardware address of a network card; empty where Python finds none."""
+    address = uuid.getnode()
+    # where it finds none, it draws a number with this bit set
+    return "" if address >> 40 & 1 else f"{address:012x}"
 
 
 def is_virtual() -> bool:

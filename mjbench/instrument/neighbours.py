@@ -65,6 +65,26 @@ def shared_folder() -> Path:
     return root / _FOLDER
 
 
+def measuring_now(
+    folder: Path | None = None, sleep: Callable[[float], None] = time.sleep
+) -> list[Neighbour]:
+    """Return the processes that measure, without taking part; none where nothing is noticed.
+
+    Args:
+      folder: shared by all that measure; None for that of this machine.
+      sleep: waits for seconds.
+    """
+    if sys.platform == "win32":
+        return []
+    folder = folder or shared_folder()
+    try:
+        _create_shared_folder(folder)
+        with _entry_lock(folder / _ENTRY_LOCK, sleep):
+            return [neighbour for _, neighbour in _others(folder)]
+    except OSError:
+        return []
+
+
 class Presence:
     """This process among those that measure; a context manager, which leaves at its end."""
 
@@ -108,7 +128,7 @@ class Presence:
             while True:
                 _create_shared_folder(self._folder)
                 with _entry_lock(self._folder / _ENTRY_LOCK, sleep):
-                    others = list(self._others())
+                    others = list(_others(self._folder))
                     if not (wait and others):
                         self._announce(others)
                         return [neighbour for _, neighbour in others]
@@ -142,19 +162,24 @@ class Presence:
             with contextlib.suppress(OSError), _opened(other, os.O_WRONLY | os.O_APPEND) as opened:
                 os.write(opened, line.encode())
 
-    def _others(self) -> Iterator[tuple[Path, Neighbour]]:
-        """Yield the files of processes that measure; remove those of processes that are gone."""
-        for path in sorted(self._folder.iterdir()):
-            if not _NAME.fullmatch(path.name):
-                continue
-            with contextlib.suppress(OSError):
-                try:
-                    with _opened(path, os.O_RDONLY) as descriptor:
-                        platforms.lock_file(descriptor, shared=True, wait=False)
-                        path.unlink(missing_ok=True)  # its lock is free: its process is gone
-                except BlockingIOError:
-                    first, *_ = [*_lines(path), ""]
-                    yield path, _parse(first) or Neighbour(0, "")
+
+def _others(folder: Path) -> Iterator[tuple[Path, Neighbour]]:
+    """Yield the files of processes that measure; remove those of processes that are gone.
+
+    Raises:
+      OSError: the folder cannot be read.
+    """
+    for path in sorted(folder.iterdir()):
+        if not _NAME.fullmatch(path.name):
+            continue
+        with contextlib.suppress(OSError):
+            try:
+                with _opened(path, os.O_RDONLY) as descriptor:
+                    platforms.lock_file(descriptor, shared=True, wait=False)
+                    path.unlink(missing_ok=True)  # its lock is free: its process is gone
+            except BlockingIOError:
+                first, *_ = [*_lines(path), ""]
+                yield path, _parse(first) or Neighbour(0, "")
 
 
 def _lines(path: Path) -> list[str]:

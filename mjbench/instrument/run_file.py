@@ -40,7 +40,7 @@ class RunFile:
             with contextlib.ExitStack() as on_error:
                 path, file = _open_new(folder, header.command)
                 on_error.callback(_discard, path, file)
-                _lock(file)
+                lock(file)
                 _write_line(file, header)
                 on_error.pop_all()
         except (OSError, ValueError) as error:
@@ -67,9 +67,9 @@ class RunFile:
                 files.replacing(path) as partial,
                 contextlib.ExitStack() as on_error,
             ):
-                _lock(earlier)
+                lock(earlier)
                 file = on_error.enter_context(partial.open("w", encoding="utf-8"))
-                _lock(file)
+                lock(file)
                 for record in (header, *records):
                     _write_line(file, record)
                 if partial.read_bytes() != path.read_bytes():
@@ -120,8 +120,8 @@ def _link(path: Path, name: Path) -> None:
         name.write_bytes(path.read_bytes())
 
 
-def _lock(file: IO[Any]) -> None:
-    """Lock a run file as long as it is open: it cannot be continued while it is written.
+def lock(file: IO[Any]) -> None:
+    """Lock a file of runs as long as it is open: it cannot be continued while it is written.
 
     Raises:
       OSError: another process writes it.
@@ -134,9 +134,14 @@ def _lock(file: IO[Any]) -> None:
         pass
 
 
-def _write_line(file: TextIO, record: Record) -> None:
+def line_of(record: Record) -> str:
+    """Return a record as a run file has it, with its line break."""
     value = as_stored({"type": record.record_type, **to_json(record)})
-    file.write(json.dumps(value, allow_nan=False) + "\n")
+    return json.dumps(value, allow_nan=False) + "\n"
+
+
+def _write_line(file: TextIO, record: Record) -> None:
+    file.write(line_of(record))
     file.flush()
 
 

@@ -9,7 +9,7 @@ import contextlib
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -147,38 +147,73 @@ def load(path: Path, record_types: Mapping[str, type]) -> Run:
     Raises:
       InputError: not a run file, one of another format, or a record that does not fit its type.
     """
-    lines, is_torn = _lines(path)
-    if not lines or not isinstance(lines[0], dict) or lines[0].get("type") != "run":
-        raise InputError(f"{path}: not a run file (its first line must be the run's header)")
-    if lines[0].get("schema") != SCHEMA:
+    return parse(path, read_lines(path), record_types)
+
+
+def read_lines(path: Path) -> list[bytes]:
+    """Return the lines of a file with their line breaks, which the last one may lack.
+
+    Raises:
+      InputError: it is not a file, or cannot be read.
+    """
+    try:
+        if not (path.is_file() or path.is_fifo() or not path.exists()):
+            raise InputError(f"{path}: not a file")
+        with path.open("rb") as file:
+            return file.readlines()
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read {path}: {reason(error)}") from error
+
+
+def parse(
+    path: Path,
+    lines: Sequence[bytes],
+    record_types: Mapping[str, type],
+    first_number: int = 1,
+    may_be_torn: bool = True,
+) -> Run:
+    """Return the run that lines of a file hold.
+
+    Args:
+      path: of the file, for messages.
+      lines: with the run's header first.
+      record_types: the class of each record by its `type`.
+      first_number: number of the first of these lines in the file.
+      may_be_torn: whether a last line that is not JSON is left out; else it is refused.
+
+    Raises:
+      InputError: no run, one of another format, or a record that does not fit its type.
+    """
+    values, is_torn = _values(path, lines, first_number, may_be_torn)
+    where = path if first_number == 1 else f"{path}, line {first_number}"
+    if not values or not isinstance(values[0], dict) or values[0].get("type") != "run":
+        raise InputError(f"{where}: not a run file (its first line must be the run's header)")
+    if values[0].get("schema") != SCHEMA:
         raise InputError(
-            f"{path}: format {lines[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
+            f"{where}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
         )
     types = {**record_types, RunHeader.record_type: RunHeader}
-    header, *records = (_typed(path, n, line, types) for n, line in enumerate(lines, 1))
-    for number, record in enumerate(records, 2):
+    numbered = enumerate(values, first_number)
+    header, *records = (_typed(path, number, value, types) for number, value in numbered)
+    for number, record in enumerate(records, first_number + 1):
         if isinstance(record, RunHeader):
             raise InputError(f"{path}, line {number}: a second header")
     return Run(header, tuple(records), is_torn)
 
 
-def _lines(path: Path) -> tuple[list[Any], bool]:
+def _values(
+    path: Path, lines: Sequence[bytes], first_number: int, may_be_torn: bool
+) -> tuple[list[Any], bool]:
     """Return the JSON value of each line, and whether a last line that was cut short is left out.
 
     What is not JSON is refused, so NaN as well, which Python's own parser reads.
     """
-    try:
-        if not (path.is_file() or path.is_fifo() or not path.exists()):
-            raise InputError(f"{path}: not a file")
-        texts = path.read_bytes().splitlines()
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read {path}: {reason(error)}") from error
-    values = []
-    for number, text in enumerate(texts, 1):
+    values: list[Any] = []
+    for number, line in enumerate(lines, first_number):
         try:
-            values.append(_printable_texts(msgspec.json.decode(text)))
+            values.append(_printable_texts(msgspec.json.decode(line)))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            if number == len(texts) and values:
+            if may_be_torn and len(values) + 1 == len(lines) and values:
                 return values, True  # the writer was killed in the middle of its last line
             raise InputError(f"{path}, line {number}: not JSON; not a run file?") from error
     return values, False

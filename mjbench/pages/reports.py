@@ -8,7 +8,7 @@ from pathlib import Path
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
-from mjbench.counts.records import ExplainRecord
+from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import Run
@@ -138,6 +138,7 @@ def _sections(named: NamedRun) -> Iterator[Section]:
     yield from tuning.sections(run.of_type(TuneRecord), command)
     yield from tuning.engine_sections(run.of_type(EngineTuneRecord), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
+    yield from verdicts.count_sections(run.of_type(InstructionsRecord), command)
     if trials := run.of_type(TrialRecord):
         yield _selfcheck_section(trials, command)
     if spreads := run.of_type(SpreadRecord):

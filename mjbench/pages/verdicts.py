@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from mjbench.counts.function_differences import NetDifference, largest_differences
-from mjbench.counts.records import ExplainRow
+from mjbench.counts.records import ExplainRow, InstructionsRow
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.paired import family
@@ -160,6 +160,29 @@ def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[S
         changes = largest_differences(row.functions, _MOST_FUNCTIONS)
         figures = [_function_figure(changes, old)] if changes else []
         yield Section(heading, command, [conclusion], figures)
+
+
+def count_sections(rows: Sequence[InstructionsRow], command: str) -> Iterator[Section]:
+    """Yield one section with the instructions of all models and releases; none without rows."""
+    if not rows:
+        return
+    columns = (
+        Column("model"),
+        Column("release"),
+        Column("instructions per step", 6),
+        Column("outside the engine", 6),
+        Column("why not"),
+    )
+    cells = [
+        (r.model, r.release, r.instructions_per_step, r.outside_per_step, r.detail) for r in rows
+    ]
+    failed = [
+        Conclusion(f"{r.model}, MuJoCo {r.release}: not counted ({r.status})", Tone.BAD)
+        for r in rows
+        if r.instructions_per_step is None
+    ]
+    table = DataTable("Instructions", columns, cells)
+    yield Section("Instructions", command, failed, tables=[table])
 
 
 def _function_figure(changes: Sequence[NetDifference], total: float) -> Figure:

@@ -7,12 +7,12 @@ from rich.console import Console
 from mjbench.counts import explain
 from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differences
 from mjbench.counts.instructions import ModelCount
-from mjbench.counts.records import ExplainRow, FunctionDifference
+from mjbench.counts.records import ExplainRow, FunctionDifference, InstructionsRow
 from mjbench.report import tables
 from mjbench.status import Status
 
 
-def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
+def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> None:
     """Print instructions per step of every model and release, then stages and functions of each.
 
     Args:
@@ -36,7 +36,7 @@ def print_counts(out: Console, counts: Sequence[ModelCount], top: int) -> None:
             _print_functions(out, count, count.instructions_per_step, top)
 
 
-def _print_functions(out: Console, count: ModelCount, total: float, top: int) -> None:
+def _print_functions(out: Console, count: InstructionsRow, total: float, top: int) -> None:
     out.print(f"\n{count.model}, MuJoCo {count.release}")
     for line in [*tables.starts_lines(count.starts), *tables.warning_lines(count.warnings)]:
         out.print(line, soft_wrap=True)

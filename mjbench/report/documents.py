@@ -18,10 +18,16 @@ from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.scaling import ScalingRecord
-from mjbench.counts.records import ExplainRecord, ExplainRow, InstructionsRow
+from mjbench.counts.records import (
+    ExplainRecord,
+    ExplainRow,
+    InstructionsRecord,
+    InstructionsRow,
+)
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.run_set import SectionHeader, SetHeader
 from mjbench.instrument.runs import SCHEMA, RunHeader
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
@@ -69,6 +75,7 @@ RECORD_TYPES: Mapping[str, type] = {
     StepRatioRecord.record_type: StepRatioRecord,
     OperationRatioRecord.record_type: OperationRatioRecord,
     ExplainRecord.record_type: ExplainRecord,
+    InstructionsRecord.record_type: InstructionsRecord,
     TuneRecord.record_type: TuneRecord,
     EngineTuneRecord.record_type: EngineTuneRecord,
 }
@@ -367,20 +374,29 @@ DOCUMENTS: Mapping[str, type] = {
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas by file name without its suffix: one a document, and `run-file`.
+    """Return the JSON Schemas by file name without its suffix.
 
-    The schema of `run-file` describes one line.
+    There is one a document, `run-file` for a line of a run file, and `run-set` for a line of a set
+    that is none of a run file.
     """
     schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
-    lines = [_record_schema(kind) for kind in (RunHeader, *RECORD_TYPES.values())]
+    title = "one line of a run file of mjbench"
+    schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)
+    title = "one line of a run set of mjbench that is none of a run file"
+    schemas["run-set"] = _lines_schema([SetHeader, SectionHeader], title)
+    return schemas
+
+
+def _lines_schema(kinds: Sequence[type], title: str) -> dict[str, Any]:
+    """Return the schema of a line that is one of several records."""
+    lines = [_record_schema(kind) for kind in kinds]
     definitions = {name: d for line in lines for name, d in line.pop("$defs").items()}
-    schemas["run-file"] = {
+    return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "one line of a run file of mjbench",
+        "title": title,
         "anyOf": lines,
         "$defs": definitions,
     }
-    return schemas
 
 
 def _schema(kind: type, title: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
-from mjbench.counts.records import ExplainRecord
+from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument import runs
 from mjbench.instrument.runs import Run, to_json
@@ -84,6 +84,7 @@ def _results(run: Run) -> Iterator[object]:
         yield from tuning_accelerated.rows(engine_search)
     yield from run.of_type(RatioRecord)
     yield from run.of_type(ExplainRecord)
+    yield from run.of_type(InstructionsRecord)
 
 
 def _flattened(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Cell]]:

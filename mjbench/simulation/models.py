@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjbench.errors import InputError, one_line, shown, suggestion
+from mjbench.simulation import carried_models
 
 if TYPE_CHECKING:
     import mujoco
@@ -80,6 +81,8 @@ def resolve(name: str) -> ModelSource:
       UnknownModelError: the name has none of the forms of a model's name.
       InputError: there is no such model, or its file cannot be read.
     """
+    if carried := carried_models.find(name):
+        return ModelSource(name, carried)
     if name in shipped():
         return ModelSource(name, shipped_folder() / f"{name}.xml")
     path = _expanded(name)

@@ -109,3 +109,36 @@ def test_a_system_that_does_not_know_of_a_host_has_nothing_stolen(
     times = namedtuple("times", "user nice system idle")
     monkeypatch.setattr(psutil, "cpu_times", lambda: times(10, 1, 5, 100))
     assert machine.ProcessorTime.now() == machine.ProcessorTime(16, 0.0)
+
+
+def host_of(monkeypatch: pytest.MonkeyPatch, machine_id: str, address: int, name: str) -> str:
+    monkeypatch.setattr(machine, "read_text", lambda path: machine_id)
+    monkeypatch.setattr(machine.uuid, "getnode", lambda: address)
+    monkeypatch.setattr(machine.platform, "node", lambda: name)
+    return machine.host_hash()
+
+
+def test_a_host_is_told_apart_by_its_id_and_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    hosts = [
+        host_of(monkeypatch, machine_id, address, name)
+        for machine_id in ("1" * 32, "2" * 32, "")
+        for address in (0x02FC00000001, 0x02FC00000002)
+        for name in ("alpha", "beta")
+    ]
+    # with an id, the network card makes no difference
+    assert len(set(hosts)) == 2 * 2 + 2 * 2
+    assert all(len(host) == 10 and int(host, 16) >= 0 for host in hosts)
+
+
+def test_a_host_without_an_id_of_its_own_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn_by_python = 0x02FC00000001 | 1 << 40
+    assert host_of(monkeypatch, "", drawn_by_python, "alpha") == ""
+
+
+def test_the_user_names_a_machine_by_a_variable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(machine.LABEL_VARIABLE, raising=False)
+    assert machine.describe().label == ""
+    monkeypatch.setenv(machine.LABEL_VARIABLE, " lab\n 1\x1b" + "x" * 99)
+    label = machine.describe().label
+    assert label.startswith("lab 1\\x1bxx")
+    assert len(label) == 40

@@ -1,0 +1,221 @@
+"""`mjbench sweep`: a matrix of models, releases, paths and machines, on the nodes of a cluster."""
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjbench.cli.context import RunContext
+from mjbench.cli.group import cli, report_line
+from mjbench.cli.shared import check_sizes
+from mjbench.errors import InputError, MachineError
+from mjbench.status import FINISHED
+
+if TYPE_CHECKING:
+    from mjbench.instrument.run_set import RunSetFile
+    from mjbench.sweep.cells import Cell
+    from mjbench.sweep.executor import LeftOut
+    from mjbench.sweep.matrix import Matrix
+    from mjbench.sweep.results import CellResult, Outcome
+    from mjbench.sweep.run import Progress, Summary
+
+# Where run sets of sweeps are stored unless -o says otherwise.
+SWEEPS_FOLDER = Path("results/sweeps")
+
+
+@dataclass(frozen=True)
+class _Options:
+    """The options of the command, as click parses them."""
+
+    address: str | None
+    dry_run: bool
+    retry: bool
+
+
+@cli.command()
+@click.argument("plan", metavar="PLAN.toml", type=click.Path(path_type=Path))
+@click.option(
+    "--address",
+    metavar="HOST:PORT|auto",
+    help="Cluster of Ray to measure on; `auto` is the one that this machine belongs to"
+    "  [default: this machine alone]",
+)
+@click.option(
+    "-o",
+    "--output",
+    metavar="SET.jsonl",
+    type=click.Path(path_type=Path),
+    help="Run set to write; what it already has is not measured again"
+    "  [default: results/sweeps/PLAN.jsonl]",
+)
+@click.option("--dry-run", is_flag=True, help="Print what would be measured; measure nothing.")
+@click.option(
+    "--retry",
+    is_flag=True,
+    help="Measure cells again that failed; how they failed stays in the run set, too.",
+)
+def sweep(plan: Path, output: Path | None, **options: object) -> None:
+    """Measure all that PLAN.toml asks for, on all nodes of a cluster, each result once.
+
+    The plan names models, releases, paths, metrics and machines. Each node runs ordinary commands
+    of mjbench, alone on its machine, after it has looked whether that is quiet. Results are stored
+    as they come. When a node dies, another one does its work. Give the same command again after an
+    interruption, or with a longer plan: only what is missing is measured.
+
+    It needs Ray, the extra `ray`.
+
+    \b
+    Example of a plan:
+      models = ["humanoid", "robot.xml"]
+      releases = ["3.3.0", "3.17.0", "4.0.0"]
+
+    \b
+    Examples:
+      mjbench sweep plan.toml --dry-run
+      mjbench sweep plan.toml
+      mjbench sweep plan.toml --address auto
+    """
+    from mjbench.sweep import matrix, software
+    from mjbench.sweep import plan as plans
+
+    chosen = _Options(**options)  # type: ignore[arg-type]
+    with RunContext("sweep", inputs=[plan]) as run:
+        cells = matrix.build(plans.load(plan, check_command), software.installed())
+        target = output or SWEEPS_FOLDER / f"{plan.stem}.jsonl"
+        if chosen.dry_run:
+            _print_plan(run, cells, _stored(target, cells))
+            return
+        _sweep(run, cells, target, chosen)
+
+
+def check_command(words: Sequence[str]) -> None:
+    """Parse a command line of mjbench without running it.
+
+    Raises:
+      InputError: an option has a value that its command does not take.
+    """
+    command: click.Command = cli
+    rest = list(words)
+    while isinstance(command, click.Group):
+        name, found, rest = command.resolve_command(click.Context(command), rest)
+        assert found is not None, name
+        command = found
+    try:
+        with command.make_context(command.name, rest) as context:
+            values = context.params
+    except click.BadParameter as error:
+        raise InputError(error.message) from None
+    except click.UsageError as error:
+        raise InputError(error.format_message()) from None
+    check_sizes(values.get("nstep"), values.get("hold") or 1)
+
+
+def _print_plan(run: RunContext, matrix: "Matrix", stored: "dict[Cell, Outcome]") -> None:
+    """Print the cells of a plan, and what there is of them."""
+    from mjbench.report import sweep as report
+    from mjbench.sweep.estimate import estimate
+
+    report.print_cells(run.out, matrix.cells, stored)
+    run.out.print()
+    report.print_estimates(run.out, estimate(matrix.cells, stored))
+
+
+def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -> None:
+    """Measure what is missing, and end with the exit code."""
+    from mjbench.report import sweep as report
+
+    with contextlib.closing(_open(target)) as file:
+        stored = _stored(target, matrix)
+        done = [cell for cell, how in stored.items() if not options.retry or how.status in FINISHED]
+        if len(done) == len(matrix.cells):
+            run.out.print(f"All {len(done)} cells are done; nothing was measured.")
+            report.print_failures(run.out, stored)
+            summary = None
+        else:
+            summary = _measure(run, matrix, done, file, options.address)
+            stored |= {result.cell: result.outcome for result in summary.results}
+            report.print_summary(run.out, summary, stored)
+    run.out.print(f"\nRun set: {target}", soft_wrap=True)
+    run.out.print(f"Report: mjbench report {target}", soft_wrap=True)
+    if summary and summary.is_interrupted:
+        run.interrupt()
+    elif summary and summary.missing:
+        reasons = "; ".join(summary.reasons)
+        raise MachineError(
+            f"{len(summary.missing)} of {len(matrix.cells)} cells are not measured: {reasons}"
+        )
+    run.exit(outcome.status for outcome in stored.values())
+
+
+def _measure(
+    run: RunContext,
+    matrix: "Matrix",
+    done: "Sequence[Cell]",
+    file: "RunSetFile",
+    address: str | None,
+) -> "Summary":
+    """Measure what is missing on a cluster."""
+    from mjbench.report import sweep as report
+    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.sweep.ray_cluster import RayCluster
+    from mjbench.sweep.run import Sweep
+
+    def store(result: "CellResult") -> None:
+        file.append(result.section)
+
+    def on_left_out(left_out: "LeftOut") -> None:
+        report_line(f"{left_out.name} is left out: {left_out.reason}")
+
+    with run.progress(len(matrix.cells)) as advance, RayCluster(address) as cluster:
+
+        def on_progress(progress: "Progress") -> None:
+            advance(progress.done, report.describe_progress(progress), 0.0)
+
+        sweep = Sweep(
+            matrix,
+            done,
+            cluster,
+            store,
+            RECORD_TYPES,
+            on_progress=on_progress,
+            on_left_out=on_left_out,
+        )
+        sweep.take_nodes(cluster.ask_nodes())
+        return sweep.measure()
+
+
+def _open(target: Path) -> "RunSetFile":
+    """Open a run set, or create it.
+
+    Raises:
+      InputError: there is another file of this name.
+      MachineError: it cannot be written.
+    """
+    from mjbench.errors import writing
+    from mjbench.instrument.run_set import RunSetFile
+
+    if target.exists():
+        return RunSetFile.open(target)
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+    return RunSetFile.create(target)
+
+
+def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
+    """Return how the cells ended that a run set has; the last result of each counts.
+
+    Raises:
+      InputError: it is no run set.
+    """
+    from mjbench.instrument import run_set
+    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.sweep import results
+
+    if not target.exists():
+        return {}
+    sections = run_set.read(target, RECORD_TYPES).sections
+    by_key = {section.cell: section.run for section in sections if section.cell}
+    return {cell: results.outcome(by_key[cell.key]) for cell in matrix.cells if cell.key in by_key}

@@ -1,0 +1,359 @@
+"""The run set: runs of one or several machines in one file, each as its run file has it.
+
+The first line says that it is a set. Then follow sections: a line that says how many lines follow
+and which SHA-256 they have, and those lines, which are a run file's. A section is written at once;
+one that was cut short, because its writer was killed, is left out, and cut off when the file is
+continued. Nothing else in the file ever changes. docs/formats.md describes it.
+"""
+
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import re
+import stat
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import ClassVar, TypeVar
+
+import msgspec
+
+from mjbench.errors import InputError, MachineError, one_line, printable
+from mjbench.instrument.run_file import lock
+from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, reason
+
+# A line that begins a set or a section: none of a run file's.
+_OWN_LINE = re.compile(rb'\s*\{\s*"type"\s*:\s*"(set|section)"')
+
+_Header = TypeVar("_Header", "SetHeader", "SectionHeader")
+
+
+@dataclass(frozen=True)
+class SetHeader:
+    """The first line of a run set.
+
+    Attributes:
+      schema: version of the format.
+    """
+
+    record_type: ClassVar[str] = "set"
+    schema: int = SCHEMA
+
+
+@dataclass(frozen=True)
+class SectionHeader:
+    """The line before the lines of a run.
+
+    Attributes:
+      lines: how many lines of a run file follow.
+      sha256: of these lines as bytes, with their line breaks, in hexadecimal.
+      cell: what of a sweep they are; empty otherwise.
+    """
+
+    record_type: ClassVar[str] = "section"
+    lines: int
+    sha256: str
+    cell: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A run within a set.
+
+    Attributes:
+      cell: what of a sweep it is; empty otherwise.
+      run: that was measured.
+      lines: of its run file, as bytes, each with its line break.
+    """
+
+    cell: str
+    run: Run
+    lines: tuple[bytes, ...]
+
+    @functools.cached_property
+    def sha256(self) -> str:
+        """Of the lines, in hexadecimal; sections with equal ones are the same."""
+        return hashlib.sha256(b"".join(self.lines)).hexdigest()
+
+    def continues(self, other: "Section") -> bool:
+        """Return whether this is a later state of the same run file: it begins with the other."""
+        count = len(other.lines)
+        return len(self.lines) > count and self.lines[:count] == other.lines
+
+
+@dataclass(frozen=True)
+class RunSet:
+    """A run set, read back.
+
+    Attributes:
+      sections: in the order they were written.
+      is_torn: whether its last section was cut short, and left out.
+    """
+
+    sections: tuple[Section, ...]
+    is_torn: bool = False
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Each run once: a section that another repeats or continues is left out."""
+        return tuple(section.run for section in distinct(self.sections))
+
+
+def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
+    """Return the sections without those that an earlier one repeats or another continues."""
+    unique = tuple({section.sha256: section for section in sections}.values())
+    of_header: dict[bytes, list[Section]] = defaultdict(list)
+    for section in unique:
+        of_header[section.lines[0]].append(section)
+    return tuple(
+        s for s in unique if not any(other.continues(s) for other in of_header[s.lines[0]])
+    )
+
+
+class RunSetFile:
+    """A run set that is being written; it is locked while it is open.
+
+    Attributes:
+      path: of the file.
+    """
+
+    def __init__(self, path: Path, file: FileIO):
+        """Append to an open file; `create` and `open` open one."""
+        self.path, self._file = path, file
+
+    @classmethod
+    def create(cls, path: Path) -> "RunSetFile":
+        """Create a file with no section; its folder must be there.
+
+        Raises:
+          MachineError: there is a file of this name, or it cannot be written.
+        """
+        try:
+            file = _open(path, os.O_CREAT | os.O_EXCL)
+        except (OSError, ValueError) as error:
+            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+        try:
+            _begin_or_repair(path, file)
+        except OSError as error:
+            file.close()
+            path.unlink(missing_ok=True)
+            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+        return cls(path, file)
+
+    @classmethod
+    def open(cls, path: Path) -> "RunSetFile":
+        """Open a file for more sections, and cut off what a killed writer left unfinished.
+
+        Raises:
+          InputError: it is no run set, or it is damaged; then nothing changes.
+          MachineError: there is none, it cannot be written, or another process is writing it.
+        """
+        try:
+            with contextlib.ExitStack() as on_error:
+                file = on_error.enter_context(_open(path))
+                _begin_or_repair(path, file)
+                on_error.pop_all()
+        except (OSError, ValueError) as error:
+            raise MachineError(f"cannot write {path}: {reason(error)}") from error
+        return cls(path, file)
+
+    def append(self, section: Section) -> None:
+        """Write one section at once, so that a reader sees all of it or none.
+
+        Raises:
+          MachineError: the disk is full, or the file is gone; earlier sections are untouched.
+        """
+        header = SectionHeader(len(section.lines), section.sha256, printable(section.cell))
+        try:
+            _write(self._file, b"".join((_line(header), *section.lines)))
+        except OSError as error:
+            raise MachineError(
+                f"cannot write {self.path}: {reason(error)}; what was measured before is there"
+            ) from error
+
+    def close(self) -> None:
+        """Close the file; `append` has already reported any failure to write."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+
+def section_of(path: Path, record_types: Mapping[str, type], cell: str = "") -> Section:
+    """Return a run file as a section, without a last line that was cut short.
+
+    Args:
+      path: of the run file.
+      record_types: the class of each record by its `type`.
+      cell: what of a sweep it is; empty otherwise.
+
+    Raises:
+      InputError: not a run file, one of another format, or a record that does not fit its type.
+    """
+    return _section(path, read_lines(path), record_types, cell)
+
+
+def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
+    """Read a run set, or a run file as a set of one section.
+
+    Args:
+      path: of the file.
+      record_types: the class of each record by its `type`.
+
+    Raises:
+      InputError: neither of them, one of another format, a section that is not what was written, or
+        a record that does not fit its type.
+    """
+    lines = read_lines(path)
+    if not lines or not _OWN_LINE.match(lines[0]):
+        section = _section(path, lines, record_types)
+        return RunSet((section,), section.run.is_torn)
+    spans, end = _spans(path, lines)
+    sections = [
+        Section(
+            printable(span.header.cell),
+            parse(path, lines[span.begin : span.end], record_types, span.begin + 1, False),
+            tuple(lines[span.begin : span.end]),
+        )
+        for span in spans
+    ]
+    return RunSet(tuple(sections), end < len(lines))
+
+
+def load_runs(path: Path, record_types: Mapping[str, type]) -> tuple[Run, ...]:
+    """Read a run file, or the distinct runs of a run set.
+
+    Args:
+      path: of the file.
+      record_types: the class of each record by its `type`.
+
+    Raises:
+      InputError: as `read` does.
+    """
+    return read(path, record_types).runs
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Where a section's lines are in a file: from `begin` to before `end`, counted from 0."""
+
+    header: SectionHeader
+    begin: int
+    end: int
+
+
+def _section(
+    path: Path, lines: Sequence[bytes], record_types: Mapping[str, type], cell: str = ""
+) -> Section:
+    run = parse(path, lines, record_types)
+    whole = lines[: 1 + len(run.records)]
+    # the last line break may be missing: the writer was killed before it, or an editor left it out
+    return Section(cell, run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
+
+
+def _open(path: Path, flags: int = 0) -> FileIO:
+    """Open a file to read all of it and to append, and lock it.
+
+    Raises:
+      InputError: it is a device, a pipe or a folder.
+      OSError: it cannot be opened, or another process writes it.
+    """
+    file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | os.O_APPEND | flags))
+    with contextlib.ExitStack() as on_error:
+        on_error.callback(file.close)
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise InputError(f"{path}: not a file")
+        lock(file)
+        on_error.pop_all()
+    return file
+
+
+def _begin_or_repair(path: Path, file: FileIO) -> None:
+    """Write the first line where there is none, or cut off a section that is not complete.
+
+    Raises:
+      InputError: no run set, or a damaged one.
+      OSError: it cannot be read or written.
+    """
+    lines = file.readlines()
+    first = _line(SetHeader())
+    if not lines or (len(lines) == 1 and first.startswith(lines[0]) and lines[0] != first):
+        file.truncate(0)  # the writer was killed before it had written the first line
+        _write(file, first)
+        return
+    _, end = _spans(path, lines)
+    if end < len(lines):
+        file.truncate(sum(map(len, lines[:end])))
+
+
+def _spans(path: Path, lines: Sequence[bytes]) -> tuple[list[_Span], int]:
+    """Return where the sections of a set are, and how many lines precede an unfinished one.
+
+    Raises:
+      InputError: no run set, another format, or a section that is not what was written.
+    """
+    if not lines or not _OWN_LINE.match(lines[0]):
+        raise InputError(f'{path}: not a run set (its first line must be {{"type": "set", …}})')
+    schema = _decoded(path, lines, 0, SetHeader).schema
+    if schema != SCHEMA:
+        raise InputError(f"{path}: format {schema!r}, this version of mjbench reads {SCHEMA}")
+    spans: list[_Span] = []
+    at = 1
+    while at < len(lines) and lines[at].endswith(b"\n"):
+        header = _decoded(path, lines, at, SectionHeader)
+        begin, end = at + 1, at + 1 + header.lines
+        own = [n for n in range(begin, min(end, len(lines))) if _OWN_LINE.match(lines[n])]
+        if own:
+            raise InputError(
+                f"{path}, line {own[0] + 1}: a section begins within the one of line {at + 1}"
+            )
+        is_whole = end <= len(lines) and lines[end - 1].endswith(b"\n")
+        digest = hashlib.sha256(b"".join(lines[begin:end])).hexdigest()
+        if is_whole != (digest == header.sha256):
+            raise InputError(
+                f"{path}, line {at + 1}: the section is not as it was written"
+                f" (its {header.lines} lines have another SHA-256); merge its run file again"
+            )
+        if not is_whole:
+            break
+        spans.append(_Span(header, begin, end))
+        at = end
+    return spans, at
+
+
+def _decoded(path: Path, lines: Sequence[bytes], at: int, kind: type[_Header]) -> _Header:
+    """Return a line that must be one of the set's own."""
+    try:
+        value = msgspec.json.decode(lines[at])
+        if not isinstance(value, dict) or value.get("type") != kind.record_type:
+            raise InputError(f"{path}, line {at + 1}: not the first line of a {kind.record_type}")
+        header = msgspec.convert(value, kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{path}, line {at + 1}: {one_line(error)}") from error
+    if isinstance(header, SectionHeader) and header.lines < 1:
+        raise InputError(f"{path}, line {at + 1}: a section of {header.lines} lines")
+    return header
+
+
+def _line(header: SetHeader | SectionHeader) -> bytes:
+    value = {"type": header.record_type, **msgspec.to_builtins(header)}
+    return json.dumps(value).encode() + b"\n"
+
+
+def _write(file: FileIO, content: bytes) -> None:
+    """Append all bytes, or none where that fails.
+
+    Raises:
+      OSError: it fails.
+    """
+    size = os.fstat(file.fileno()).st_size
+    try:
+        written = 0
+        while written < len(content):  # less than all: the disk is full, which the next one reports
+            written += file.write(content[written:])
+    except BaseException:
+        with contextlib.suppress(OSError):
+            file.truncate(size)
+        raise

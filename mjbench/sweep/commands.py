@@ -1,0 +1,149 @@
+"""Which command of mjbench measures which cells, and how many of them at once.
+
+Cells that share releases, models or start states are cheaper in one command: it starts once, and
+keeps what it has loaded. Fewer at once spread better over nodes, and less is lost with a node.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from mjbench.releases.installs import INSTALLED
+from mjbench.sweep.cells import Cell, Kind
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of a command that a table of the plan can set, by its name without dashes.
+
+    Attributes:
+      name: such as `time-limit`.
+      is_switch: whether it has no value: `true` is `--name`, `false` is `--no-name`.
+    """
+
+    name: str
+    is_switch: bool = False
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """A command line without the options that say where results go.
+
+    Attributes:
+      words: the command and its options.
+      operands: what follows the options.
+    """
+
+    words: tuple[str, ...]
+    operands: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Command:
+    """How cells of one kind are measured.
+
+    Attributes:
+      options: that the plan can set.
+      words: the words that name the command.
+      needs_quiet: whether anything else on the machine would spoil the result.
+      together: what cells must have in common to be measured by one command line.
+      least: as many are measured at once where there are as many, also if nodes are idle.
+      most: more are not measured at once.
+      line: the command line for some cells that have that in common.
+    """
+
+    options: tuple[Option, ...]
+    words: tuple[str, ...]
+    needs_quiet: bool
+    together: Callable[[Cell], tuple[str, ...]]
+    least: int
+    most: int
+    line: Callable[[Sequence[Cell]], CommandLine]
+
+
+def _options(*names: str) -> tuple[Option, ...]:
+    return tuple(Option(name) for name in names)
+
+
+def _word(cell: Cell, version: str) -> str:
+    """Return the word by which a command line names a release."""
+    return INSTALLED if version == cell.installed else version
+
+
+def _versions(cells: Sequence[Cell]) -> CommandLine:
+    """Compare several releases with one, on one model, by one path and metric."""
+    first = cells[0]
+    assert first.metric is not None
+    new = [word for cell in cells for word in ("--new", _word(cell, cell.release))]
+    words = ["--old", _word(first, first.baseline), *new]
+    words += ["--paths", first.path, "--metric", first.metric.value]
+    return CommandLine(("versions", *words), (first.model,))
+
+
+def _compare(cells: Sequence[Cell]) -> CommandLine:
+    (cell,) = cells
+    return CommandLine(("compare",), (cell.model,))
+
+
+def _instructions(cells: Sequence[Cell]) -> CommandLine:
+    """Count one model in several releases, all with what the first release of the plan draws."""
+    first = cells[0]
+    releases = dict.fromkeys([first.baseline, *(cell.release for cell in cells)])
+    words = [word for version in releases for word in ("--release", _word(first, version))]
+    return CommandLine(("instructions", *words), (first.model,))
+
+
+def _history(cells: Sequence[Cell]) -> CommandLine:
+    """Time several models in one release; they share its launches."""
+    models = [word for cell in cells for word in ("--model", cell.model)]
+    return CommandLine(
+        ("history", "measure", "--no-operations", *models), (_word(cells[0], cells[0].release),)
+    )
+
+
+_SIZES = ("nbatch", "nstep", "hold", "seed", "settle")
+COMMANDS: Mapping[Kind, Command] = {
+    Kind.VERSIONS: Command(
+        options=(
+            *_options("min-effect", "confidence", "precision", "time-limit"),
+            Option("as-shipped", is_switch=True),
+            *_options(*_SIZES),
+        ),
+        words=("versions",),
+        needs_quiet=True,
+        together=lambda c: (c.model, c.path, c.metric or "", c.baseline),
+        least=1,
+        most=8,
+        line=_versions,
+    ),
+    Kind.COMPARE: Command(
+        options=(
+            *_options("paths", "threads", "chunk", "budget", "returns", "total-steps"),
+            Option("confirm", is_switch=True),
+            *_options("time-limit", *_SIZES),
+        ),
+        words=("compare",),
+        needs_quiet=True,
+        together=lambda c: (c.model,),
+        least=1,
+        most=1,
+        line=_compare,
+    ),
+    Kind.INSTRUCTIONS: Command(
+        options=_options("time-limit", *_SIZES),
+        words=("instructions",),
+        needs_quiet=False,
+        together=lambda c: (c.model,),
+        least=4,  # the release that draws start states is counted again in each command
+        most=16,
+        line=_instructions,
+    ),
+    Kind.HISTORY: Command(
+        options=(),
+        words=("history", "measure"),
+        needs_quiet=True,
+        together=lambda c: (c.release,),
+        least=1,
+        most=10,  # as many as the shipped models, which fit into the time that a release may take
+        line=_history,
+    ),
+}

@@ -1,0 +1,226 @@
+"""The user's models as files that travel to other machines: each with all that it refers to.
+
+Which files those are, MuJoCo knows; a release that cannot say it, or a model that is no MJCF, takes
+its whole folder along. A copy is loaded before anything is measured: what lacks a file fails here.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.errors import InputError, MachineError, printable, shown, writing
+from mjbench.instrument import isolate
+from mjbench.instrument.isolate import Channel
+from mjbench.instrument.limits import TIME_LIMIT_S
+from mjbench.simulation import carried_models, models
+from mjbench.simulation.models import ModelSource
+
+# The most that a model and all of its files may take, in bytes, and how many files there may be.
+MAX_BYTES, _MAX_FILES = 1 << 29, 10_000
+_INDEX = "models.json"
+
+
+@dataclass(frozen=True)
+class CarriedFile:
+    """A file of a model.
+
+    Attributes:
+      path: relative to the folder that holds all files, with `/`.
+      content: its bytes.
+    """
+
+    path: str
+    content: bytes
+
+
+@dataclass(frozen=True)
+class CarriedModel:
+    """A model with all of its files.
+
+    Attributes:
+      name: as the user typed it.
+      main: the path of its own file, one of `files`.
+      files: all of them.
+      digest: of `main` and of all files, in hexadecimal.
+    """
+
+    name: str
+    main: str
+    files: tuple[CarriedFile, ...]
+    digest: str
+
+    @classmethod
+    def of(cls, name: str, main: str, files: Sequence[CarriedFile]) -> "CarriedModel":
+        """Return a model with its digest."""
+        return cls(name, main, tuple(files), _digest(main, files))
+
+
+def content_digest(source: ModelSource) -> str:
+    """Return a digest of a model's own file alone, in hexadecimal.
+
+    Raises:
+      InputError: it cannot be read.
+    """
+    return hashlib.sha256(_content(source.name, source.path)).hexdigest()
+
+
+def is_shipped(source: ModelSource) -> bool:
+    """Return whether a model comes with mjbench, and so is on every node."""
+    return source.path.parent == models.shipped_folder()
+
+
+def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
+    """Return a model with all that it refers to.
+
+    Raises:
+      InputError: MuJoCo does not load it, also not from a copy elsewhere, or it is too large.
+      MachineError: the process that loads it crashed or hung.
+    """
+    found: list[_Found] = []
+    source = ModelSource(source.name, source.path.absolute())
+    isolate.run("mjbench.sweep.model_files:find", source, found.append, limit_s).check()
+    if not found:
+        raise MachineError(f"{source.name}: the files that it refers to are not known")
+    paths = [Path(path) for path in found[0].files]
+    root = _root(source.name, paths)
+    files = [CarriedFile(_relative(path, root), _content(source.name, path)) for path in paths]
+    return CarriedModel.of(source.name, _relative(source.path, root), files)
+
+
+def unpack(carried: Sequence[CarriedModel], folder: Path) -> Path:
+    """Write models into a folder; return the list of them, for `carried_models`.
+
+    Raises:
+      MachineError: a model is not what was sent, or a file cannot be written.
+    """
+    paths: dict[str, Path] = {}
+    with writing(folder):
+        for number, model in enumerate(carried):
+            if _digest(model.main, model.files) != model.digest:
+                raise MachineError(f"{model.name}: its files were damaged on their way")
+            paths[model.name] = _write(model.files, folder / str(number)) / model.main
+        index = folder / _INDEX
+        carried_models.write(index, paths)
+    return index
+
+
+# -- in a child ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Found:
+    """From the child: the files of a model, absolute."""
+
+    files: tuple[str, ...]
+
+
+def find(source: ModelSource, channel: Channel) -> None:
+    """Send the files that a model refers to; runs in a child, in an empty folder."""
+    channel.doing(f"loading {source.name}")
+    models.load(source)
+    named = _dependencies(source.path)
+    files = sorted({source.path, *(_all_below(source) if named is None else named)})
+    root = _root(source.name, files)
+    copies = [CarriedFile(_relative(f, root), _content(source.name, f)) for f in files]
+    copy = _write(copies, Path.cwd() / "copy")
+    channel.doing(f"loading a copy of {source.name}")
+    main = copy / _relative(source.path, root)
+    try:
+        models.load(ModelSource(source.name, main))
+    except InputError as error:
+        raise InputError(
+            f"{error}; that is a copy with {len(files)} files: keep what the model refers to"
+            " below one folder, by relative paths"
+        ) from None
+    outside = [path for path in _dependencies(main) or () if not path.is_relative_to(copy)]
+    if outside:
+        raise InputError(
+            f"{source.name} refers to {shown(str(outside[0]))} by an absolute path, which other"
+            " machines do not have"
+        )
+    channel.send(_Found(tuple(str(file) for file in files)))
+
+
+def _dependencies(file: Path) -> list[Path] | None:
+    """Return the files that an MJCF file refers to, itself included; None where it is not known."""
+    import mujoco
+
+    listing = getattr(mujoco, "mju_getXMLDependencies", None)
+    if listing is None or file.suffix.lower() != ".xml":
+        return None
+    try:
+        names = listing(str(file))
+    except Exception:  # which exception it is differs by release
+        return None
+    return [Path(os.path.normpath(file.parent / name)) for name in names]
+
+
+def _all_below(source: ModelSource) -> Iterator[Path]:
+    """Yield the files of a model's folder; of a compiled one, only itself.
+
+    Raises:
+      InputError: there are too many.
+    """
+    if source.path.suffix.lower() == ".mjb":
+        yield source.path
+        return
+    count = 0
+    for path in source.path.parent.rglob("*"):
+        if path.is_file():
+            count += 1
+            yield path
+        if count > _MAX_FILES:
+            raise InputError(
+                f"{source.name}: its folder has more than {_MAX_FILES} files, all of which would"
+                " travel; put it into a folder of its own, with what it refers to"
+            )
+
+
+# -- files ---------------------------------------------------------------------------------------
+
+
+def _root(name: str, files: Sequence[Path]) -> Path:
+    """Return the folder that holds all files.
+
+    Raises:
+      InputError: together they are too large.
+    """
+    try:
+        size_bytes = sum(file.stat().st_size for file in files)
+    except OSError as error:
+        raise InputError(f"{name}: cannot read {error.filename}: {error.strerror}") from error
+    if size_bytes > MAX_BYTES:
+        raise InputError(
+            f"{name} and the files that it refers to take {size_bytes / 2**20:.0f} MiB, more than"
+            f" the {MAX_BYTES / 2**20:.0f} MiB that are sent to nodes"
+        )
+    return Path(os.path.commonpath([file.parent for file in files]))
+
+
+def _relative(path: Path, root: Path) -> str:
+    return path.relative_to(root).as_posix()
+
+
+def _content(name: str, path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{name}: cannot read {printable(path)}: {error.strerror}") from error
+
+
+def _digest(main: str, files: Sequence[CarriedFile]) -> str:
+    digest = hashlib.sha256(main.encode())
+    for file in sorted(files, key=lambda file: file.path):
+        digest.update(f"\0{file.path}\0".encode())
+        digest.update(hashlib.sha256(file.content).digest())
+    return digest.hexdigest()
+
+
+def _write(files: Sequence[CarriedFile], folder: Path) -> Path:
+    for file in files:
+        target = folder / file.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.content)
+    return folder

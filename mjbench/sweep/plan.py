@@ -1,0 +1,428 @@
+"""What a sweep is to measure, from a plan file in TOML; all of it is checked before anything runs.
+
+docs/guides/cluster.md shows a plan with all its keys.
+"""
+
+import itertools
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from mjbench.comparison import selection
+from mjbench.errors import InputError, MachineError, shown, suggestion
+from mjbench.instrument.limits import MAX_SECONDS
+from mjbench.paired import targets
+from mjbench.paired.outcomes import Metric
+from mjbench.paths import BASE
+from mjbench.releases import bundle, install_check, installs, package_index
+from mjbench.releases.installs import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec
+from mjbench.releases.release import OLDEST, version_key
+from mjbench.simulation import models
+from mjbench.simulation.models import ModelSource
+from mjbench.sweep.calibration import Limits
+from mjbench.sweep.cells import Kind
+from mjbench.sweep.commands import COMMANDS, Option
+from mjbench.sweep.plan_file import PlanFile
+
+# Parses a command line of mjbench without running it; raises InputError where it is wrong.
+CheckCommand = Callable[[Sequence[str]], None]
+# Keys of a plan, before the first table and in each.
+_TOP = ("models", "releases", "paths", "metrics", "machines")
+_NODES = ("tries", "patience", "min-cores", "max-busy", "max-stolen")
+AGAINST = "against"
+# Words for the release that others are compared with: the first of the plan, or the one before.
+FIRST, BEFORE = "first", "previous"
+# Parts that measure releases, and how many they need.
+_RELEASES_NEEDED = {Kind.VERSIONS: 2, Kind.INSTRUCTIONS: 1, Kind.HISTORY: 1}
+_MOST_TRIES = 100
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a table of the plan asks for.
+
+    Attributes:
+      kind: of its cells.
+      options: words of the command line that its keys stand for.
+    """
+
+    kind: Kind
+    options: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class NodeRules:
+    """When nodes are given up, and when they may refuse.
+
+    Attributes:
+      tries: how often a cell is begun at most, where nodes die.
+      patience_s: seconds without a node that would measure, after which the sweep ends.
+      limits: what a node must have to measure time.
+    """
+
+    tries: int = 3
+    patience_s: float = 600.0
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan, complete and checked.
+
+    Attributes:
+      models: each once.
+      releases: each version once, in the order of the plan.
+      pairs: baseline and candidate of each comparison of releases.
+      paths: that releases are compared by.
+      metrics: that they are compared by; of paths other than the plain loop, only the time.
+      machines: labels of machines, each of which measures all cells; empty for one on any machine.
+      parts: what is measured.
+      rules: for nodes.
+    """
+
+    models: tuple[ModelSource, ...]
+    releases: tuple[ReleaseSpec, ...]
+    pairs: tuple[tuple[ReleaseSpec, ReleaseSpec], ...]
+    paths: tuple[str, ...]
+    metrics: tuple[Metric, ...]
+    machines: tuple[str, ...]
+    parts: tuple[Part, ...]
+    rules: NodeRules
+
+
+def known_versions() -> frozenset[str]:
+    """Return the releases of MuJoCo that there are, as far as it is known here; else none.
+
+    The package index is asked where the history that comes with mjbench is missing.
+    """
+    try:
+        history = bundle.default_path()
+        known = bundle.read(history) if history.exists() else package_index.releases()
+    except MachineError:
+        return frozenset()
+    return frozenset(release.version for release in known)
+
+
+def load(
+    path: Path,
+    check: CheckCommand,
+    known: Callable[[], Collection[str]] = known_versions,
+) -> Plan:
+    """Read a plan.
+
+    Args:
+      path: of the file.
+      check: parses command lines, to see whether options have values that their command takes.
+      known: returns the versions of MuJoCo that there are; none where that is not known.
+
+    Raises:
+      InputError: something is wrong with it; one line, with its place in the file.
+      MachineError: the package index is needed to know a release, and cannot be reached.
+    """
+    file = PlanFile(path)
+    file.check_keys(_known_keys())
+    for table in file.values:
+        if table and not isinstance(file.values[table], dict):
+            raise file.error("not a table", table)
+    kinds = [kind for kind in Kind if file.has(kind)] or [Kind.VERSIONS]
+    releases = _releases(file, known)
+    for kind in kinds:
+        needed = _RELEASES_NEEDED.get(kind, 0)
+        if len(releases) < needed:
+            raise file.error(
+                f"[{kind}] needs {needed} or more, such as"
+                f" releases = {['3.3.0', '4.0.0'][:needed]}".replace("'", '"'),
+                "",
+                "releases",
+            )
+    paths, metrics = _paths(file), _metrics(file)
+    if BASE not in paths and set(metrics) != {Metric.TIME}:
+        raise file.error(f"p99 and instructions are of {BASE} only: add it", "", "paths")
+    return Plan(
+        models=_models(file),
+        releases=releases,
+        pairs=_pairs(file, releases) if Kind.VERSIONS in kinds else (),
+        paths=paths,
+        metrics=metrics,
+        machines=_machines(file),
+        parts=tuple(Part(kind, _part_options(file, kind, check)) for kind in kinds),
+        rules=_rules(file),
+    )
+
+
+def _known_keys() -> Mapping[str, Sequence[str]]:
+    parts = {kind.value: [option.name for option in COMMANDS[kind].options] for kind in Kind}
+    parts[Kind.VERSIONS] = [AGAINST, *parts[Kind.VERSIONS]]
+    return {"": _TOP, **parts, "nodes": _NODES}
+
+
+# -- lists ---------------------------------------------------------------------------------------
+
+
+def _texts(file: PlanFile, key: str, default: Sequence[str]) -> list[str]:
+    """Return a list of texts; one text stands for a list of it.
+
+    Raises:
+      InputError: it is none, is empty, or names something twice.
+    """
+    values = file.get("", key)
+    if values is None:
+        return list(default)
+    values = [values] if isinstance(values, str) else values
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+        raise file.error(f'give a list of texts, such as {key} = ["…"]', "", key)
+    if not values:
+        raise file.error("the list is empty", "", key)
+    for number, value in enumerate(values):
+        if value in values[:number]:
+            raise file.error(f"{shown(value)} is given twice", "", key, value)
+    return values
+
+
+def _models(file: PlanFile) -> tuple[ModelSource, ...]:
+    """Return the models; paths are relative to the plan's folder.
+
+    Raises:
+      InputError: there is no such model.
+    """
+    sources: dict[Path, ModelSource] = {}
+    for name in _texts(file, "models", models.shipped()):
+        beside = file.path.parent / Path(name)
+        try:
+            is_beside = name not in models.shipped() and beside.exists()
+            source = models.resolve(str(beside) if is_beside else name)
+        except (InputError, OSError, ValueError) as error:
+            raise file.error(str(error), "", "models", name) from None
+        if earlier := sources.get(source.path):
+            text = f"{shown(name)} is the same file as {shown(earlier.name)}"
+            raise file.error(text, "", "models", name)
+        sources[source.path] = replace(source, name=name)
+    return tuple(sources.values())
+
+
+def _paths(file: PlanFile) -> tuple[str, ...]:
+    names = _texts(file, "paths", [BASE])
+    for name in names:
+        try:
+            if ":" in name:
+                raise InputError(
+                    f"{shown(name)}: a path of your own is not on other machines;"
+                    " give paths of mjbench"
+                )
+            targets.find_path(name)
+        except InputError as error:
+            raise file.error(str(error), "", "paths", name) from None
+    return tuple(names)
+
+
+def _metrics(file: PlanFile) -> tuple[Metric, ...]:
+    names = _texts(file, "metrics", [Metric.TIME])
+    for name in names:
+        if name not in [metric.value for metric in Metric]:
+            hint = suggestion(name, [metric.value for metric in Metric])
+            text = f"no metric {shown(name)}{hint}; there are {', '.join(Metric)}"
+            raise file.error(text, "", "metrics", name)
+    return tuple(Metric(name) for name in names)
+
+
+def _machines(file: PlanFile) -> tuple[str, ...]:
+    labels = _texts(file, "machines", [])
+    for label in labels:
+        if not label.strip() or not label.isprintable():
+            raise file.error(f"{shown(label)} is not a label", "", "machines", label)
+    return tuple(labels)
+
+
+# -- releases ------------------------------------------------------------------------------------
+
+
+def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[ReleaseSpec, ...]:
+    """Return the releases in the order of the plan, `A..B` as all that were published between.
+
+    Raises:
+      InputError: there is no such release, or it is given twice.
+      MachineError: the package index is needed to know one, and cannot be reached.
+    """
+    specs: dict[str, ReleaseSpec] = {}
+    versions: Collection[str] | None = None
+    for name in _texts(file, "releases", []):
+        try:
+            if ".." in name or _needs_check(name):
+                versions = known() if versions is None else versions
+            named = _range(name, versions or ()) if ".." in name else [_release(name)]
+            for spec in named:
+                _check_exists(spec, versions or ())
+        except InputError as error:
+            raise file.error(str(error), "", "releases", name) from None
+        for spec in named:
+            if spec.version in specs:
+                text = f"{shown(name)}: MuJoCo {spec.version} is given twice"
+                raise file.error(text, "", "releases", name)
+            specs[spec.version] = spec
+    return tuple(specs.values())
+
+
+def _needs_check(name: str) -> bool:
+    return name not in (INSTALLED, NEWEST, PREVIOUS)
+
+
+def _release(name: str) -> ReleaseSpec:
+    """Return a release that nodes can install.
+
+    Raises:
+      InputError: it is none, or a wheel, which nodes do not have.
+    """
+    spec = installs.parse_release(name)
+    if spec.wheels:
+        raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
+    if spec.name == INSTALLED:
+        return spec
+    return ReleaseSpec(spec.version, spec.version)
+
+
+def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
+    """Return the releases that `A..B` stands for, both included; either may be left out.
+
+    Raises:
+      InputError: an end is no release, or there is none between them.
+    """
+    first, _, last = text.partition("..")
+    low = version_key(_release(first).version) if first else OLDEST
+    high = version_key(_release(last).version) if last else None
+    if not versions:
+        raise InputError(f"{shown(text)}: which releases there are is not known here; name each")
+    within = sorted(
+        (version for version in versions if version_key(version) >= low), key=version_key
+    )
+    within = [version for version in within if high is None or version_key(version) <= high]
+    if not within:
+        raise InputError(f"{shown(text)}: there is no release between them")
+    return [ReleaseSpec(version, version) for version in within]
+
+
+def _check_exists(spec: ReleaseSpec, versions: Collection[str]) -> None:
+    """Refuse a release that is neither published nor installed here.
+
+    Raises:
+      InputError: it is not.
+    """
+    here = {install_check.installed_version(), *(_installed())}
+    if versions and spec.version not in versions and spec.version not in here:
+        hint = suggestion(spec.version, versions)
+        raise InputError(f"there is no MuJoCo {shown(spec.version)}{hint}")
+
+
+def _installed() -> Iterator[str]:
+    for name in installs.install_names():
+        yield name.partition("-")[0]
+
+
+def _pairs(
+    file: PlanFile, releases: Sequence[ReleaseSpec]
+) -> tuple[tuple[ReleaseSpec, ReleaseSpec], ...]:
+    """Return baseline and candidate of each comparison.
+
+    Raises:
+      InputError: `against` names none of the releases.
+    """
+    against = file.get(Kind.VERSIONS, AGAINST, FIRST)
+    if against == BEFORE:
+        return tuple(itertools.pairwise(releases))
+    named = {word: spec for spec in releases for word in (spec.name, spec.version)}
+    named[FIRST] = releases[0]
+    if not isinstance(against, str) or against not in named:
+        hint = suggestion(str(against), [FIRST, BEFORE, *named])
+        text = f'give "{FIRST}", "{BEFORE}" or one of the releases{hint}'
+        raise file.error(text, Kind.VERSIONS, AGAINST)
+    baseline = named[against]
+    return tuple((baseline, spec) for spec in releases if spec is not baseline)
+
+
+# -- tables --------------------------------------------------------------------------------------
+
+
+def _part_options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]:
+    """Return the words that the keys of a table stand for.
+
+    Raises:
+      InputError: the command does not take one of them.
+    """
+    command = COMMANDS[kind]
+    words: list[str] = []
+    for option in command.options:
+        value = file.get(kind, option.name)
+        if value is None:
+            continue
+        try:
+            own = _option_words(option, value)
+            check([*command.words, *own])
+            if kind == Kind.COMPARE and option.name == "paths":
+                _check_compared(own[1].split(","))
+        except InputError as error:
+            raise file.error(str(error), kind, option.name) from None
+        words += own
+    try:
+        check([*command.words, *words])  # values that do not fit together
+    except InputError as error:
+        raise file.error(str(error), kind) from None
+    return tuple(words)
+
+
+def _option_words(option: Option, value: Any) -> list[str]:
+    """Return the words by which a command line has a value.
+
+    Raises:
+      InputError: it is of another type.
+    """
+    if isinstance(value, bool) or option.is_switch:
+        if not (isinstance(value, bool) and option.is_switch):
+            kind = "true or false" if option.is_switch else "a number or a text"
+            raise InputError(f"give {kind}")
+        return [f"--{option.name}"] if value else [f"--no-{option.name}"]
+    values = value if isinstance(value, list) else [value]
+    if not values or not all(type(item) in (str, int, float) for item in values):
+        raise InputError("give a number, a text, or a list of them")
+    return [f"--{option.name}", ",".join(str(item) for item in values)]
+
+
+def _check_compared(names: Sequence[str]) -> None:
+    """Refuse paths that `compare` cannot have on every node.
+
+    Raises:
+      InputError: there is one.
+    """
+    own = [name for name in names if ":" in name]
+    if own:
+        raise InputError(f"{shown(own[0])}: a path of your own is not on other machines")
+    selection.variants(names)
+
+
+def _rules(file: PlanFile) -> NodeRules:
+    """Return the rules for nodes.
+
+    Raises:
+      InputError: a value is not a number that makes sense.
+    """
+    usual = NodeRules()
+    limits = usual.limits
+    return NodeRules(
+        tries=int(_number(file, "tries", usual.tries, 1, _MOST_TRIES, is_whole=True)),
+        patience_s=_number(file, "patience", usual.patience_s, 0, MAX_SECONDS),
+        limits=Limits(
+            min_cores=_number(file, "min-cores", 100 * limits.min_cores, 0, 100) / 100,
+            max_busy=_number(file, "max-busy", 100 * limits.max_busy, 0, 100) / 100,
+            max_stolen=_number(file, "max-stolen", 100 * limits.max_stolen, 0, 100) / 100,
+        ),
+    )
+
+
+def _number(
+    file: PlanFile, key: str, default: float, least: float, most: float, is_whole: bool = False
+) -> float:
+    value = file.get("nodes", key, default)
+    is_number = type(value) is int or (type(value) is float and not is_whole)
+    if not is_number or not least <= value <= most:
+        kind = "a whole number" if is_whole else "a number"
+        raise file.error(f"give {kind} from {least:g} to {most:g}", "nodes", key)
+    return float(value)

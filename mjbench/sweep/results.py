@@ -1,0 +1,208 @@
+"""From lines of a node's run file to sections of the run set: which cell is complete, and how.
+
+Commands that measure several cells append a record for each; its cell is then complete. What
+`compare` says of a model are several records, which are complete when the command has ended.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from mjbench.comparison.records import MeasurementRecord, ModelRecord
+from mjbench.counts.records import InstructionsRecord
+from mjbench.errors import Failure
+from mjbench.instrument import run_file, runs
+from mjbench.instrument.machine import Machine
+from mjbench.instrument.run_set import Section
+from mjbench.instrument.runs import Record, Run, RunHeader
+from mjbench.paired.outcomes import Metric
+from mjbench.paired.records import TargetRow, VerdictRecord
+from mjbench.releases import release_ratios
+from mjbench.releases.release_ratios import StepRatioRecord
+from mjbench.status import Status, exit_code
+from mjbench.sweep.cells import Cell, Kind
+
+# A name for the lines of a node, in messages about them.
+_SOURCE = Path("what the node measured")
+# From the worst status to the best: that of a cell is the worst of its records.
+_WORST_FIRST = (
+    Status.INTERRUPTED,
+    Status.CRASHED,
+    Status.TIMEOUT,
+    Status.FAILED,
+    Status.INPUT,
+    Status.DISAGREES,
+    Status.OK,
+    Status.UNAVAILABLE,
+)
+# The records that say how something ended.
+_Ended = VerdictRecord | StepRatioRecord | InstructionsRecord | ModelRecord | MeasurementRecord
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a cell ended.
+
+    Attributes:
+      status: the worst of its records.
+      detail: of the record with this status, in one line; empty when ok.
+      seconds: that it took; None where its records do not say.
+    """
+
+    status: Status
+    detail: str = ""
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """A cell that is complete.
+
+    Attributes:
+      cell: what was measured.
+      section: of the run set.
+    """
+
+    cell: Cell
+    section: Section
+
+    @property
+    def outcome(self) -> Outcome:
+        """How it ended."""
+        return outcome(self.section.run)
+
+
+def outcome(run: Run) -> Outcome:
+    """Return how the cell ended that a run measured."""
+    ended = [record for record in run.records if isinstance(record, _Ended)]
+    if not ended:
+        return Outcome(Status.FAILED, "there is no result")
+    worst = min(ended, key=lambda record: _WORST_FIRST.index(record.status))
+    timed = (VerdictRecord, StepRatioRecord, InstructionsRecord)
+    seconds = [record.seconds for record in ended if isinstance(record, timed)]
+    return Outcome(worst.status, worst.detail, sum(seconds) if seconds else None)
+
+
+class Collector:
+    """Takes the lines of one assignment, and gives its cells as they become complete."""
+
+    def __init__(self, cells: Sequence[Cell], record_types: Mapping[str, type]):
+        """Take what is measured.
+
+        Args:
+          cells: of one kind.
+          record_types: the class of each record of a run file by its `type`.
+        """
+        self._cells = tuple(cells)
+        self._types = record_types
+        self._lines: list[bytes] = []
+
+    def add(self, lines: Sequence[bytes]) -> list[CellResult]:
+        """Return the cells that further lines complete.
+
+        Raises:
+          InputError: the lines are not those of a run file.
+        """
+        done: list[CellResult] = []
+        for line in lines:
+            self._lines.append(line)
+            if len(self._lines) == 1 or self._cells[0].kind == Kind.COMPARE:
+                continue
+            section = self._section(self._lines[0], line)
+            (record,) = section.run.records
+            done += [_named(c, section) for c in self._cells if _is_answer(record, c)]
+        return done
+
+    def end(self, code: int) -> list[CellResult]:
+        """Return the cells that the end of the command completes.
+
+        A command that ended otherwise than its records say has not written all of them.
+
+        Args:
+          code: its exit code.
+
+        Raises:
+          InputError: the lines are not those of a run file.
+        """
+        if self._cells[0].kind != Kind.COMPARE or not self._lines:
+            return []
+        (cell,) = self._cells
+        section = self._section(*self._lines)
+        statuses = [r.status for r in section.run.records if isinstance(r, _Ended)]
+        is_whole = section.run.of_type(ModelRecord) and exit_code(statuses) == code
+        return [_named(cell, section)] if is_whole and Status.INTERRUPTED not in statuses else []
+
+    def _section(self, *lines: bytes) -> Section:
+        run = runs.parse(_SOURCE, lines, self._types, may_be_torn=False)
+        return Section("", run, lines)
+
+
+def _named(cell: Cell, section: Section) -> CellResult:
+    return CellResult(cell, Section(cell.key, section.run, section.lines))
+
+
+def _is_answer(record: Record, cell: Cell) -> bool:
+    """Return whether a record is the result of a cell; one that was interrupted is none."""
+    match record:
+        case VerdictRecord() if cell.kind == Kind.VERSIONS:
+            names = (record.model, record.path, record.old, record.new)
+            is_same = names == (cell.model, cell.path, cell.baseline, cell.release)
+            is_answer = is_same and record.metric == cell.metric
+        case StepRatioRecord() | InstructionsRecord():
+            kind = Kind.HISTORY if isinstance(record, StepRatioRecord) else Kind.INSTRUCTIONS
+            given = (kind, record.model, record.release)
+            is_answer = given == (cell.kind, cell.model, cell.release)
+        case _:
+            return False
+    return is_answer and record.status != Status.INTERRUPTED
+
+
+def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
+    """Return the result of a cell that has none, because its command never wrote one.
+
+    Args:
+      cell: what was to be measured.
+      failure: how it ended last.
+      machine: on which it ended so.
+    """
+    began = datetime.now(UTC).isoformat(timespec="seconds")
+    header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
+    record = _failed_record(cell, failure)
+    lines = tuple(run_file.line_of(item).encode() for item in (header, record))
+    return CellResult(cell, Section(cell.key, Run(header, (record,)), lines))
+
+
+def _failed_record(cell: Cell, failure: Failure) -> Record:
+    status, detail = failure.status, failure.detail
+    match cell.kind:
+        case Kind.VERSIONS:
+            sides = [
+                TargetRow(release, cell.model, cell.path, {}, {})
+                for release in (cell.baseline, cell.release)
+            ]
+            return VerdictRecord(
+                model=cell.model,
+                path=cell.path,
+                old=cell.baseline,
+                new=cell.release,
+                sides=sides,
+                metric=cell.metric or Metric.TIME,
+                status=status,
+                detail=detail,
+            )
+        case Kind.INSTRUCTIONS:
+            return InstructionsRecord(
+                model=cell.model, release=cell.release, status=status, detail=detail
+            )
+        case Kind.HISTORY:
+            return StepRatioRecord(
+                model=cell.model,
+                release=cell.release,
+                build="",
+                reference=release_ratios.REFERENCE,
+                status=status,
+                detail=detail,
+            )
+        case Kind.COMPARE:
+            return ModelRecord(model=cell.model, status=status, detail=detail)

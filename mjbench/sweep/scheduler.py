@@ -1,0 +1,366 @@
+"""Which node measures which cells next, and what becomes of cells whose node fails.
+
+Every cell is in one place: missing, on a node, or done; a result counts once. The scheduler starts
+nothing, knows no Ray, and reads no clock: it is told what happened, and when.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from mjbench.sweep.cells import Cell
+from mjbench.sweep.commands import COMMANDS, Command
+
+# Seconds for which a node that refused or failed is left alone; twice as long each further time.
+_REST_S, _LONGEST_REST_S = 15.0, 300.0
+# Each host is to get so many more turns, so that none waits long for the last ones.
+_TURNS_LEFT = 2
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of the cluster.
+
+    Attributes:
+      id: tells nodes apart.
+      name: for people.
+      host: of nodes on one machine the same; they do not measure at once.
+      label: of the machine; empty without one.
+      cores: that it may use: as many commands that need no quiet machine may run on the host.
+    """
+
+    id: str
+    name: str
+    host: str
+    label: str = ""
+    cores: int = 1
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Cells for a node.
+
+    Attributes:
+      number: of the assignment.
+      node: that measures them.
+      cells: what it measures, by one command.
+    """
+
+    number: int
+    node: Node
+    cells: tuple[Cell, ...]
+
+    @property
+    def command(self) -> Command:
+        """How these cells are measured."""
+        return COMMANDS[self.cells[0].kind]
+
+
+@dataclass(frozen=True)
+class LostCell:
+    """A cell that was begun as often as the plan allows, and never ended well.
+
+    Attributes:
+      cell: what was to be measured.
+      detail: how it ended last, in one line.
+    """
+
+    cell: Cell
+    detail: str
+
+
+@dataclass
+class NodeRecord:
+    """What became of a node.
+
+    Attributes:
+      node: the node.
+      is_there: whether it can be given work.
+      cells: results that it delivered.
+      busy_s: seconds for which it measured.
+      refused: how often it refused.
+      failed: how often its command or its worker failed.
+      reason: why it refused or failed last; empty if it never did.
+    """
+
+    node: Node
+    is_there: bool = True
+    cells: int = 0
+    busy_s: float = 0.0
+    refused: int = 0
+    failed: int = 0
+    reason: str = ""
+    _rests_until_s: float = -math.inf
+    _troubles: int = 0
+
+    def rest(self, now_s: float, reason: str) -> None:
+        """Leave the node alone for a while."""
+        self.reason = reason
+        rest_s = min(_LONGEST_REST_S, _REST_S * 2**self._troubles)
+        self._rests_until_s = now_s + rest_s
+        self._troubles += 1
+
+    def is_resting(self, now_s: float) -> bool:
+        """Return whether it is left alone now."""
+        return now_s < self._rests_until_s
+
+    def recover(self) -> None:
+        """Forget earlier troubles: it has measured something."""
+        self._troubles = 0
+
+
+@dataclass
+class _Running:
+    assignment: Assignment
+    missing: list[Cell]
+    begin_s: float
+    has_begun: bool = False
+
+
+class Scheduler:
+    """Hands out cells.
+
+    Attributes:
+      nodes: what became of each node, by its id.
+    """
+
+    def __init__(
+        self, cells: Iterable[Cell], tries: int = 3, patience_s: float = 600.0, now_s: float = 0.0
+    ):
+        """Take the cells that are missing.
+
+        Args:
+          cells: each once, in the order in which they are to be measured.
+          tries: how often a cell is begun at most.
+          patience_s: seconds without a node that measures, after which `is_stuck`.
+          now_s: the time now.
+        """
+        self._missing = list(cells)
+        self._tries, self._patience_s = tries, patience_s
+        self._failures: Counter[Cell] = Counter()
+        self._failed_on: dict[Cell, set[str]] = {}
+        self._running: dict[int, _Running] = {}
+        self._count = 0
+        self._active_s = now_s
+        self.nodes: dict[str, NodeRecord] = {}
+
+    # -- what is there to do ---------------------------------------------------------------------
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing is missing, and nothing runs."""
+        return not self._missing and not self._running
+
+    @property
+    def missing(self) -> tuple[Cell, ...]:
+        """The cells without a result, those that are being measured included."""
+        running = [cell for run in self._running.values() for cell in run.missing]
+        return (*self._missing, *running)
+
+    @property
+    def running(self) -> tuple[Assignment, ...]:
+        """What is being measured."""
+        return tuple(run.assignment for run in self._running.values())
+
+    def is_stuck(self, now_s: float) -> bool:
+        """Return whether no node has measured anything for longer than the plan's patience."""
+        return not self.is_done and not self._running and self._idle_s(now_s) >= self._patience_s
+
+    def _idle_s(self, now_s: float) -> float:
+        return now_s - self._active_s
+
+    def reasons(self) -> list[str]:
+        """Return why nodes did not measure, each in one line."""
+        lines = [
+            f"{record.node.name}: {record.reason}"
+            for record in self.nodes.values()
+            if record.reason
+        ]
+        labels = {cell.machine for cell in self._missing if cell.machine}
+        there = {record.node.label for record in self.nodes.values() if record.is_there}
+        lines += [f"no node has the label {label}" for label in sorted(labels - there)]
+        if not any(record.is_there for record in self.nodes.values()):
+            lines.append("there is no node")
+        return lines
+
+    # -- nodes -----------------------------------------------------------------------------------
+
+    def join(self, node: Node) -> None:
+        """Take a node into account, also one that was gone."""
+        record = self.nodes.setdefault(node.id, NodeRecord(node))
+        record.node, record.is_there = node, True
+
+    def leave(self, node_id: str, reason: str) -> None:
+        """Note that a node is gone; what it measures ends by `end` as well."""
+        if record := self.nodes.get(node_id):
+            record.is_there, record.reason = False, reason
+
+    # -- assignments -----------------------------------------------------------------------------
+
+    def assign(self, now_s: float) -> list[Assignment]:
+        """Return what nodes are to begin now; it counts as running from here on.
+
+        Nodes take turns, so that none has several commands while another has none.
+        """
+        begun: list[Assignment] = []
+        while turn := [
+            assignment
+            for record in self.nodes.values()
+            if record.is_there and (assignment := self._assign(record, now_s))
+        ]:
+            begun += turn
+        return begun
+
+    def _assign(self, record: NodeRecord, now_s: float) -> Assignment | None:
+        """Have a node begin one command more; None where it is not to."""
+        cells = self._choose(record, now_s)
+        if not cells:
+            return None
+        assignment = Assignment(self._count, record.node, cells)
+        self._count += 1
+        self._running[assignment.number] = _Running(assignment, list(cells), now_s)
+        taken = set(cells)
+        self._missing = [cell for cell in self._missing if cell not in taken]
+        return assignment
+
+    def _choose(self, record: NodeRecord, now_s: float) -> tuple[Cell, ...]:
+        """Return what a node is to measure next; nothing while it may not.
+
+        A machine that measures time does nothing else. While there is time to be measured on it,
+        nothing is begun that would keep it from that.
+        """
+        node = record.node
+        beside = [a for a in self.running if a.node.host == node.host]
+        if any(assignment.command.needs_quiet for assignment in beside):
+            return ()
+        eligible = [cell for cell in self._missing if self._may_measure(cell, node)]
+        quiet = [cell for cell in eligible if COMMANDS[cell.kind].needs_quiet]
+        if quiet and not record.is_resting(now_s):
+            return () if beside else self._together(quiet, node)
+        others = [cell for cell in eligible if not COMMANDS[cell.kind].needs_quiet]
+        has_failed = record.is_resting(now_s) and record.failed > 0
+        if not others or has_failed or len(beside) >= node.cores:
+            return ()
+        return self._together(others, node)
+
+    def _may_measure(self, cell: Cell, node: Node) -> bool:
+        """Return whether a node may measure a cell: one that failed on its host goes elsewhere."""
+        if cell.machine and cell.machine != node.label:
+            return False
+        failed_on = self._failed_on.get(cell, set())
+        if node.host not in failed_on:
+            return True
+        others = [
+            other
+            for other in self.nodes.values()
+            if other.is_there
+            and other.node.host not in failed_on
+            and (not cell.machine or other.node.label == cell.machine)
+        ]
+        return not others
+
+    def _together(self, cells: Sequence[Cell], node: Node) -> tuple[Cell, ...]:
+        """Return the first cell with those that one command measures as well.
+
+        There are fewer, the fewer are left for each host. A cell that failed before is alone: it
+        must not take others with it again.
+        """
+        first = cells[0]
+        if self._failures[first]:
+            return (first,)
+        command = COMMANDS[first.kind]
+        hosts = len({r.node.host for r in self.nodes.values() if r.is_there})
+        turns = _TURNS_LEFT * hosts if hosts > 1 else 1
+        share = math.ceil(len(cells) / turns)
+        size = min(command.most, max(command.least, share))
+        alike = [
+            cell
+            for cell in cells
+            if (cell.kind, cell.machine) == (first.kind, first.machine)
+            and command.together(cell) == command.together(first)
+            and not self._failures[cell]
+        ]
+        return tuple(alike[:size])
+
+    # -- what happened ---------------------------------------------------------------------------
+
+    def begin(self, number: int, now_s: float) -> None:
+        """Note that an assignment's command has been started."""
+        if run := self._running.get(number):
+            run.has_begun = True
+            self._active_s = now_s
+
+    def has_begun(self, number: int) -> bool:
+        """Return whether an assignment's command has been started."""
+        run = self._running.get(number)
+        return run is not None and run.has_begun
+
+    def begun_s(self, number: int) -> float:
+        """Return when an assignment was handed out."""
+        return self._running[number].begin_s
+
+    def open_cells(self, number: int) -> tuple[Cell, ...]:
+        """Return the cells of an assignment that runs which have no result yet."""
+        run = self._running.get(number)
+        return tuple(run.missing) if run else ()
+
+    def deliver(self, number: int, cell: Cell) -> bool:
+        """Return whether a result is the first of its cell, and is to be stored."""
+        run = self._running.get(number)
+        if run is None or cell not in run.missing:
+            return False
+        run.missing.remove(cell)
+        record = self.nodes[run.assignment.node.id]
+        record.cells += 1
+        record.recover()
+        return True
+
+    def refuse(self, number: int, reason: str, now_s: float) -> None:
+        """Put back what a node does not measure now; it is asked again later."""
+        if run := self._running.pop(number, None):
+            record = self.nodes[run.assignment.node.id]
+            record.refused += 1
+            record.rest(now_s, reason)
+            self._put_back(run.missing)
+
+    def cancel(self, number: int) -> None:
+        """Put back what was stopped without a fault of the node."""
+        if run := self._running.pop(number, None):
+            self._put_back(run.missing)
+
+    def end(self, number: int, problem: str, now_s: float) -> list[LostCell]:
+        """Note that an assignment has ended.
+
+        Args:
+          number: of the assignment.
+          problem: what went wrong, in one line; empty where all went well.
+          now_s: the time now.
+
+        Returns:
+          The cells that are given up: none of their tries ended well. They count as done.
+        """
+        run = self._running.pop(number, None)
+        if run is None:
+            return []
+        record = self.nodes[run.assignment.node.id]
+        record.busy_s += now_s - run.begin_s
+        self._active_s = now_s
+        if problem:
+            record.failed += 1
+            record.rest(now_s, problem)
+        lost = []
+        for cell in run.missing:
+            self._failures[cell] += 1
+            self._failed_on.setdefault(cell, set()).add(run.assignment.node.host)
+            if self._failures[cell] >= self._tries:
+                lost.append(LostCell(cell, problem or "the command ended without this result"))
+        given_up = {item.cell for item in lost}
+        self._put_back([cell for cell in run.missing if cell not in given_up])
+        return lost
+
+    def _put_back(self, cells: Sequence[Cell]) -> None:
+        """Have cells measured next; those that failed last, so that they do not hold up others."""
+        fresh = [cell for cell in cells if not self._failures[cell]]
+        failed = [cell for cell in cells if self._failures[cell]]
+        self._missing = [*fresh, *self._missing, *failed]

@@ -1,0 +1,35 @@
+"""A stand-in for `mjbench instructions` on a node: it writes a record a release, and can hang.
+
+    python stub_command.py FOLDER instructions --release R … --results DIR -- MODEL
+
+Where FOLDER/hang-MODEL exists, the first try of that model stops before its last record.
+"""
+
+import signal
+import sys
+from pathlib import Path
+
+from mjbench.counts.records import InstructionsRecord
+from mjbench.instrument import machine, runs
+from mjbench.instrument.run_file import RunFile
+from mjbench.instrument.runs import RunHeader
+
+
+def main() -> None:
+    folder, words = Path(sys.argv[1]), sys.argv[2:]
+    releases = [words[i + 1] for i, word in enumerate(words) if word == "--release"]
+    results, model = Path(words[words.index("--results") + 1]), words[-1]
+    hangs = folder / f"hang-{model}"
+    header = RunHeader(runs.SCHEMA, words[0], machine.describe(), {})
+    file = RunFile.create(results, header)
+    for release in releases:
+        if release == releases[-1] and hangs.exists():
+            hangs.unlink()
+            (folder / f"hanging-{model}").touch()
+            signal.pause()
+        file.append(InstructionsRecord(model=model, release=release, instructions_per_step=1.0))
+    file.close()
+
+
+if __name__ == "__main__":
+    main()

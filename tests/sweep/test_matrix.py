@@ -1,0 +1,153 @@
+"""From a plan to cells, and from cells to the command line that measures them."""
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from example_models import CONTACT_XML
+from sweep_examples import plan
+
+from mjbench.cli.sweep import check_command
+from mjbench.paired.outcomes import Metric
+from mjbench.releases.installs import INSTALLED, ReleaseSpec
+from mjbench.simulation import models
+from mjbench.sweep import matrix, software
+from mjbench.sweep.cells import Cell, Kind
+from mjbench.sweep.commands import COMMANDS
+from mjbench.sweep.plan import Part, Plan
+
+SPECS = tuple(ReleaseSpec(version, version) for version in ("3.3.0", "3.9.0", "4.0.0"))
+EVERYTHING = plan(
+    models=tuple(models.resolve(name) for name in ("cartpole", "pile")),
+    releases=SPECS,
+    pairs=((SPECS[0], SPECS[1]), (SPECS[0], SPECS[2])),
+    paths=("python_loop", "rollout"),
+    metrics=(Metric.TIME, Metric.P99),
+    parts=tuple(Part(kind) for kind in Kind),
+)
+HERE = software.installed()
+
+
+def cells(of: Plan) -> tuple[Cell, ...]:
+    return matrix.build(of, HERE).cells
+
+
+def test_every_combination_is_one_cell() -> None:
+    counts = Counter((cell.kind, cell.metric) for cell in cells(EVERYTHING))
+    assert counts == {
+        (Kind.VERSIONS, Metric.TIME): 2 * 2 * 2,
+        (Kind.VERSIONS, Metric.P99): 2 * 2,  # of the plain loop only
+        (Kind.COMPARE, None): 2,
+        (Kind.INSTRUCTIONS, None): 2 * 3,
+        (Kind.HISTORY, None): 2 * 3,
+    }
+    keys = [cell.key for cell in cells(EVERYTHING)]
+    assert len(set(keys)) == len(keys)
+
+
+def test_each_machine_measures_all_of_them() -> None:
+    of_two = cells(replace(EVERYTHING, machines=("epyc", "xeon")))
+    assert Counter(cell.machine for cell in of_two) == {"epyc": 26, "xeon": 26}
+
+
+def test_a_longer_plan_keeps_the_keys_of_a_shorter_one() -> None:
+    shorter = replace(EVERYTHING, models=EVERYTHING.models[:1], pairs=EVERYTHING.pairs[:1])
+    assert {c.key for c in cells(shorter)} < {c.key for c in cells(EVERYTHING)}
+
+
+@pytest.mark.parametrize("change", ["options", "numpy", "model"])
+def test_what_changes_a_result_makes_it_another_cell(change: str, tmp_path: Path) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_text(CONTACT_XML)
+    own = replace(EVERYTHING, models=(models.ModelSource("robot.xml", file),))
+    before = {cell.key for cell in cells(own)}
+    here = HERE
+    match change:
+        case "options":
+            own = replace(own, parts=tuple(Part(kind, ("--seed", "1")) for kind in Kind))
+        case "numpy":
+            here = replace(HERE, numpy="1.0")
+        case "model":
+            file.write_text(CONTACT_XML.replace("<mujoco>", "<mujoco model='changed'>"))
+    assert before.isdisjoint(cell.key for cell in matrix.build(own, here).cells)
+
+
+def test_another_mujoco_beside_mjbench_changes_only_what_it_measures() -> None:
+    other = matrix.build(EVERYTHING, replace(HERE, mujoco="3.17.0")).cells
+    changed = {c.kind for c, d in zip(cells(EVERYTHING), other, strict=True) if c.key != d.key}
+    assert changed == {Kind.COMPARE}
+
+
+def test_the_verdicts_of_one_machine_are_decided_together() -> None:
+    assert matrix.build(EVERYTHING, HERE).comparisons == 12
+    assert matrix.build(replace(EVERYTHING, machines=("a", "b")), HERE).comparisons == 12
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        (
+            Kind.VERSIONS,
+            "versions --old 3.3.0 --new 3.9.0 --new 4.0.0 --paths python_loop --metric time"
+            " --seed 1 --family 12 -- cartpole",
+        ),
+        (Kind.COMPARE, "compare --seed 1 -- cartpole"),
+        (
+            Kind.INSTRUCTIONS,
+            "instructions --release 3.3.0 --release 3.9.0 --release 4.0.0 --seed 1 -- cartpole",
+        ),
+        (Kind.HISTORY, "history measure --no-operations --model cartpole --model pile -- 3.3.0"),
+    ],
+)
+def test_what_belongs_together_is_one_command_line(kind: Kind, expected: str) -> None:
+    options = () if kind == Kind.HISTORY else ("--seed", "1")
+    whole = matrix.build(
+        replace(EVERYTHING, parts=tuple(Part(k, options if k == kind else ()) for k in Kind)), HERE
+    )
+    of_kind = [cell for cell in whole.cells if cell.kind == kind]
+    command = COMMANDS[kind]
+    together = [c for c in of_kind if command.together(c) == command.together(of_kind[0])]
+    line = whole.command_line(together[: command.most])
+    assert " ".join([*line.words, "--", *line.operands]) == expected
+    check_command([*line.words, "--", *line.operands])  # mjbench takes it
+
+
+def test_the_release_installed_beside_mjbench_is_named_so() -> None:
+    here = ReleaseSpec(INSTALLED, HERE.mujoco)
+    whole = matrix.build(
+        plan(releases=(SPECS[0], here), pairs=((SPECS[0], here),), parts=(Part(Kind.VERSIONS),)),
+        HERE,
+    )
+    (cell,) = whole.cells
+    assert cell.release == HERE.mujoco
+    assert "--new installed" in " ".join(whole.command_line([cell]).words)
+
+
+def test_counts_of_a_part_of_the_releases_are_of_the_same_work() -> None:
+    whole = matrix.build(EVERYTHING, HERE)
+    last = next(c for c in whole.cells if (c.kind, c.release) == (Kind.INSTRUCTIONS, "4.0.0"))
+    assert whole.command_line([last]).words == (
+        *("instructions", "--release", "3.3.0", "--release", "4.0.0"),
+    )
+
+
+def test_only_the_users_own_models_travel(tmp_path: Path) -> None:
+    file = tmp_path / "robot.xml"
+    file.write_text(CONTACT_XML)
+    own = models.ModelSource("robot.xml", file)
+    whole = matrix.build(replace(EVERYTHING, models=(*EVERYTHING.models, own)), HERE)
+    assert list(whole.carried) == ["robot.xml"]
+    assert whole.models_of([c for c in whole.cells if c.model == "pile"]) == []
+    assert [m.name for m in whole.models_of(whole.cells)] == ["robot.xml"]
+
+
+def test_every_option_that_a_plan_can_set_is_one_of_its_command() -> None:
+    for command in COMMANDS.values():
+        for option in command.options:
+            flags = [f"--{option.name}"] + [f"--no-{option.name}"] * option.is_switch
+            from mjbench.cli import cli
+
+            page = CliRunner().invoke(cli, [*command.words, "--help"]).output
+            assert any(flag in page for flag in flags), option.name
