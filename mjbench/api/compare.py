@@ -29,6 +29,7 @@ from mjbench.report.advice import Advice, ClockAdvice
 from mjbench.report.crossovers import Crossover
 from mjbench.report.documents import CompareDocument
 from mjbench.report.results import ModelResults, PathResult, derive, derive_all
+from mjbench.report.work_crossovers import WorkCrossover
 from mjbench.simulation import models as shipped_models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Product
@@ -67,6 +68,11 @@ class Comparison(Measured):
         """From how many simulations on accelerated paths overtake C."""
         return tuple(self._document().crossovers)
 
+    @property
+    def work_crossovers(self) -> tuple[WorkCrossover, ...]:
+        """From how much work per call on Ray overtakes other paths."""
+        return tuple(self._document().work_crossovers)
+
     def _document(self) -> CompareDocument:
         return CompareDocument.of(self.machine, self.models)
 
@@ -103,8 +109,8 @@ def compare(
 
     Args:
       *models: names as on the command line, paths, MjModels or MjSpecs; none for all shipped ones.
-      paths: names of paths (see `mjbench paths`), `c` for all C paths, `usual` for those and MJX
-        where that is installed, `module:Class` for one of your own; None for the C paths.
+      paths: names of paths (see `mjbench paths`), `c` for all C paths but `ray`, `usual` for those
+        and MJX where that is installed, `module:Class` for one of your own; None for `c`.
       threads: thread counts; None for one, and all usable cores.
       chunk: simulations that a thread takes at a time; None for the path's default.
       options: values of further options of paths by name, such as `{"pool": ["new", "kept"]}`.

@@ -79,7 +79,7 @@ class _Options:
     "path_names",
     type=Names(),
     help="Compare these (see `mjbench paths`) and python_loop, which is always added; `c` stands"
-    " for all C paths, `usual` for those and, where installed, MJX  [default: c]",
+    " for all C paths but ray, `usual` for those and, where installed, MJX  [default: c]",
 )
 @click.option(
     "--threads", type=Numbers(MAX_THREADS), help="Thread counts  [default: 1 and usable cores]"
@@ -244,7 +244,6 @@ def _compare(
     from mjbench.instrument.runs import to_json
     from mjbench.paths import user_module_files
     from mjbench.report import comparison as report
-    from mjbench.report.crossovers import crossovers
     from mjbench.report.documents import CompareDocument
     from mjbench.report.results import ModelResults, derive
 
@@ -288,7 +287,7 @@ def _compare(
                     run.interrupt()
                 if is_over or confirmation.is_interrupted:
                     break
-        report.print_crossovers(run.out, crossovers([r for m in models for r in m.results]))
+        report.print_crossovers(run.out, models)
         if len(models) > 1:
             report.print_summary(run.out, models)
         if not options.code:

@@ -20,7 +20,7 @@ from mjbench.errors import InputError
 from mjbench.instrument import stats
 from mjbench.instrument.stats import Estimate
 from mjbench.instrument.topology import Topology
-from mjbench.paths.parallelism import nthread
+from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
 from mjbench.status import FINISHED
 
 # Paths that are searched unless the user names others: for open and for closed loop.
@@ -193,7 +193,7 @@ class ScalingPoint:
 def parallel_option(path_name: str) -> str | None:
     """Return the option of a path that sets its threads or worker processes; None without one."""
     names = [option.name for option in paths.find(path_name).options]
-    return next((name for name in ("threads", "processes") if name in names), None)
+    return next((name for name in WORKER_OPTIONS if name in names), None)
 
 
 def points(record: ScalingRecord) -> list[ScalingPoint]:

@@ -8,6 +8,7 @@ from mjbench import paths
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.errors import InputError, describe
 from mjbench.instrument import machine
+from mjbench.paths.parallelism import WORKER_OPTIONS
 
 # Names that stand for several paths.
 C_PATHS, USUAL_PATHS = "c", "usual"
@@ -41,8 +42,8 @@ def variants(
     for name in [paths.BASE, *(n for n in names if n != paths.BASE)]:
         path = paths.find(name)
         values = dict(choices or {})
+        values |= dict.fromkeys(WORKER_OPTIONS, workers)
         values["threads"] = workers if name == "threads" else counts
-        values["processes"] = workers
         try:
             selected += [Variant(name, options) for options in path.variants(values)]
         except Exception as error:  # a path of the user's own may raise anything
@@ -88,12 +89,17 @@ def named(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def expand(names: Sequence[str]) -> list[str]:
-    """Return paths by name, with `c` replaced by all C paths, `usual` by those and MJX if there."""
+    """Return paths by name, with `c` replaced by the C paths, `usual` by those and MJX if there.
+
+    Paths that are not usual, such as `ray`, are in neither.
+    """
+    usual = {n: path for n, path in paths.registry().items() if path.usual}
     expanded: list[str] = []
     for name in names:
-        if name in (C_PATHS, USUAL_PATHS):
-            expanded += [n for n, path in paths.registry().items() if not path.compiles]
-            expanded += [n for n in paths.registry() if name == USUAL_PATHS and _is_usual(n)]
+        if name == C_PATHS:
+            expanded += [n for n, path in usual.items() if not path.compiles]
+        elif name == USUAL_PATHS:
+            expanded += [n for n, p in usual.items() if not p.compiles or p.unavailable() is None]
         else:
             expanded.append(name)
     return list(dict.fromkeys(expanded))
@@ -105,11 +111,6 @@ def rivals(names: Sequence[str]) -> list[str]:
     if accelerated and not set(names) - {*accelerated, paths.BASE}:
         return [n for n, p in paths.registry().items() if "threads" in {o.name for o in p.options}]
     return []
-
-
-def _is_usual(name: str) -> bool:
-    path = paths.find(name)
-    return path.usual and path.unavailable() is None
 
 
 def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[Any]]:
@@ -133,7 +134,7 @@ def choices(arguments: Sequence[str], names: Sequence[str]) -> dict[str, list[An
         if not equals or name not in options:
             known = ", ".join(options)
             raise InputError(f"--option {argument!r}: give NAME=VALUE, NAME one of {known}")
-        if name in ("threads", "processes"):
+        if name in WORKER_OPTIONS:
             raise InputError(f"--option {argument!r}: give the number of {name} with --threads")
         if name in values_by_name:
             raise InputError(f"--option {argument!r}: {name} is given twice; name values V,V")

@@ -1,7 +1,7 @@
 """Child processes that die with their parent, and end with all their children.
 
-A child is found with everything that it started: by its process group, by who started whom, and by
-a mark in the environment, which a process that left its group and its parent still has. A process
+A child is found with everything that it started: by its process group, by who started whom, by its
+session, and by a mark in the environment, which a process that left all these still has. A process
 that also cleared its environment is ended when `mjbench` ends.
 
 Every process that starts a child or is one imports this module, so it imports little at first.
@@ -75,7 +75,7 @@ class ChildProcess(ABC):
                 _kill(offspring)
                 self.wait()
                 _await_end(offspring)
-            _end_marked(self._mark)
+            _end_where(lambda process: _has_mark(process, self._mark) or _is_in(process, self.pid))
             self._has_ended = True
         code = self.wait()
         assert code is not None, "it has ended"
@@ -196,29 +196,35 @@ def new_mark() -> str:
 
 def end_descendants() -> None:
     """Kill all children that this process started, with what they started; for when it ends."""
-    _end_marked(_OWN_MARK)
+    _end_where(lambda process: _has_mark(process, _OWN_MARK))
 
 
-def _end_marked(mark: str) -> None:
-    """Kill the processes below this one whose mark begins with `mark`."""
+def _end_where(belongs: "Callable[[psutil.Process], bool]") -> None:
+    """Kill the processes below this one for which `belongs` is true."""
     for _ in range(_SEARCHES):
-        marked = [
-            process for process in _descendants(os.getpid()) if _mark_of(process).startswith(mark)
-        ]
-        if not marked:
+        own = [process for process in _descendants(os.getpid()) if belongs(process)]
+        if not own:
             return
-        _kill(marked)
-        _await_end(marked)
+        _kill(own)
+        _await_end(own)
 
 
-def _mark_of(process: "psutil.Process") -> str:
-    """Return the mark of the child that started a process; empty where there is none."""
+def _has_mark(process: "psutil.Process", mark: str) -> bool:
+    """Return whether the mark of the child that started a process begins with `mark`."""
     import psutil
 
     try:
-        return process.environ().get(MARK, "")
+        return process.environ().get(MARK, "").startswith(mark)
     except (psutil.Error, OSError):  # it has ended, or is another user's
-        return ""
+        return False
+
+
+def _is_in(process: "psutil.Process", session: int) -> bool:
+    """Return whether a process is in a session, also where it has written over its environment."""
+    try:
+        return os.getsid(process.pid) == session
+    except OSError:
+        return False
 
 
 def _descendants(pid: int) -> "list[psutil.Process]":

@@ -1,6 +1,6 @@
 """The part of a report that a run of `mjbench compare` gives."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.comparison.plan import Variant
 from mjbench.pages import charts
@@ -9,8 +9,9 @@ from mjbench.paired.contest import ContestRecord
 from mjbench.paths import BASE
 from mjbench.report import comparison, vega
 from mjbench.report.advice import Advice, Loop, Reason, advise, advise_clock
-from mjbench.report.crossovers import Crossover, crossovers
+from mjbench.report.crossovers import crossovers
 from mjbench.report.results import ModelResults, PathResult
+from mjbench.report.work_crossovers import work_crossovers
 from mjbench.status import Status
 
 # Colours of paths by whether a policy can choose each control.
@@ -52,9 +53,21 @@ def sections(models: Sequence[ModelResults], command: str) -> Iterator[Section]:
     """Yield a section for each model at each size, and one for crossovers where there are any."""
     for model_results in models:
         yield _section(model_results, command)
-    rows = crossovers([result for model in models for result in model.results])
-    if rows:
-        yield _crossover_section(rows, models, command)
+    results = [result for model in models for result in model.results]
+    if rows := crossovers(results):
+        yield _crossover_section(
+            "From how many simulations on is an accelerated path faster?",
+            {comparison.describe_crossover(row): row.model for row in rows},
+            models,
+            command,
+        )
+    if work_rows := work_crossovers(results):
+        yield _crossover_section(
+            "From how much work per call on is Ray faster?",
+            {comparison.describe_work_crossover(row): row.model for row in work_rows},
+            models,
+            command,
+        )
 
 
 def _section(model_results: ModelResults, command: str) -> Section:
@@ -172,13 +185,14 @@ def _fresh_speedup(
 
 
 def _crossover_section(
-    rows: Sequence[Crossover], models: Sequence[ModelResults], command: str
+    heading: str, model_of: Mapping[str, str], models: Sequence[ModelResults], command: str
 ) -> Section:
+    """Return a section of conclusions, each with its model, and a figure of each model."""
     return Section(
-        heading="From how many simulations on is an accelerated path faster?",
+        heading=heading,
         command=command,
-        conclusions=[Conclusion(comparison.describe_crossover(row)) for row in rows],
-        figures=[_crossover_figure(name, models) for name in dict.fromkeys(r.model for r in rows)],
+        conclusions=[Conclusion(text) for text in model_of],
+        figures=[_crossover_figure(name, models) for name in dict.fromkeys(model_of.values())],
     )
 
 

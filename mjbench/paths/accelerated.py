@@ -102,6 +102,7 @@ class AcceleratedPath(SteppingPath):
 
     closed_loop = True
     compiles = True
+    usual = False
     precision: ClassVar[Precision]
     extra: ClassVar[str]
     packages: ClassVar[tuple[str, ...]]

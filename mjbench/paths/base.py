@@ -195,7 +195,8 @@ class SteppingPath(ABC):
       closed_loop: whether a feedback policy can choose each control from the state before it.
       in_process: whether it steps in the process that prepared it.
       compiles: whether it compiles the step first, and is held to tolerances (`AcceleratedPath`).
-      usual: whether `--paths usual` includes it beside the C paths, where it is available.
+      usual: whether `--paths usual` includes it where it is available, and `--paths c` if it steps
+        in C.
       products: what its runs can return.
       options: what can be varied.
     """
@@ -205,7 +206,7 @@ class SteppingPath(ABC):
     closed_loop: ClassVar[bool]
     in_process: ClassVar[bool] = True
     compiles: ClassVar[bool] = False
-    usual: ClassVar[bool] = False
+    usual: ClassVar[bool] = True
     products: ClassVar[tuple[Product, ...]] = (Product.FINAL,)
     options: ClassVar[tuple[Option, ...]] = ()
 

@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-# Options that set a number of threads or worker processes.
-PARALLEL_OPTIONS = ("threads", "processes", "engine_threads")
+# Options that set how many threads or worker processes share the simulations, as --threads does.
+WORKER_OPTIONS = ("threads", "processes", "actors")
+# All options that set a number of threads or worker processes.
+PARALLEL_OPTIONS = (*WORKER_OPTIONS, "engine_threads")
 
 
 def nthread(options: Mapping[str, Any]) -> int:

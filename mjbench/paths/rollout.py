@@ -7,7 +7,12 @@ import mujoco
 import numpy as np
 
 from mjbench.paths.base import Option, Options, Prepared, Resources, States, SteppingPath
-from mjbench.paths.rollout_inputs import RolloutInputs, changed_inputs, make_inputs
+from mjbench.paths.rollout_inputs import (
+    changed_inputs,
+    inputs_snippet,
+    shared_inputs,
+    whole_final_states,
+)
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Product, StepOutputs, Workload
 
@@ -69,19 +74,13 @@ class Rollout(SteppingPath):
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        hold, returns = workload.hold, workload.returns
-        arguments = []
+        returns, arguments = workload.returns, []
         if options.get("chunk"):
             arguments.append(f"chunk_size={options['chunk']}")
         if options.get("pool") == "kept":
             arguments.append("persistent_pool=True")
-        prepare = ""
-        if hold > 1:
-            prepare += f"control = np.repeat(control, {hold}, axis=1)\n"
-        inputs = changed_inputs(workload)
-        if inputs:
-            bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
-            prepare += _SNIPPET_INPUTS.format(bits=bits)
+        prepare = inputs_snippet(workload)
+        if changed_inputs(workload):
             arguments.append("control_spec=int(spec)")
         skips_checks = options.get("checks") == "off" or returns != Product.SENSORS
         if skips_checks:
@@ -107,9 +106,7 @@ class _RolloutRun:
         self.workload, self.model = workload, workload.model
         self.spec = compat.state_spec("INTEGRATION")
         self.physics = compat.physics_entries(self.model)
-        self.inputs: RolloutInputs = resources.get_or_create(
-            "rollout inputs", lambda: _inputs(workload, self.physics, resources)
-        )
+        self.inputs = shared_inputs(workload, resources)
         self.state, self.sensordata = self._output_arrays(resources)
         self.datas = resources.datas(options["threads"])
         self.final_state = resources.final_state()
@@ -185,41 +182,12 @@ class _RolloutRun:
 
     def verify(self) -> States:
         """Run the timed call, and each simulation alone for the entries it does not return."""
-        alone = self._one_by_one()
+        nstep = self.workload.nstep
+        alone = whole_final_states(self.model, self.datas[0], self.inputs, nstep)
         self.clear()
         self.run()
         timed = self.final_states()
         return States(np.where(np.asarray(timed.mask), timed.values, alone))
-
-    def _one_by_one(self) -> np.ndarray:
-        """Return (nbatch, nstate) whole final states of simulations that run alone."""
-        from mujoco import rollout
-
-        values = np.empty_like(self.final_state)
-        sensordata = np.empty((1, self.workload.nstep, self.model.nsensordata))
-        data = self.datas[0]
-        for i in range(self.workload.nbatch):
-            inputs = self.inputs.only(i)
-            rollout.rollout(
-                self.model,
-                [data] if compat.rollout_threads() else data,
-                inputs.start,
-                inputs.control,
-                control_spec=inputs.control_spec,
-                nstep=self.workload.nstep,
-                initial_warmstart=inputs.warmstart,
-                state=self.state[i : i + 1],
-                sensordata=sensordata,
-            )
-            compat.get_state(self.model, data, values[i], self.spec)
-        return values
-
-
-def _inputs(workload: Workload, physics: np.ndarray, resources: Resources) -> RolloutInputs:
-    """Return the inputs of a workload's rollout, which follow its changes."""
-    inputs, follow = make_inputs(workload, physics)
-    resources.at_change(follow)
-    return inputs
 
 
 def _rollout_function(options: Options, resources: Resources) -> Callable[..., Any]:
@@ -241,19 +209,6 @@ def _equal_rows(values: np.ndarray, row: np.ndarray) -> np.ndarray:
     return np.asarray((values.view(np.uint64) == row.view(np.uint64)).all(axis=1))
 
 
-_SNIPPET_INPUTS = """\
-# a rollout resets mocap poses and applied forces, unless they are part of the control
-spec = mujoco.mjtState.mjSTATE_CTRL{bits}
-inputs = np.empty((*control.shape[:2], mujoco.mj_stateSize(model, int(spec))))
-for i, row in enumerate(initial_state):
-    mujoco.mj_setState(model, data[0], row, int(full))
-    given = np.empty(inputs.shape[2])
-    mujoco.mj_getState(model, data[0], given, int(spec))
-    inputs[i] = given
-inputs[:, :, : model.nu] = control
-control = inputs
-"""
-
 _SNIPPET_STATE = """\
 # skip_checks=True leaves out sensor data, unless there is an array for them
 state = np.empty((*control.shape[:2], mujoco.mj_stateSize(model, int(physics))))
@@ -269,12 +224,6 @@ from mujoco import rollout
 full = mujoco.mjtState.mjSTATE_INTEGRATION
 physics = mujoco.mjtState.mjSTATE_FULLPHYSICS
 data = [mujoco.MjData(model) for _ in range({threads})]
-start, warmstart = [], []
-for row in initial_state:
-    mujoco.mj_setState(model, data[0], row, int(full))
-    start.append(np.empty(mujoco.mj_stateSize(model, int(physics))))
-    mujoco.mj_getState(model, data[0], start[-1], int(physics))
-    warmstart.append(data[0].qacc_warmstart.copy())
 {prepare}{call}(
     {model}, data, np.array(start), control if control.size else None,
     initial_warmstart=np.array(warmstart), nstep=control.shape[1]{extra})

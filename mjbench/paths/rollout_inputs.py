@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from mjbench.paths.base import Resources
 from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
@@ -40,22 +41,65 @@ class RolloutInputs:
     control_spec: int
     control: np.ndarray | None
 
-    def only(self, i: int) -> "RolloutInputs":
-        """Return the inputs of one simulation."""
-        row = slice(i, i + 1)
-        control = None if self.control is None else self.control[row]
-        return RolloutInputs(self.start[row], self.warmstart[row], self.control_spec, control)
+    def part(self, rows: slice) -> "RolloutInputs":
+        """Return the inputs of some simulations, which share their memory with these."""
+        control = None if self.control is None else self.control[rows]
+        return RolloutInputs(self.start[rows], self.warmstart[rows], self.control_spec, control)
 
 
-def make_inputs(
-    workload: Workload, physics: np.ndarray
-) -> tuple[RolloutInputs, Callable[[], None]]:
-    """Return the inputs of a workload's rollout, and a function by which they follow its changes.
+def shared_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
+    """Return the inputs of a workload's rollout, the same ones to every caller."""
+    return resources.get_or_create(  # type: ignore[no-any-return]
+        "rollout inputs", lambda: _following_inputs(workload, resources)
+    )
+
+
+def _following_inputs(workload: Workload, resources: Resources) -> RolloutInputs:
+    """Return the inputs of a workload's rollout, which follow its changes."""
+    inputs, follow = make_inputs(workload)
+    resources.at_change(follow)
+    return inputs
+
+
+def whole_final_states(
+    model: mujoco.MjModel, data: mujoco.MjData, inputs: RolloutInputs, nstep: int
+) -> np.ndarray:
+    """Return (nbatch, nstate) final states in full, of simulations that are rolled out alone.
+
+    What a rollout does not return, such as the warm-start, is in its MjData afterwards.
 
     Args:
-      workload: to roll out.
-      physics: (nphysics,) the entries of mjSTATE_INTEGRATION that form mjSTATE_FULLPHYSICS.
+      model: to step.
+      data: to step it in.
+      inputs: (nbatch, …) of the simulations.
+      nstep: steps of each.
     """
+    from mujoco import rollout
+
+    spec, nphysics = compat.state_spec("INTEGRATION"), inputs.start.shape[1]
+    values = np.empty((len(inputs.start), compat.state_size(model, spec)))
+    state = np.empty((1, nstep, nphysics))
+    sensordata = np.empty((1, nstep, model.nsensordata))
+    for i, row in enumerate(values):
+        one = inputs.part(slice(i, i + 1))
+        rollout.rollout(
+            model,
+            [data] if compat.rollout_threads() else data,
+            one.start,
+            one.control,
+            control_spec=one.control_spec,
+            nstep=nstep,
+            initial_warmstart=one.warmstart,
+            state=state,
+            sensordata=sensordata,
+        )
+        compat.get_state(model, data, row, spec)
+    return values
+
+
+def make_inputs(workload: Workload) -> tuple[RolloutInputs, Callable[[], None]]:
+    """Return the inputs of a workload's rollout, and what lets them follow its changes."""
+    physics = compat.physics_entries(workload.model)
     warmstart = _columns(workload)["qacc_warmstart"]
     spec, control, write_control = _control(workload)
     inputs = RolloutInputs(
@@ -84,6 +128,22 @@ def changed_inputs(workload: Workload) -> list[str]:
             if np.any(values != np.asarray(getattr(default, field), dtype=float).ravel()):
                 changed.append(name)
     return changed
+
+
+def inputs_snippet(workload: Workload) -> str:
+    """Return lines that make the inputs of a rollout in Python code for people to paste.
+
+    They use `data`, a list of MjData, and leave `start`, `warmstart` and `control`; and `spec`, the
+    components in a row of `control`, where these are not those of `ctrl` alone.
+    """
+    lines = _SNIPPET_STARTS
+    if workload.hold > 1:
+        lines += f"control = np.repeat(control, {workload.hold}, axis=1)\n"
+    inputs = changed_inputs(workload)
+    if inputs:
+        bits = "".join(f" | mujoco.mjtState.mjSTATE_{name}" for name in inputs)
+        lines += _SNIPPET_CONTROL.format(bits=bits)
+    return lines
 
 
 def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], None]]:
@@ -117,3 +177,26 @@ def _control(workload: Workload) -> tuple[int, np.ndarray | None, Callable[[], N
 
 def _columns(workload: Workload) -> dict[str, slice]:
     return compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))
+
+
+_SNIPPET_STARTS = """\
+start, warmstart = [], []
+for row in initial_state:
+    mujoco.mj_setState(model, data[0], row, int(full))
+    start.append(np.empty(mujoco.mj_stateSize(model, int(physics))))
+    mujoco.mj_getState(model, data[0], start[-1], int(physics))
+    warmstart.append(data[0].qacc_warmstart.copy())
+"""
+
+_SNIPPET_CONTROL = """\
+# a rollout resets mocap poses and applied forces, unless they are part of the control
+spec = mujoco.mjtState.mjSTATE_CTRL{bits}
+inputs = np.empty((*control.shape[:2], mujoco.mj_stateSize(model, int(spec))))
+for i, row in enumerate(initial_state):
+    mujoco.mj_setState(model, data[0], row, int(full))
+    given = np.empty(inputs.shape[2])
+    mujoco.mj_getState(model, data[0], given, int(spec))
+    inputs[i] = given
+inputs[:, :, : model.nu] = control
+control = inputs
+"""

@@ -21,6 +21,8 @@ from mjbench.status import Status
 MIN_CLOCK_GAIN = 0.01
 # The options of the plain loop with the clock off, and how a program turns it off.
 CLOCK_OFF = {"clock": "off"}
+# Paths that are not compared in fresh processes, and so not advised, with the reason.
+NOT_CONTESTED = {"ray": "Ray takes too long to start in fresh processes"}
 CLOCK_SNIPPET = "import mjbench\n\nmjbench.engine_clock(False)  # only mjData.timer needs it"
 
 
@@ -181,6 +183,9 @@ def advise(model_results: ModelResults) -> list[Advice]:
     advice = []
     for loop, able in _able(model_results).items():
         choice = _choose(able, model_results.contest)
+        choice = replace(
+            choice, unable=[*choice.unable, *_not_contested(model_results, loop, choice)]
+        )
         if not _others_timed(model_results, loop):
             choice = replace(choice, reason=Reason.ALONE)
         if choice.reason == Reason.UNCONFIRMED and _is_of_earlier_version(model_results):
@@ -216,9 +221,13 @@ def _is_of_earlier_version(model_results: ModelResults) -> bool:
 
 
 def _able(model_results: ModelResults) -> dict[Loop, list[PathResult]]:
-    """Return the C paths that may be advised, by loop; without a plain loop there are none."""
+    """Return the C paths that may be advised, by loop; without a plain loop there are none.
+
+    What follows is compared again in fresh processes, which some paths are not (NOT_CONTESTED).
+    """
     timed = [r for r in model_results.results if _is_able(r) and not r.is_accelerated]
     timed = [r for r in timed if (r.path, r.options) != (BASE, CLOCK_OFF)]
+    timed = [r for r in timed if r.path not in NOT_CONTESTED]
     if not any(result.path == BASE for result in timed):
         return {}
     able = {}
@@ -227,6 +236,18 @@ def _able(model_results: ModelResults) -> dict[Loop, list[PathResult]]:
         max_rounds = max(r.rounds for r in of_loop)
         able[loop] = [r for r in of_loop if r.rounds == max_rounds or r.path == BASE]
     return able
+
+
+def _not_contested(model_results: ModelResults, loop: Loop, choice: _Choice) -> list[str]:
+    """Return the paths that may be faster and are never compared again, each with the reason."""
+    return [
+        f"{_variant(r)}: {NOT_CONTESTED[r.path]}"
+        for r in model_results.results
+        if r.path in NOT_CONTESTED
+        and _is_able(r)
+        and (loop == Loop.OPEN or r.closed_loop)
+        and r.rate > choice.result.rate
+    ]
 
 
 def _others_timed(model_results: ModelResults, loop: Loop) -> bool:

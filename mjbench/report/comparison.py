@@ -16,6 +16,7 @@ from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason, advise, adv
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.work_crossovers import CallWork, WorkCrossover, work_crossovers
 from mjbench.simulation import accelerated_limits
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
@@ -74,7 +75,7 @@ def print_models(out: Console, models: Sequence[ModelResults], code: bool = Fals
     """
     for model_results in models:
         print_model(out, model_results, code)
-    print_crossovers(out, crossovers([result for model in models for result in model.results]))
+    print_crossovers(out, models)
     if len(models) > 1:
         print_summary(out, models)
 
@@ -117,10 +118,13 @@ def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
         out.print("--code prints the Python code of the paths that are advised.", soft_wrap=True)
 
 
-def print_crossovers(out: Console, rows: Sequence[Crossover]) -> None:
-    """Print from which batch size on accelerated paths overtake C."""
-    for row in rows:
+def print_crossovers(out: Console, models: Sequence[ModelResults]) -> None:
+    """Print from which batch size on accelerated paths overtake C, and Ray the other paths."""
+    results = [result for model_results in models for result in model_results.results]
+    for row in crossovers(results):
         out.print(describe_crossover(row), soft_wrap=True)
+    for work_row in work_crossovers(results):
+        out.print(describe_work_crossover(work_row), soft_wrap=True)
 
 
 def describe_crossover(row: Crossover) -> str:
@@ -136,6 +140,27 @@ def describe_crossover(row: Crossover) -> str:
             f" where it has {tables.plain(row.share, 2)} of its speed"
         )
     return f"{row.model}: {variant} {text}"
+
+
+def describe_work_crossover(row: WorkCrossover) -> str:
+    """Return from how much work per call on Ray overtakes another path, as a sentence."""
+    variant = str(Variant(row.path, row.options))
+    rival = str(Variant(row.rival.path, row.rival.options))
+    if row.least:
+        return (
+            f"{row.model}: {variant} overtakes {rival} at {_call_work(row.least)}, of those tried"
+        )
+    text = (
+        f"{row.model}: {variant} does not overtake {rival} up to {_call_work(row.largest)}, where"
+        f" it has {tables.factor(row.share)} of its speed"
+    )
+    if row.rival.path == "rollout" and nthread(row.rival.options) > 1:
+        text += "; on one machine, rollout needs no Ray to use all cores"
+    return text
+
+
+def _call_work(work: CallWork) -> str:
+    return f"{work.steps:,} steps per call ({tables.plain(work.loop_ms, 2)} ms of the plain loop)"
 
 
 def _curve_crossing(row: Crossover) -> str:

@@ -52,6 +52,7 @@ from mjbench.report.run_differences import RunDifference
 from mjbench.report.set_document import RunSetDocument
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.report.web_results import WebRow
+from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
@@ -95,6 +96,7 @@ class CompareDocument:
     advice: Sequence[Advice]
     clock: Sequence[ClockAdvice]
     crossovers: Sequence[Crossover]
+    work_crossovers: Sequence[WorkCrossover]
     scaling: Sequence[ScalingRow] = ()
     threads: Sequence[ThreadAdvice] = ()
 
@@ -108,6 +110,7 @@ class CompareDocument:
             advice=[advice for model_results in models for advice in advise(model_results)],
             clock=[clock for m in models if (clock := advise_clock(m)) is not None],
             crossovers=crossovers(results),
+            work_crossovers=work_crossovers(results),
         )
 
     @classmethod
@@ -124,6 +127,7 @@ class CompareDocument:
             advice=[],
             clock=[],
             crossovers=[],
+            work_crossovers=[],
             scaling=[row for search in models for row in search.rows()],
             threads=[advice for search in models for advice in search.advice()],
         )

@@ -250,7 +250,7 @@ class Sweep:
 
     def _show_progress(self) -> None:
         count, scheduler = len(self._matrix.cells), self._scheduler
-        self._on_progress(Progress(count - len(scheduler.missing), count, scheduler.running))
+        self._on_progress(Progress(count - scheduler.missing_count, count, scheduler.running))
 
     def _summary(self, is_interrupted: bool = False) -> Summary:
         scheduler = self._scheduler

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS, Command
+from mjbench.sweep.waiting import Waiting
 
 # Seconds for which a node that refused or failed is left alone; twice as long each further time.
 _REST_S, _LONGEST_REST_S = 15.0, 300.0
@@ -136,11 +137,12 @@ class Scheduler:
           patience_s: seconds without a node that measures, after which `is_stuck`.
           now_s: the time now.
         """
-        self._missing = list(cells)
+        self._waiting = Waiting(cells)
         self._tries, self._patience_s = tries, patience_s
         self._failures: Counter[Cell] = Counter()
         self._failed_on: dict[Cell, set[str]] = {}
         self._running: dict[int, _Running] = {}
+        self._on_host: dict[str, list[Assignment]] = {}
         self._count = 0
         self._active_s = now_s
         self.nodes: dict[str, NodeRecord] = {}
@@ -150,13 +152,18 @@ class Scheduler:
     @property
     def is_done(self) -> bool:
         """Whether nothing is missing, and nothing runs."""
-        return not self._missing and not self._running
+        return not self._waiting and not self._running
 
     @property
     def missing(self) -> tuple[Cell, ...]:
         """The cells without a result, those that are being measured included."""
         running = [cell for run in self._running.values() for cell in run.missing]
-        return (*self._missing, *running)
+        return (*self._waiting, *running)
+
+    @property
+    def missing_count(self) -> int:
+        """How many cells are without a result."""
+        return len(self._waiting) + sum(len(run.missing) for run in self._running.values())
 
     @property
     def running(self) -> tuple[Assignment, ...]:
@@ -177,7 +184,7 @@ class Scheduler:
             for record in self.nodes.values()
             if record.reason
         ]
-        labels = {cell.machine for cell in self._missing if cell.machine}
+        labels = self._waiting.labels()
         there = {record.node.label for record in self.nodes.values() if record.is_there}
         lines += [f"no node has the label {label}" for label in sorted(labels - there)]
         if not any(record.is_there for record in self.nodes.values()):
@@ -220,8 +227,8 @@ class Scheduler:
         assignment = Assignment(self._count, record.node, cells)
         self._count += 1
         self._running[assignment.number] = _Running(assignment, list(cells), now_s)
-        taken = set(cells)
-        self._missing = [cell for cell in self._missing if cell not in taken]
+        self._on_host.setdefault(record.node.host, []).append(assignment)
+        self._waiting.take(cells)
         return assignment
 
     def _choose(self, record: NodeRecord, now_s: float) -> tuple[Cell, ...]:
@@ -231,18 +238,27 @@ class Scheduler:
         nothing is begun that would keep it from that.
         """
         node = record.node
-        beside = [a for a in self.running if a.node.host == node.host]
+        beside = self._on_host.get(node.host, [])
         if any(assignment.command.needs_quiet for assignment in beside):
             return ()
-        eligible = [cell for cell in self._missing if self._may_measure(cell, node)]
-        quiet = [cell for cell in eligible if COMMANDS[cell.kind].needs_quiet]
-        if quiet and not record.is_resting(now_s):
-            return () if beside else self._together(quiet, node)
-        others = [cell for cell in eligible if not COMMANDS[cell.kind].needs_quiet]
+        if not record.is_resting(now_s) and self._eligible(node, needs_quiet=True):
+            return () if beside else self._together(node, needs_quiet=True)
         has_failed = record.is_resting(now_s) and record.failed > 0
-        if not others or has_failed or len(beside) >= node.cores:
+        if has_failed or len(beside) >= node.cores:
             return ()
-        return self._together(others, node)
+        return self._together(node, needs_quiet=False)
+
+    def _eligible(self, node: Node, needs_quiet: bool) -> int:
+        """Return how many cells that wait a node may measure."""
+        return self._waiting.count(node.label, needs_quiet) + len(self._failed(node, needs_quiet))
+
+    def _failed(self, node: Node, needs_quiet: bool) -> list[Cell]:
+        """Return the cells that failed before and that a node may measure."""
+        return [
+            cell
+            for cell in self._waiting.failed
+            if COMMANDS[cell.kind].needs_quiet == needs_quiet and self._may_measure(cell, node)
+        ]
 
     def _may_measure(self, cell: Cell, node: Node) -> bool:
         """Return whether a node may measure a cell: one that failed on its host goes elsewhere."""
@@ -260,28 +276,21 @@ class Scheduler:
         ]
         return not others
 
-    def _together(self, cells: Sequence[Cell], node: Node) -> tuple[Cell, ...]:
-        """Return the first cell with those that one command measures as well.
+    def _together(self, node: Node, needs_quiet: bool) -> tuple[Cell, ...]:
+        """Return the next cell that a node may measure, with those that one command measures, too.
 
         There are fewer, the fewer are left for each host. A cell that failed before is alone: it
         must not take others with it again.
         """
-        first = cells[0]
-        if self._failures[first]:
-            return (first,)
-        command = COMMANDS[first.kind]
+        first = self._waiting.next_together(node.label, needs_quiet, most=1)
+        if not first:
+            return tuple(self._failed(node, needs_quiet)[:1])
+        command = COMMANDS[first[0].kind]
         hosts = len({r.node.host for r in self.nodes.values() if r.is_there})
         turns = _TURNS_LEFT * hosts if hosts > 1 else 1
-        share = math.ceil(len(cells) / turns)
+        share = math.ceil(self._eligible(node, needs_quiet) / turns)
         size = min(command.most, max(command.least, share))
-        alike = [
-            cell
-            for cell in cells
-            if (cell.kind, cell.machine) == (first.kind, first.machine)
-            and command.together(cell) == command.together(first)
-            and not self._failures[cell]
-        ]
-        return tuple(alike[:size])
+        return self._waiting.next_together(node.label, needs_quiet, size)
 
     # -- what happened ---------------------------------------------------------------------------
 
@@ -318,7 +327,7 @@ class Scheduler:
 
     def refuse(self, number: int, reason: str, now_s: float) -> None:
         """Put back what a node does not measure now; it is asked again later."""
-        if run := self._running.pop(number, None):
+        if run := self._stop(number):
             record = self.nodes[run.assignment.node.id]
             record.refused += 1
             record.rest(now_s, reason)
@@ -326,7 +335,7 @@ class Scheduler:
 
     def cancel(self, number: int) -> None:
         """Put back what was stopped without a fault of the node."""
-        if run := self._running.pop(number, None):
+        if run := self._stop(number):
             self._put_back(run.missing)
 
     def end(self, number: int, problem: str, now_s: float) -> list[LostCell]:
@@ -340,7 +349,7 @@ class Scheduler:
         Returns:
           The cells that are given up: none of their tries ended well. They count as done.
         """
-        run = self._running.pop(number, None)
+        run = self._stop(number)
         if run is None:
             return []
         record = self.nodes[run.assignment.node.id]
@@ -361,6 +370,12 @@ class Scheduler:
 
     def _put_back(self, cells: Sequence[Cell]) -> None:
         """Have cells measured next; those that failed last, so that they do not hold up others."""
-        fresh = [cell for cell in cells if not self._failures[cell]]
-        failed = [cell for cell in cells if self._failures[cell]]
-        self._missing = [*fresh, *self._missing, *failed]
+        self._waiting.put_first([cell for cell in cells if not self._failures[cell]])
+        self._waiting.put_last(cell for cell in cells if self._failures[cell])
+
+    def _stop(self, number: int) -> _Running | None:
+        """Return what an assignment was, which no longer runs; None where it did not."""
+        run = self._running.pop(number, None)
+        if run is not None:
+            self._on_host[run.assignment.node.host].remove(run.assignment)
+        return run

@@ -152,6 +152,7 @@ def test_efficiency_is_of_the_cores_that_there_were() -> None:
 
 def test_paths_with_threads_or_processes_can_be_searched_and_no_others() -> None:
     assert parallel_option("processes") == "processes"
+    assert parallel_option("ray") == "actors"
     assert parallel_option("batch_step") == "threads"
     with pytest.raises(InputError, match="python_loop has no threads"):
         request(Topology(2), ["rollout", "python_loop"])

@@ -1,7 +1,9 @@
 """Every C path against the reference run, over small models."""
 
+import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +18,13 @@ from mjbench import paths
 from mjbench.errors import InputError
 from mjbench.paths.parallelism import nthread
 from mjbench.paths.threads import shares
-from mjbench.simulation import agreement, compat, work, workload
+from mjbench.simulation import agreement, compat, inputs, work, workload
 from mjbench.simulation.workload import Product, StepOutputs
 
 SWEEP: dict[str, list[Any]] = {
     "threads": [1, 2],
     "processes": [2],
+    "actors": [2],
     "chunk": [None, 2],
     "checks": ["on", "off"],
     "stage": ["none", "vel"],
@@ -35,6 +38,10 @@ VARIANTS = [
     for name, path in C_PATHS.items()
     for options in path.variants(SWEEP)
 ]
+
+
+# snippets that run as a program: their processes import it, or what it defines
+ELSEWHERE = ("processes", "ray")
 
 
 @dataclass(frozen=True)
@@ -142,7 +149,7 @@ def test_a_path_returns_every_step_to_the_last_bit_in_any_order_of_simulations(
 @pytest.mark.parametrize("product", [Product.TRAJECTORY, Product.SENSORS])
 @pytest.mark.parametrize(
     ("path", "options"),
-    [v for v in VARIANTS if v.values[0].name != "processes"],  # type: ignore[attr-defined]
+    [v for v in VARIANTS if v.values[0].name not in ELSEWHERE],  # type: ignore[attr-defined]
 )
 def test_a_snippet_returns_what_its_path_does(
     cases: Mapping[Product, Case],
@@ -171,7 +178,7 @@ def test_a_block_that_does_not_run_cannot_pass(
 
 @pytest.mark.parametrize(
     ("path", "options"),
-    [v for v in VARIANTS if v.values[0].name != "processes"],  # type: ignore[attr-defined]
+    [v for v in VARIANTS if v.values[0].name not in ELSEWHERE],  # type: ignore[attr-defined]
 )
 def test_a_snippet_does_what_its_path_does(
     case: Case, path: paths.SteppingPath, options: dict[str, Any]
@@ -188,22 +195,60 @@ def test_a_snippet_does_what_its_path_does(
 
 
 @pytest.mark.parametrize("product", list(Product))
-def test_the_snippet_of_processes_does_what_the_path_does(
-    case: Case, cases: Mapping[Product, Case], product: Product, tmp_path: Path
+@pytest.mark.parametrize(
+    ("name", "options"), [("processes", {"processes": 2}), ("ray", {"actors": 2})]
+)
+def test_a_snippet_that_starts_processes_does_what_its_path_does(
+    case: Case,
+    cases: Mapping[Product, Case],
+    name: str,
+    options: dict[str, Any],
+    product: Product,
+    tmp_path: Path,
 ) -> None:
     case = case if product == Product.FINAL else cases[product]
+    case.skip_unless_possible(paths.find(name), options)
+    program_does_the_work_of(case, name, options, tmp_path)
+
+
+@pytest.mark.parametrize("product", list(Product))
+def test_a_snippet_of_ray_without_rollout_does_what_its_path_does(
+    cases: Mapping[Product, Case],
+    product: Product,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    options = {"actors": 2}
+    cases[product].skip_unless_possible(paths.find("ray"), options)
+    monkeypatch.setattr(compat, "rollout_unavailable", lambda: "too old")
+    program_does_the_work_of(cases[product], "ray", options, tmp_path)
+
+
+def test_a_snippet_of_ray_sends_inputs_that_a_rollout_resets(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(CONTACT_XML)
+    own = inputs.with_every_input(workload.make(model, 3, 4, seed=2), seed=1)
+    case = Case.of(own)
+    case.skip_unless_possible(paths.find("ray"), {"actors": 2})
+    program_does_the_work_of(case, "ray", {"actors": 2}, tmp_path)
+    case.resources.close()
+
+
+def program_does_the_work_of(case: Case, name: str, options: dict[str, Any], folder: Path) -> None:
+    """Run a snippet as a program of its own, and compare what it leaves with a case's reference."""
     expected = {"final_state": case.reference.final_state}
+    product = case.workload.returns
     if product != Product.FINAL:
         expected["state"] = case.outputs.state
     if product == Product.SENSORS:
         expected["sensordata"] = case.outputs.sensordata
-    mujoco.mj_saveModel(case.workload.model, str(tmp_path / "model.mjb"))
+    mujoco.mj_saveModel(case.workload.model, str(folder / "model.mjb"))
     np.savez(
-        tmp_path / "input.npz",
+        folder / "input.npz",
         initial_state=case.workload.initial_state,
         control=case.workload.control,
     )
-    code = paths.find("processes").snippet(case.workload, {"processes": 2})
+    code = paths.find(name).snippet(case.workload, options)
+    indent = "    " if "__main__" in code else ""
     head = (
         "import mujoco, numpy as np\n"
         "model = mujoco.MjModel.from_binary_path('model.mjb')\n"
@@ -211,11 +256,20 @@ def test_the_snippet_of_processes_does_what_the_path_does(
         "initial_state, control = arrays['initial_state'], arrays['control']\n"
     )
     outputs = ", ".join(f"{name}={name}" for name in expected)
-    (tmp_path / "program.py").write_text(f"{head}{code}    np.savez('output.npz', {outputs})\n")
-    subprocess.run([sys.executable, "program.py"], cwd=tmp_path, check=True, timeout=120)
-    with np.load(tmp_path / "output.npz") as output:
-        for name, values in expected.items():
-            np.testing.assert_array_equal(output[name], values)
+    end = f"{indent}np.savez('output.npz', {outputs})\n"
+    (folder / "program.py").write_text(f"{head}{code}{end}")
+    with tempfile.TemporaryDirectory() as short:  # Ray's sockets need a short name
+        quiet = {"RAY_TMPDIR": short, "RAY_USAGE_STATS_ENABLED": "0"}
+        subprocess.run(
+            [sys.executable, "program.py"],
+            cwd=folder, env={**os.environ, **quiet}, check=True, timeout=120,
+        )  # fmt: skip
+    with np.load(folder / "output.npz") as output:
+        if output["final_state"].shape != expected["final_state"].shape:  # full-physics states
+            physics = compat.physics_entries(case.workload.model)
+            expected["final_state"] = expected["final_state"][:, physics]
+        for field, values in expected.items():
+            np.testing.assert_array_equal(output[field], values)
 
 
 def test_a_model_without_actuators_runs_on_every_path() -> None:
@@ -227,7 +281,7 @@ def test_a_model_without_actuators_runs_on_every_path() -> None:
     for path in C_PATHS.values():
         if path.unavailable():
             continue
-        options = path.variants({"threads": [2], "processes": [2]})[0]
+        options = path.variants({"threads": [2], "processes": [2], "actors": [2]})[0]
         states = path.prepare(case.workload, options, case.resources).verified_states()
         assert case.difference(states) is None, path.name
     case.resources.close()
@@ -258,6 +312,7 @@ def test_a_full_option_set_has_one_thread_unless_it_says_otherwise() -> None:
         ({}, 1),
         ({"threads": 3, "chunk": 8}, 3),
         ({"processes": 2}, 2),
+        ({"actors": 2}, 2),
         ({"engine_threads": 4}, 4),
         ({"engine_threads": None}, 1),
     ],
@@ -270,7 +325,7 @@ def test_the_number_of_threads_follows_from_the_options(
 
 def test_parallel_options_are_marked() -> None:
     marked = {o.name for path in C_PATHS.values() for o in path.options if o.is_parallel}
-    assert marked == {"threads", "processes", "engine_threads"}
+    assert marked == {"threads", "processes", "actors", "engine_threads"}
 
 
 def test_paths_share_their_mjdata_and_outputs(small: workload.Workload) -> None:

@@ -93,6 +93,19 @@ def test_fresh_processes_decide_between_paths_that_seem_about_as_fast() -> None:
     ]
 
 
+def test_ray_is_never_advised_and_named_where_it_seems_faster() -> None:
+    model_results = derived(
+        python_loop=LOOP, rollout={"samples_s": [0.5] * 7}, ray={"samples_s": [0.4] * 7}
+    )
+    assert names(contest_groups(model_results)) == [["python_loop", "rollout"]]
+    open_loop, closed_loop = advised(model_results, contest(python_loop=1.0, rollout=0.5))
+    assert (open_loop.path, open_loop.reason) == ("rollout", Reason.FASTER)
+    reason = "ray: Ray takes too long to start in fresh processes"
+    assert open_loop.unable == [reason]
+    assert why(open_loop).endswith(f"; cannot run beside the others: {reason}")
+    assert closed_loop.unable == []
+
+
 def test_a_gain_that_is_not_certain_is_not_advised() -> None:
     model_results = derived(python_loop=LOOP, rollout={"samples_s": [0.86] * 7})
     open_loop = advised(model_results, contest(spread=0.4, python_loop=1.0, rollout=0.86))[0]

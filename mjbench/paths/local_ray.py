@@ -1,0 +1,148 @@
+"""Ray on this machine alone, for as long as somebody in this process uses it.
+
+The first `acquire` starts it, the last `release` ends it with all its processes. It has no
+dashboard, prints nothing, sends no usage statistics, answers only those who know its secret, and
+writes to a temporary folder that goes with it. An address in RAY_ADDRESS is ignored: what is
+compared is this machine. Where this process ends without a release, however that happens, a guard
+ends what is left of its session.
+"""
+
+import contextlib
+import logging
+import os
+import secrets
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from mjbench.errors import MachineError, describe
+from mjbench.instrument import scratch, session_guard
+
+# Ray's own minimum for the object store is 75 MiB.
+_LEAST_STORE_BYTES = 128 << 20
+# The longest name that a socket can have, in bytes, and what Ray adds to its temporary folder:
+# `/session_2026-11-23_14-55-56_123456_1234567/sockets/plasma_store.1`.
+_SOCKET_NAME_BYTES, _RAY_ADDS_BYTES = 107, 68
+# The environment in which Ray's processes start. One thread is all that an actor has.
+_ENVIRONMENT: Mapping[str, str | None] = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # otherwise Ray prints a FutureWarning
+    "RAY_ADDRESS": None,
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
+
+
+# What Ray's processes and this one know each other by: without it, anybody who reaches their ports
+# can run programs here. Ray reads it when it is imported, so it is empty where others did that.
+_secret: dict[str, str] = {}
+
+
+class _LocalRay:
+    """How many use Ray, and what ends it."""
+
+    def __init__(self) -> None:
+        self.users = 0
+        self.closing = ExitStack()
+
+
+_local = _LocalRay()
+
+
+def acquire(store_bytes: int) -> None:
+    """Use Ray until `release`, and start it where nobody in this process uses it yet.
+
+    Args:
+      store_bytes: what will be in the object store at a time, so that a new one has room for it.
+
+    Raises:
+      MachineError: Ray does not start.
+    """
+    if "ray" not in sys.modules:
+        _secret.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
+    with _environment(_secret):
+        import ray
+
+    if _local.users == 0 and not ray.is_initialized():
+        _start(max(_LEAST_STORE_BYTES, store_bytes))
+    _local.users += 1
+
+
+def release() -> None:
+    """End the use that `acquire` began, and Ray with the last one."""
+    _local.users -= 1
+    if _local.users == 0:
+        _local.closing.close()
+
+
+def _start(store_bytes: int) -> None:
+    """Start Ray, to be ended by `_local.closing`."""
+    import ray
+
+    with ExitStack() as closing:
+        folder = closing.enter_context(scratch.folder())
+        _check_length(folder)
+        closing.callback(session_guard.start())
+        closing.callback(ray.shutdown)
+        with _environment({**_ENVIRONMENT, **_secret, **_search_path()}), _signal_handler_kept():
+            try:
+                ray.init(
+                    address="local",
+                    num_cpus=0,  # an actor needs none; otherwise Ray starts a process for each
+                    num_gpus=0,
+                    object_store_memory=store_bytes,
+                    include_dashboard=False,
+                    log_to_driver=False,
+                    logging_level=logging.CRITICAL,
+                    _temp_dir=str(folder),
+                )
+            except Exception as error:  # Ray raises what its services and the system do
+                raise MachineError(f"Ray does not start: {describe(error)}") from error
+        _local.closing = closing.pop_all()
+
+
+def _search_path() -> dict[str, str]:
+    """Return the environment in which actors import what this process does."""
+    return {"PYTHONPATH": os.pathsep.join(folder or str(Path.cwd()) for folder in sys.path)}
+
+
+def _check_length(folder: Path) -> None:
+    """Raise MachineError where the names of Ray's sockets would be too long."""
+    if len(os.fsencode(folder)) + _RAY_ADDS_BYTES > _SOCKET_NAME_BYTES:
+        raise MachineError(
+            f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
+        )
+
+
+@contextlib.contextmanager
+def _environment(values: Mapping[str, str | None] | Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables for the block; None removes one."""
+    before = {name: os.environ.get(name) for name in values}
+    _set_environment(values)
+    try:
+        yield
+    finally:
+        _set_environment(before)
+
+
+def _set_environment(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _signal_handler_kept() -> Iterator[None]:
+    """Put back the handler of SIGTERM, which Ray replaces."""
+    handler = signal.getsignal(signal.SIGTERM)
+    try:
+        yield
+    finally:
+        if handler is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, handler)

@@ -1,0 +1,127 @@
+"""From how much work per call on Ray overtakes the paths that need no cluster.
+
+The work of a call is its steps, of all simulations together; what they cost is said in milliseconds
+of the plain loop, so that models can be compared.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mjbench.paths import BASE
+from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
+from mjbench.report.crossovers import Rival
+from mjbench.report.results import PathResult
+
+# The path whose calls cost more to begin with, and those that it is compared with.
+PATH, RIVALS = "ray", (BASE, "rollout", "processes")
+
+
+@dataclass(frozen=True)
+class CallWork:
+    """What one call does.
+
+    Attributes:
+      steps: of all simulations together.
+      loop_ms: milliseconds that the plain loop takes for them.
+    """
+
+    steps: int
+    loop_ms: float
+
+
+@dataclass(frozen=True)
+class WorkCrossover:
+    """Where Ray overtakes another path on one model, by the work of a call.
+
+    Attributes:
+      model: its name.
+      path: `ray`.
+      options: of the path.
+      rival: the other path, with its number of threads or processes; the fastest of its variants
+        with as many, at each size.
+      least: least work from which on it is faster at every size; None where it is not at the
+        largest.
+      largest: most work of a call that was measured.
+      share: of the rival's speed, there.
+    """
+
+    model: str
+    path: str
+    options: Mapping[str, Any]
+    rival: Rival
+    least: CallWork | None
+    largest: CallWork
+    share: float
+
+
+@dataclass(frozen=True)
+class _Size:
+    """What was timed at one size: what a call does, and the results."""
+
+    work: CallWork
+    results: Sequence[PathResult]
+
+    def fastest(self, path: str, workers: int) -> PathResult | None:
+        """Return the fastest variant of a path with so many threads; None without one."""
+        own = [r for r in self.results if (r.path, nthread(r.options)) == (path, workers)]
+        return max(own, key=lambda result: result.steps_per_s or 0.0, default=None)
+
+
+def work_crossovers(results: Sequence[PathResult]) -> list[WorkCrossover]:
+    """Return where Ray overtakes each other path, on models measured at two sizes or more."""
+    timed = [r for r in results if r.steps_per_s and r.nbatch_asked]
+    rows = []
+    for model in dict.fromkeys(result.model for result in timed):
+        sizes = _sizes([result for result in timed if result.model == model])
+        variants = [(r.path, nthread(r.options)) for size in sizes for r in size.results]
+        rivals = [v for path in RIVALS for v in sorted({*variants}) if v[0] == path]
+        for actors in sorted({workers for path, workers in variants if path == PATH}):
+            for path, threads in rivals:
+                row = _crossover(sizes, actors, path, threads)
+                rows += [row] if row else []
+    return rows
+
+
+def _sizes(results: Sequence[PathResult]) -> list[_Size]:
+    """Return the sizes at which the plain loop was timed, from the least work of a call on."""
+    sizes = []
+    others = [r for r in results if r.path != BASE]
+    for base in (r for r in results if (r.path, r.options) == (BASE, {})):
+        same = [base, *(r for r in others if r.nbatch_asked == base.nbatch_asked)]
+        assert base.nbatch and base.nstep and base.step_ns, "a timed result has sizes and a time"
+        steps = base.nbatch * base.nstep
+        sizes.append(_Size(CallWork(steps, 1e-6 * steps * base.step_ns.median), same))
+    return sorted(sizes, key=lambda size: size.work.steps)
+
+
+def _crossover(
+    sizes: Sequence[_Size], actors: int, path: str, threads: int
+) -> WorkCrossover | None:
+    """Return where so many actors overtake a path with so many threads; None with one size."""
+    shares: list[tuple[CallWork, float]] = []
+    largest: tuple[CallWork, PathResult, PathResult] | None = None
+    for size in sizes:
+        own, rival = size.fastest(PATH, actors), size.fastest(path, threads)
+        if rival is None:
+            continue
+        shares.append((size.work, own.rate / rival.rate if own else 0.0))
+        if own is not None:
+            largest = size.work, own, rival
+    if largest is None or len(shares) < 2:
+        return None
+    least = None
+    for work, share in reversed(shares):
+        if share <= 1.0:  # slower there, or it failed
+            break
+        least = work
+    work, own, rival = largest
+    return WorkCrossover(
+        model=own.model,
+        path=own.path,
+        options=own.options,
+        rival=Rival(path, {n: v for n, v in rival.options.items() if n in WORKER_OPTIONS}),
+        least=least,
+        largest=work,
+        share=own.rate / rival.rate,
+    )

@@ -1,0 +1,103 @@
+"""Ray runs on this machine alone while somebody uses it, and no process of it lives on."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import process_tree
+import pytest
+from commands import PYTHONPATH, TESTS
+from isolated_tasks import Process, Text
+
+from mjbench import paths
+from mjbench.errors import MachineError
+from mjbench.instrument import isolate
+from mjbench.paths.ray_actors import Ray
+from mjbench.simulation.workload import Workload
+from mjbench.status import Status
+
+pytestmark = pytest.mark.skipif(Ray().unavailable() is not None, reason=str(Ray().unavailable()))
+
+
+def test_ray_is_local_whatever_the_environment_says_and_ends_with_its_last_user(
+    small: Workload, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RAY_ADDRESS", "192.0.2.99:6379")
+    before = process_tree.descendants()
+    handler = signal.getsignal(signal.SIGTERM)
+    running = []
+    for _ in range(2):
+        resources = paths.Resources(small)
+        Ray().prepare(small, {"actors": 2}, resources).run()
+        running.append(resources)
+    assert process_tree.descendants() > before
+    running[0].close()
+    assert process_tree.descendants() > before
+    running[1].close()
+    assert process_tree.descendants() <= before
+    assert os.environ["RAY_ADDRESS"] == "192.0.2.99:6379"
+    assert "RAY_AUTH_TOKEN" not in os.environ
+    assert signal.getsignal(signal.SIGTERM) is handler
+
+
+def test_a_folder_whose_name_is_too_long_for_sockets_is_a_failure_of_one_line(
+    tmp_path: Path, small: Workload, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / ("long" * 20)
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    with pytest.raises(MachineError, match=r"a temporary folder with a shorter name .* TMPDIR"):
+        Ray().prepare(small, {"actors": 2}, paths.Resources(small))
+
+
+def test_ray_ends_with_an_interrupted_child() -> None:
+    descriptors: list[int] = []
+
+    def watch(message: Process | Text) -> None:
+        if isinstance(message, Text):
+            raise KeyboardInterrupt
+        descriptors.append(os.pidfd_open(message.pid))
+
+    with pytest.raises(KeyboardInterrupt):
+        isolate.run("isolated_tasks:step_with_ray", Text(""), watch, 60.0, str(TESTS))
+    assert len(descriptors) > 4
+    assert all(map(process_tree.ends, descriptors))
+
+
+def test_ray_ends_with_a_child_that_leaves_it_behind() -> None:
+    descriptors: list[int] = []
+
+    def watch(message: Process) -> None:
+        descriptors.append(os.pidfd_open(message.pid))
+
+    ended = isolate.run("isolated_tasks:step_with_ray", Text("7"), watch, 60.0, str(TESTS))
+    assert ended.status == Status.CRASHED
+    assert len(descriptors) > 4
+    assert all(map(process_tree.ends, descriptors))
+
+
+def test_ray_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    program = (
+        "from isolated_tasks import Text\n"
+        "from mjbench.instrument import isolate\n"
+        "isolate.run('isolated_tasks:step_with_ray', Text(''), lambda message:"
+        f" print(getattr(message, 'pid', 0), flush=True), 60.0, {str(TESTS)!r})"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH},
+    )
+    assert parent.stdout is not None
+    descriptors = [
+        os.pidfd_open(pid) for line in iter(parent.stdout.readline, "0\n") if (pid := int(line))
+    ]
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    assert len(descriptors) > 4
+    assert all(map(process_tree.ends, descriptors))
