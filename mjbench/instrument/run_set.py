@@ -101,8 +101,17 @@ class RunSet:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Each run once: a section that another repeats or continues is left out."""
-        return tuple(section.run for section in distinct(self.sections))
+        """Each run once: a section that another repeats or continues is left out.
+
+        Cells of a sweep that one command measured are one run, as they were in its run file.
+        """
+        whole: dict[bytes, list[Section]] = {}
+        for section in distinct(self.sections):
+            # the header of a run file has the second in which it began
+            whole.setdefault(
+                section.lines[0] if section.cell else section.sha256.encode(), []
+            ).append(section)
+        return tuple(_joined(sections) for sections in whole.values())
 
 
 def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
@@ -114,6 +123,19 @@ def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
     return tuple(
         s for s in unique if not any(other.continues(s) for other in of_header[s.lines[0]])
     )
+
+
+def _joined(sections: Sequence[Section]) -> Run:
+    """Return the run of which sections are parts."""
+    first, *others = sections
+    if not others:
+        return first.run
+    records = {
+        line: record
+        for section in sections
+        for line, record in zip(section.lines[1:], section.run.records, strict=True)
+    }
+    return Run(first.run.header, tuple(records.values()))
 
 
 class RunSetFile:

@@ -121,6 +121,17 @@ def test_an_earlier_state_of_a_run_is_left_out(tmp_path: Path) -> None:
     assert run_set.distinct([late, other, early]) == (late, other)
 
 
+def test_cells_that_one_command_measured_are_one_run(tmp_path: Path) -> None:
+    cells = [section(tmp_path, note, cell=note.upper()) for note in ("a", "b")]
+    path = set_of(tmp_path / "set.jsonl", cells[0], section(tmp_path, "c"), cells[1])
+    read = run_set.read(path, TYPES)
+    assert [one.cell for one in read.sections] == ["A", "", "B"]
+    assert read.runs == (
+        runs.Run(HEADER, (Note("a"), Note("b"))),
+        runs.Run(HEADER, (Note("c"),)),
+    )
+
+
 def test_a_run_file_cut_short_loses_its_last_line(tmp_path: Path) -> None:
     source = written(tmp_path)
     whole = source.read_bytes().splitlines(keepends=True)
