@@ -23,6 +23,7 @@ from benchmarks.scale_tally import CellCost, CellKind, CellTally, load_cells
 from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.instrument import machine
 from mjbench.paths import BASE
+from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import ExitCode
 
@@ -111,6 +112,12 @@ def _step_us(lines: Mapping[str, Sequence[bytes]]) -> float:
     return 1e6 * statistics.median(base["samples_s"]) / steps
 
 
+def _install_bytes(release: str) -> int:
+    """Return how large an installed release is; it is installed where it is not."""
+    folder = installs.install(installs.parse_release(release))
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+
+
 def run(names: Sequence[str], old: str, new: str) -> CellTally:
     """Measure models, and write the tally after each.
 
@@ -128,6 +135,7 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
     cells: dict[str, list[CellCost]] = {}
     for cell in load_cells(TALLY).cells if names and TALLY.exists() else ():
         cells.setdefault(cell.model, []).append(cell)
+    install_bytes = round(statistics.fmean(map(_install_bytes, (old, new))))
     for name in names or shipped:
         cells[name] = measured(name, old, new)
         tally = CellTally(
@@ -136,6 +144,7 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
             usable_cores=machine.usable_cores(),
             old=old,
             new=new,
+            install_bytes=install_bytes,
             cells=[cell for of_model in cells.values() for cell in of_model],
         )
         save(tally)

@@ -50,6 +50,7 @@ class CellTally:
       usable_cores: of the machine.
       old: release of the verdicts' baseline; counts are of both releases.
       new: release of their candidate.
+      install_bytes: of an installed release, the mean of these two.
       cells: one of each kind for each model.
     """
 
@@ -58,6 +59,7 @@ class CellTally:
     usable_cores: int
     old: str
     new: str
+    install_bytes: int
     cells: Sequence[CellCost]
 
 
@@ -68,16 +70,14 @@ class SchedulingCost:
     Attributes:
       handover_s: seconds from when the driver hands out a command until it starts on its node.
       calibration_s: further seconds where the node must be quiet, for its calibration.
-      command_s: seconds of the driver for each command.
-      event_s: seconds of the driver for each thing that a node says.
-      look_s: seconds of the scheduler for each missing cell and free node, when it hands out cells.
+      command_s: seconds of the driver for each command, from choosing its cells to its end.
+      cell_s: seconds of the driver for each result, until it is stored.
     """
 
     handover_s: float
     calibration_s: float
     command_s: float
-    event_s: float
-    look_s: float
+    cell_s: float
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,123 @@ class Assumptions:
     outage_s: float = 900.0
 
 
+@dataclass(frozen=True)
+class MatrixSize:
+    """How large the full matrix is.
+
+    Attributes:
+      models: how many.
+      releases: how many; each but the newest is compared with it, and all are counted.
+      processors: how many kinds, each of which measures everything.
+    """
+
+    models: int = 331
+    releases: int = 42
+    processors: int = 4
+
+    def cells(self, kind: CellKind) -> int:
+        """Return how many cells of a kind one processor has."""
+        match kind:
+            case CellKind.VERDICT:
+                return self.models * (self.releases - 1)
+            case CellKind.COUNT:
+                return self.models * self.releases
+            case CellKind.COMPARISON:
+                return self.models
+
+
+@dataclass(frozen=True)
+class KindCost:
+    """What all cells of a kind take on one node of each processor, with nothing lost.
+
+    Attributes:
+      kind: of the cells.
+      cells: of all processors.
+      node_hours: seconds of their commands, on all processors.
+      result_bytes: of all processors.
+    """
+
+    kind: CellKind
+    cells: int
+    node_hours: float
+    result_bytes: float
+
+
+@dataclass(frozen=True)
+class ClusterRow:
+    """A simulated sweep of the matrix on one cluster.
+
+    Attributes:
+      nodes: as many of each processor.
+      processors: kinds of processors; the matrix has a part for each.
+      cells: of these parts.
+      hours: until the last result.
+      night_cells: results of the first eight hours.
+      node_hours: of commands that ended well, slow nodes included.
+      lost_hours: of nodes, in commands that died.
+      deaths: commands that died with their node.
+      refusals: by nodes.
+      given_up: cells without a result.
+      commands: that were handed out.
+      driver_share: of the time, for which the driver is busy.
+      longest_wait_s: for the driver.
+    """
+
+    nodes: int
+    processors: int
+    cells: int
+    hours: float
+    night_cells: int
+    node_hours: float
+    lost_hours: float
+    deaths: int
+    refusals: int
+    given_up: int
+    commands: int
+    driver_share: float
+    longest_wait_s: float
+
+    @property
+    def efficiency(self) -> float:
+        """Share of all nodes' time in commands that ended well."""
+        return self.node_hours / (self.nodes * self.hours)
+
+    @property
+    def nodes_of_a_busy_driver(self) -> float:
+        """With how many nodes one driver would be busy all the time."""
+        return self.nodes / self.driver_share
+
+
+@dataclass(frozen=True)
+class ScaleTally:
+    """What the simulation started from, and what came of it.
+
+    Attributes:
+      size: of the matrix.
+      scheduling: what was measured on local Ray nodes.
+      assumptions: what was not measured.
+      seed: of what was drawn.
+      kinds: what the cells take.
+      rows: of clusters.
+    """
+
+    size: MatrixSize
+    scheduling: SchedulingCost
+    assumptions: Assumptions
+    seed: int
+    kinds: Sequence[KindCost]
+    rows: Sequence[ClusterRow]
+
+
+def load_scale(file: Path) -> ScaleTally:
+    """Return the tally of simulated clusters.
+
+    Raises:
+      InputError: the file is not one.
+    """
+    return _load(file, ScaleTally, "simulated clusters")
+
+
 def load_cells(file: Path) -> CellTally:
     """Return the tally of what cells take.
 
@@ -106,6 +223,15 @@ def load_cells(file: Path) -> CellTally:
       InputError: the file is not one.
     """
     return _load(file, CellTally, "what cells take")
+
+
+def load_scheduling(file: Path) -> SchedulingCost:
+    """Return what handing out commands takes, as `benchmarks.sweep_cost` measured it.
+
+    Raises:
+      InputError: the file does not say.
+    """
+    raise NotImplementedError
 
 
 def _load(file: Path, kind: type[_Tally], what: str) -> _Tally:

@@ -49,7 +49,7 @@ class Course:
       refusals: of nodes.
       commands: that were handed out.
       driver_s: seconds for which the driver was busy.
-      longest_wait_s: longest time that an event waited for the driver.
+      longest_wait_s: longest time for which a node waited for the driver.
     """
 
     delivered: Sequence[tuple[Cell, float]]
@@ -192,7 +192,6 @@ class _Simulation:
         self._work, self._scheduling, self._assumptions = work, scheduling, assumptions
         self._rng = np.random.default_rng(seed)
         self._scheduler = Scheduler(cells, patience_s=math.inf)
-        self._waiting = len(cells)
         self._events: list[tuple[float, int, _Event]] = []
         self._order = itertools.count()
         self._commands: dict[int, _Command] = {}
@@ -213,7 +212,8 @@ class _Simulation:
             happened_s, _, event = heapq.heappop(self._events)
             now_s = max(happened_s, self._driver_free_s)
             self._longest_wait_s = max(self._longest_wait_s, now_s - happened_s)
-            self._occupy_driver(now_s, self._scheduling.event_s)
+            if isinstance(event, _Delivered):
+                self._occupy_driver(now_s, self._scheduling.cell_s)
             if self._handle(event, now_s):
                 self._hand_out(now_s)
         return Course(
@@ -249,8 +249,7 @@ class _Simulation:
             case _Ended(number) | _Died(number):
                 self._end(number, now_s, "" if isinstance(event, _Ended) else "it died")
             case _Refused(number):
-                command = self._pop(number)
-                self._waiting += len(command.assignment.cells)
+                self._pop(number)
                 self._refusals += 1
                 self._scheduler.refuse(number, "it is busy", now_s)
             case _Left(node_id):
@@ -281,10 +280,7 @@ class _Simulation:
 
     def _end(self, number: int, now_s: float, problem: str) -> None:
         command = self._pop(number)
-        open_cells = self._scheduler.open_cells(number)
-        lost = [item.cell for item in self._scheduler.end(number, problem, now_s)]
-        self._given_up += lost
-        self._waiting += len(open_cells) - len(lost)
+        self._given_up += [item.cell for item in self._scheduler.end(number, problem, now_s)]
         if problem:
             self._deaths += 1
             self._lost_s += command.lost_s * command.share
@@ -296,19 +292,10 @@ class _Simulation:
 
     def _hand_out(self, now_s: float) -> None:
         """Have the scheduler assign what it can, and begin that."""
-        idle = [
-            state
-            for state in self._nodes.values()
-            if state.is_there and len(state.running) < state.node.node.cores
-        ]
-        if not idle or not self._waiting:
-            return
-        free = sum(not state.running for state in idle)
-        self._occupy_driver(now_s, self._scheduling.look_s * self._waiting * free)
         for assignment in self._scheduler.assign(now_s):
-            self._waiting -= len(assignment.cells)
             self._count += 1
             self._occupy_driver(now_s, self._scheduling.command_s)
+            self._longest_wait_s = max(self._longest_wait_s, self._driver_free_s - now_s)
             self._begin(assignment)
         if not self._is_looking and any(
             state.is_there and not state.running for state in self._nodes.values()

@@ -35,7 +35,7 @@ from mjbench.sweep import matrix, software
 from mjbench.sweep.calibration import Limits
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.commands import CommandLine
-from mjbench.sweep.executor import Died, Joined, Told
+from mjbench.sweep.executor import Died, Joined, Reported
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.messages import Finished, Request
 from mjbench.sweep.plan import NodeRules, Part, Plan
@@ -267,7 +267,7 @@ def _run_tasks(cluster: object, nodes: Sequence[Node], count: int) -> list[float
             number += 1
         for event in cluster.events(1.0):
             match event:
-                case Told(done, Finished() as finished):
+                case Reported(done, Finished() as finished):
                     node, begin = began.pop(done)
                     latencies.append(time.perf_counter() - begin - finished.command_s)
                     idle.append(node)

@@ -13,7 +13,7 @@ from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell, Kind
-from mjbench.sweep.executor import Died, Event, Joined, Left, Told
+from mjbench.sweep.executor import Died, Event, Joined, Left, Reported
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.messages import Began, Finished, Lines, Refused, Request
 from mjbench.sweep.model_files import CarriedModel
@@ -177,9 +177,9 @@ class FakeCluster:
         events: list[Event] = []
         if not work.said:
             work.said.append("header")
-            events += [Told(number, Began()), Told(number, Lines((header(),)))]
+            events += [Reported(number, Began()), Reported(number, Lines((header(),)))]
         if work.cells:
-            events.append(Told(number, Lines((line(verdict(work.cells.pop(0))),))))
+            events.append(Reported(number, Lines((line(verdict(work.cells.pop(0))),))))
         if not work.cells:
             events += self.finishes(number, 0)
         return events
@@ -187,12 +187,12 @@ class FakeCluster:
     def finishes(self, number: int, code: int, detail: str = "") -> list[Event]:
         """A command ends."""
         del self.running[number]
-        return [Told(number, Finished(code, detail))]
+        return [Reported(number, Finished(code, detail))]
 
     def refuses(self, number: int, reason: str = "others keep it busy") -> list[Event]:
         """A node does not measure now."""
         del self.running[number]
-        return [Told(number, Refused(reason))]
+        return [Reported(number, Refused(reason))]
 
     def dies(self, number: int) -> list[Event]:
         """A worker is killed; its node stays."""

@@ -50,7 +50,7 @@ class Left:
 
 
 @dataclass(frozen=True)
-class Told:
+class Reported:
     """A node says something of an assignment.
 
     Attributes:
@@ -75,7 +75,7 @@ class Died:
     reason: str
 
 
-Event = Joined | LeftOut | Left | Told | Died
+Event = Joined | LeftOut | Left | Reported | Died
 
 
 class Executor(Protocol):

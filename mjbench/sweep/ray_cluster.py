@@ -18,7 +18,7 @@ from typing import Any
 from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.instrument import extras, scratch
 from mjbench.sweep import ray_worker, software
-from mjbench.sweep.executor import Died, Event, Joined, Left, LeftOut, Told
+from mjbench.sweep.executor import Died, Event, Joined, Left, LeftOut, Reported
 from mjbench.sweep.messages import Finished, Message, NodeAnswer, Refused, Request
 from mjbench.sweep.model_files import CarriedModel
 from mjbench.sweep.scheduler import Node
@@ -266,7 +266,7 @@ class RayCluster:
         else:
             if isinstance(message, Refused | Finished):
                 del self._running[number]
-            self._events.append(Told(number, message))
+            self._events.append(Reported(number, message))
 
     def _cancel_all(self) -> None:
         """Have all nodes stop; those that do not within some seconds lose their worker."""

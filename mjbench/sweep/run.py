@@ -10,7 +10,7 @@ from mjbench.instrument.machine import Machine
 from mjbench.status import ExitCode, Status
 from mjbench.sweep import results
 from mjbench.sweep.cells import Cell
-from mjbench.sweep.executor import Died, Event, Executor, Joined, Left, LeftOut, Told
+from mjbench.sweep.executor import Died, Event, Executor, Joined, Left, LeftOut, Reported
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.messages import Began, Finished, Lines, Message, Refused, Request
 from mjbench.sweep.results import CellResult, Collector
@@ -184,7 +184,7 @@ class Sweep:
                 self._on_left_out(event)
             case Left(node_id, reason):
                 self._scheduler.leave(node_id, reason)
-            case Told(number, message):
+            case Reported(number, message):
                 self._handle_message(number, message)
             case Died(number, reason):
                 self._end(number, Failure(Status.CRASHED, reason))

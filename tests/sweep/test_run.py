@@ -12,7 +12,7 @@ from mjbench.errors import InputError, MachineError
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.status import Status
 from mjbench.sweep.cells import Cell
-from mjbench.sweep.executor import Event, LeftOut, Told
+from mjbench.sweep.executor import Event, LeftOut, Reported
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.messages import Began, Lines
 from mjbench.sweep.plan import NodeRules
@@ -95,7 +95,7 @@ def test_a_cell_that_fails_by_itself_is_stored_as_such_once() -> None:
         for number, work in list(cluster.running.items()):
             bad = verdict(work.cells[0], Status.CRASHED)
             lines = (header(), line(bad), *(line(verdict(c)) for c in work.cells[1:]))
-            events += [Told(number, Began()), Told(number, Lines(lines))]
+            events += [Reported(number, Began()), Reported(number, Lines(lines))]
             events += cluster.finishes(number, 3, "it failed")
         return events
 
@@ -133,7 +133,7 @@ def test_a_node_that_sends_something_else_is_stopped_and_counts_as_failed() -> N
     def act(cluster: FakeCluster) -> Sequence[Event]:
         for number, work in cluster.running.items():
             if work.node.id == "one":
-                return [Told(number, Lines((b"not a run file\n", b"at all\n")))]
+                return [Reported(number, Lines((b"not a run file\n", b"at all\n")))]
         return steady(cluster)
 
     cluster = FakeCluster([node("one"), node("two")], act)
