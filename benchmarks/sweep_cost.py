@@ -24,22 +24,17 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from mjbench.instrument import machine
-from mjbench.instrument.machine import Machine
-from mjbench.instrument.runs import to_json
-from mjbench.paired.outcomes import Metric
-from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models
-from mjbench.sweep import matrix, software
-from mjbench.sweep.calibration import Limits
-from mjbench.sweep.cells import Cell, Kind
-from mjbench.sweep.commands import CommandLine
-from mjbench.sweep.executor import Died, Joined, Reported
-from mjbench.sweep.matrix import Matrix
-from mjbench.sweep.messages import Finished, Request
-from mjbench.sweep.plan import NodeRules, Part, Plan
-from mjbench.sweep.scheduler import Node, Scheduler
+
+if TYPE_CHECKING:
+    from mjbench.instrument.machine import Machine
+    from mjbench.sweep.commands import CommandLine
+    from mjbench.sweep.matrix import Matrix
+    from mjbench.sweep.plan import Plan
+    from mjbench.sweep.ray_cluster import RayCluster
+    from mjbench.sweep.scheduler import Node
 
 RELEASES = ("3.3.0", "3.9.0", "3.17.0", "4.0.0")
 QUICK_MODELS, QUICK_RELEASES = ("cartpole", "cube_table"), ("3.17.0", "4.0.0")
@@ -132,7 +127,7 @@ class SweepCost:
       choice: what choosing costs.
     """
 
-    machine: Machine
+    machine: "Machine"
     models: Sequence[str]
     releases: Sequence[str]
     time_limit_s: float
@@ -143,8 +138,14 @@ class SweepCost:
     choice: ChoiceCost
 
 
-def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: float) -> Plan:
+def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: float) -> "Plan":
     """Return a plan whose verdicts all take their time limit, on nodes that never refuse."""
+    from mjbench.paired.outcomes import Metric
+    from mjbench.releases.installs import ReleaseSpec
+    from mjbench.sweep.calibration import Limits
+    from mjbench.sweep.cells import Kind
+    from mjbench.sweep.plan import NodeRules, Part, Plan
+
     releases = tuple(ReleaseSpec(version, version) for version in versions)
     options = ("--time-limit", f"{time_limit_s:g}", "--min-effect", "1e-4", "--precision", "1e-4")
     anything = Limits(min_cores=0.0, max_busy=1.0, max_stolen=1.0)
@@ -160,8 +161,10 @@ def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: f
     )
 
 
-def command_lines(of: Matrix) -> list[CommandLine]:
+def command_lines(of: "Matrix") -> list["CommandLine"]:
     """Return the command lines that a sweep on one node runs, in its order."""
+    from mjbench.sweep.scheduler import Node, Scheduler
+
     scheduler = Scheduler(of.cells)
     scheduler.join(Node("node", "node", "host"))
     lines = []
@@ -174,7 +177,7 @@ def command_lines(of: Matrix) -> list[CommandLine]:
     return lines
 
 
-def by_hand(of: Matrix) -> float:
+def by_hand(of: "Matrix") -> float:
     """Return the seconds of all commands, one after the other."""
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
@@ -186,10 +189,11 @@ def by_hand(of: Matrix) -> float:
         return time.perf_counter() - begin
 
 
-def by_sweep(plan: Plan) -> SweepTimes:
+def by_sweep(plan: "Plan") -> SweepTimes:
     """Return the seconds of a sweep that does the same."""
     from mjbench.instrument.run_set import RunSetFile
     from mjbench.report.documents import RECORD_TYPES
+    from mjbench.sweep import matrix, software
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.results import CellResult
     from mjbench.sweep.run import Sweep
@@ -230,6 +234,7 @@ def task_cost(node_count: int, tasks: int) -> TaskCost:
     """Return what tasks cost whose command does nothing, on some nodes of Ray on this machine."""
     from ray.cluster_utils import Cluster
 
+    from mjbench.sweep.executor import Joined
     from mjbench.sweep.ray_cluster import RESOURCE, RayCluster
 
     ray_nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
@@ -250,11 +255,12 @@ def task_cost(node_count: int, tasks: int) -> TaskCost:
     )
 
 
-def _run_tasks(cluster: object, nodes: Sequence[Node], count: int) -> list[float]:
+def _run_tasks(cluster: "RayCluster", nodes: Sequence["Node"], count: int) -> list[float]:
     """Run tasks, one at a time on each node; return how long each took beside its command."""
-    from mjbench.sweep.ray_cluster import RayCluster
+    from mjbench.sweep.commands import CommandLine
+    from mjbench.sweep.executor import Died, Reported
+    from mjbench.sweep.messages import Finished, Request
 
-    assert isinstance(cluster, RayCluster)
     request = Request(CommandLine(("instructions",), ("nothing",)), program=("true",))
     began: dict[int, tuple[Node, float]] = {}
     latencies: list[float] = []
@@ -278,6 +284,10 @@ def _run_tasks(cluster: object, nodes: Sequence[Node], count: int) -> list[float
 
 def choice_cost(model_count: int, release_count: int, node_count: int) -> ChoiceCost:
     """Return what it costs to hand out a large matrix, whose cells are all done at once."""
+    from mjbench.paired.outcomes import Metric
+    from mjbench.sweep.cells import Cell, Kind
+    from mjbench.sweep.scheduler import Node, Scheduler
+
     cells = [
         Cell(Kind.VERSIONS, f"model {m}", f"3.{r}.0", "3.0.0", "", "python_loop", Metric.TIME)
         for r in range(1, release_count)
@@ -310,6 +320,9 @@ def measure(
     is_large: bool,
 ) -> SweepCost:
     """Measure all of it."""
+    from mjbench.instrument import machine
+    from mjbench.sweep import matrix, software
+
     plan = plan_of(model_names, versions, time_limit_s)
     of = matrix.build(plan, software.installed())
     hand, sweeps = [], []
@@ -370,6 +383,8 @@ def print_cost(cost: SweepCost) -> None:
 
 def main() -> None:
     """Measure, print and store."""
+    from mjbench.instrument.runs import to_json
+
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
