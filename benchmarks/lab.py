@@ -211,11 +211,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE")
     parser.add_argument("--package", type=Path, metavar="DIR", help="into which npm installed it")
-    parser.add_argument("--figures", type=Path, default=RESULTS, metavar="FILE")
+    parser.add_argument("--figures", type=Path, metavar="FILE")
     options = parser.parse_args(arguments)
     try:
         package = npm_package.find(folder=options.package)
-        page = render(package, read_figures(options.figures, package.version))
+        if options.figures is not None and not options.figures.exists():
+            raise InputError(f"--figures: there is no {options.figures}")
+        page = render(package, read_figures(options.figures or RESULTS, package.version))
         with writing(options.output):
             options.output.parent.mkdir(parents=True, exist_ok=True)
             with files.replacing(options.output) as file:

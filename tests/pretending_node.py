@@ -127,7 +127,12 @@ class Pretender:
 
     def examine(self, cartpole_file: str) -> dict[str, Any]:
         assert Path(cartpole_file).name == "cartpole.xml"
-        memory = {"count": 10, "deleted_bytes": 0, "kept_bytes": 1 << 20, "again_bytes": 1 << 20}
+        memory = {
+            "count": 10,
+            "deleted_bytes": 0,
+            "undeleted_bytes": 1 << 20,
+            "again_bytes": 1 << 20,
+        }
         return {
             "growth": {
                 "created": 1,

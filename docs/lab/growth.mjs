@@ -7,7 +7,7 @@ import { Recording } from "./recording.mjs";
 const MOST_DATA = 100;
 
 /**
- * Store a view and a copy, make further MjData until the heap grows, and look at both again.
+ * Store a view and a copy, create further MjData until the heap grows, and look at both again.
  * @param {import("@mujoco/mujoco").MainModule} mujoco an engine that nothing else uses
  * @param {string} xml models/cartpole.xml
  */
@@ -23,27 +23,27 @@ export function growHeap(mujoco, xml) {
     copy: { length: copy.length, x: copy[0] },
   });
   const before = look();
-  let made = 0;
-  while (tip.xpos.buffer.byteLength === before.bytes && made < MOST_DATA) {
+  let created = 0;
+  while (tip.xpos.buffer.byteLength === before.bytes && created < MOST_DATA) {
     new mujoco.MjData(model);
-    made++;
+    created++;
   }
-  return { made, before, after: look() };
+  return { created, before, after: look() };
 }
 
 /**
  * Show what growHeap returned.
  * @param {ReturnType<typeof growHeap>} growth
  */
-export function showGrowth({ made, before, after }) {
+export function showGrowth({ created, before, after }) {
   const megabytes = (/** @type {number} */ bytes) => `${(bytes / 1e6).toFixed(1)} MB`;
-  const words = (/** @type {{length: number, x: number | undefined}} */ { length, x }) =>
+  const described = (/** @type {{length: number, x: number | undefined}} */ { length, x }) =>
     `length ${length}, x ${metres(x)}`;
   fill(byId("growth"), [
-    ["stored view", words(before.view), words(after.view)],
-    ["stored copy", words(before.copy), words(after.copy)],
+    ["stored view", described(before.view), described(after.view)],
+    ["stored copy", described(before.copy), described(after.copy)],
   ]);
-  const number = made === 1 ? "One more MjData" : `${made} more MjData`;
+  const number = created === 1 ? "One more MjData" : `${created} more MjData`;
   byId("growth-summary").textContent =
     before.bytes === after.bytes
       ? `${number}: the heap did not grow, so the view is still alive.`

@@ -73,7 +73,12 @@ function prepare(mujoco, xml) {
   const start = Array.from(state.GetView());
   state.delete();
   const end = data.time + NSTEP * model.opt.timestep;
-  const restore = () => mujoco.mj_setState(model, data, start, spec);
+  // which bodies sleep is no part of the state
+  const hasSleep = (model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP.value) !== 0;
+  const restore = () => {
+    if (hasSleep) mujoco.mj_resetData(model, data);
+    mujoco.mj_setState(model, data, start, spec);
+  };
   return {
     steps() {
       restore();

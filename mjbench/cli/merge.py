@@ -50,6 +50,7 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 def _summary(merged: "Merged") -> str:
     """Return what a set holds now, and what was skipped, in one line."""
     from mjbench.instrument.machine_identity import identify
+    from mjbench.report import tables
 
     machines = dict.fromkeys(identify([run.header.machine for run in merged.runs]))
     skipped = [
@@ -61,11 +62,5 @@ def _summary(merged: "Merged") -> str:
         if count
     ]
     end = f", skipped {' and '.join(skipped)}" if skipped else ""
-    return (
-        f"{_count(len(merged.runs), 'run')} of {_count(len(machines), 'machine')};"
-        f" added {merged.added}{end}"
-    )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+    runs = tables.count_of(len(merged.runs), "run")
+    return f"{runs} of {tables.count_of(len(machines), 'machine')}; added {merged.added}{end}"

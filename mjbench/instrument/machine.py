@@ -50,9 +50,10 @@ _FLAGS = (
     "GLIBC_TUNABLES",
     "LD_PRELOAD",
 )
-# The environment variable with the user's name for this machine, and the longest such name.
+# The environment variable with the user's name for this machine, and the longest such name: hosts
+# may have such ones.
 LABEL_VARIABLE = "MJBENCH_MACHINE"
-_LABEL_LENGTH = 40
+_LABEL_LENGTH = 64
 # XML of a body that costs about a microsecond a step and touches little memory.
 _SPINNER = (
     "<mujoco><option gravity='0 0 0'/><worldbody><body><joint type='hinge'/>"
@@ -267,7 +268,7 @@ def describe() -> Machine:
         python=platform.python_version(),
         versions={name: version for name in _PACKAGES if (version := _version(name))},
         flags={name: os.environ[name] for name in _FLAGS if name in os.environ},
-        label=one_line(os.environ.get(LABEL_VARIABLE, ""), _LABEL_LENGTH),
+        label=_label(),
         host=host_hash(),
     )
 
@@ -312,6 +313,18 @@ def cpu_name() -> str:
     """Return the name of the processor."""
     name = _cpuinfo("model name") or _sysctl("machdep.cpu.brand_string")
     return name or platform.processor() or platform.machine()
+
+
+def _label() -> str:
+    """Return the user's name for this machine, on one line; empty without one.
+
+    Raises:
+      InputError: it is too long. Cut short, it could be that of another machine.
+    """
+    label = one_line(os.environ.get(LABEL_VARIABLE, ""), _LABEL_LENGTH + 1)
+    if len(label) > _LABEL_LENGTH:
+        raise InputError(f"{LABEL_VARIABLE} is longer than {_LABEL_LENGTH} characters: {label}")
+    return label
 
 
 def host_hash() -> str:

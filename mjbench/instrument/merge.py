@@ -1,5 +1,6 @@
 """Merge run files and sets into one set: every run once, to the byte, nothing averaged."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,9 @@ def merge(inputs: Sequence[Path], output: Path, record_types: Mapping[str, type]
       MachineError: the output cannot be written, or another process is writing it.
     """
     read = [run_set.read(path, record_types) for path in inputs]
-    file = RunSetFile.open(output) if output.exists() else RunSetFile.create(output)
+    # not Path.exists, which fails where a name is too long; create has a message for that
+    open_set = RunSetFile.open if os.path.lexists(output) else RunSetFile.create
+    file = open_set(output)
     try:
         held = list(run_set.read(output, record_types).sections)
         choice = _choose([section for each in read for section in each.sections], held)

@@ -271,11 +271,11 @@ def load_files(
     Raises:
       InputError: as `read` does.
     """
-    found: dict[str, tuple[Path, Section]] = {}
+    by_digest: dict[str, tuple[Path, Section]] = {}
     for path in paths:
         for section in read(path, record_types).sections:
-            found.setdefault(section.sha256, (path, section))
-    return [found[s.sha256] for s in distinct(section for _, section in found.values())]
+            by_digest.setdefault(section.sha256, (path, section))
+    return [by_digest[s.sha256] for s in distinct(s for _, s in by_digest.values())]
 
 
 @dataclass(frozen=True)

@@ -53,19 +53,19 @@ def metrics(stored: RunSet) -> list[Metric]:
     """
     runs = stored.runs
     _check_kind(runs)
-    found = [
+    values = [
         replace(metric, name=f"{prefix}{metric.name}")
         for run, prefix in _prefixed(runs)
         for metric in (*_step_times(run), *_ratios(run))
     ]
-    names = Counter(metric.name for metric in found)
+    names = Counter(metric.name for metric in values)
     repeated = [name for name, count in names.items() if count > 1]
     if repeated and len(runs) > 1:
         raise InputError(
             f"{repeated[0]} was measured {names[repeated[0]]} times, and this form has room for"
             " one: give a run file, or --format csv"
         )
-    return found
+    return values
 
 
 def _prefixed(runs: Sequence[Run]) -> list[tuple[Run, str]]:

@@ -27,7 +27,7 @@ def of_machines(histories: Sequence[MachineHistory], command: str) -> Iterator[S
 
 def _across(histories: Sequence[MachineHistory], command: str) -> Section:
     """Return on how many machines each change is listed."""
-    found = speed_across.changes(histories)
+    changes = speed_across.changes(histories)
     columns = (
         Column("releases"),
         Column("what"),
@@ -45,13 +45,13 @@ def _across(histories: Sequence[MachineHistory], command: str) -> Section:
             100 * machine.listed.point.change if machine.listed else None,
             100 * machine.listed.point.deviation if machine.listed else None,
         )
-        for change in found
+        for change in changes
         for machine in change.machines
     ]
     return Section(
         heading="What changed between releases, by machine",
         command=command,
-        conclusions=[Conclusion(speed_across.conclusion(histories, found))],
+        conclusions=[Conclusion(speed_across.conclusion(histories, changes))],
         tables=[DataTable("Change points by machine", columns, rows)],
         notes=[
             "Each machine has a history of its own. A machine without a change measured both"

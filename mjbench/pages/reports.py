@@ -111,11 +111,11 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         for part in _parts(named, machine.name if results.has_several else "")
     ]
     parts += _history_parts(named_runs)
-    kept = _most_important(parts) if len(named_runs) > 1 else parts
+    chosen = _most_important(parts) if len(named_runs) > 1 else parts
     # what went wrong comes first
-    main = [conclusion for part in kept for conclusion in part.main]
+    main = [conclusion for part in chosen for conclusion in part.main]
     main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
-    sections = [part.section for part in kept]
+    sections = [part.section for part in chosen]
     if results.has_several and (first := machines.section(results, _report_command(named_runs))):
         main = [*first.conclusions, *main]
         # they stand right above it, unless there are too many
@@ -131,8 +131,8 @@ def build(named_runs: Sequence[NamedRun]) -> Report:
         rest = len(main) - _MOST_CONCLUSIONS
         main = main[:_MOST_CONCLUSIONS]
         main.append(Conclusion(f"{rest} further conclusions are in their sections."))
-    if len(kept) < len(parts):
-        main.append(_left_out(len(parts) - len(kept), len(parts)))
+    if len(chosen) < len(parts):
+        main.append(_left_out(len(parts) - len(chosen), len(parts)))
     return Report(title, main, sections, _machines(named_runs, results.machines))
 
 
@@ -152,7 +152,7 @@ def _most_important(parts: Sequence[_Part]) -> list[_Part]:
 def _left_out(count: int, total: int) -> Conclusion:
     return Conclusion(
         f"Left out: {count:,} of {total:,} sections of single runs. Those in which something went"
-        " wrong are kept first. Report fewer runs to see all; mjbench.load has all results.",
+        " wrong come first. Report fewer runs to see all; mjbench.load has all results.",
         Tone.UNSURE,
     )
 

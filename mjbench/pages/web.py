@@ -18,13 +18,13 @@ def sections(
     """Yield a section for each model, and one for what experiments with the builds showed."""
     for record in records:
         yield _section(web_results.derive(record), command)
-    if found := web.findings(experiments):
+    if findings := web.findings(experiments):
         yield Section(
             heading="WebAssembly: what experiments with the builds showed",
             command=command,
             conclusions=[
                 Conclusion(f"{', '.join(finding.builds)}: {finding.text} {finding.code}".strip())
-                for finding in found
+                for finding in findings
             ],
         )
 

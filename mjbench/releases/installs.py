@@ -78,8 +78,8 @@ class ReleaseSpec:
 
 def wheel_digest(key: str) -> str:
     """Return what the key of an install says of the content of local wheels; empty without any."""
-    found = re.search(r"\+([0-9a-f]{8})-", key)
-    return found[1] if found else ""
+    match = re.search(r"\+([0-9a-f]{8})-", key)
+    return match[1] if match else ""
 
 
 # -- naming a release ---------------------------------------------------------------------------

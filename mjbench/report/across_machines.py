@@ -139,8 +139,8 @@ def notes(results: SideBySide) -> Iterator[str]:
     ]
     if apart:
         yield (
-            f"Machines did other work, and stand apart: {'; '.join(apart)}. Give --nbatch and"
-            " --nstep on all of them, and the same files."
+            f"Machines did other work, and stand apart: {'; '.join(apart)}. Give --nbatch,"
+            " --nstep and --settle on all of them, and the same files."
         )
 
 
@@ -184,8 +184,8 @@ def print_runs(out: Console, runs: Sequence[Run], names: Sequence[str]) -> None:
     """
     table = tables.plain_table(["machine", "command", "began", "records"], right=(3,))
     for run, name in zip(runs, names, strict=True):
-        words = run.header.command_line or (run.header.command,)
-        table.add_row(name, shlex.join(words), run.header.began, str(len(run.records)))
+        command = run.header.command_line or (run.header.command,)
+        table.add_row(name, shlex.join(command), run.header.began, str(len(run.records)))
     out.print(table)
 
 

@@ -112,9 +112,11 @@ def _change(
         for each in histories
         if _measured(each, name, is_operation, release)
     ]
-    found = [machine.listed for machine in machines if machine.listed is not None]
-    before = dict.fromkeys(each.before.release for each in found)
-    return ChangeAcross(title(found[0].after.record), is_operation, release, list(before), machines)
+    listing = [machine.listed for machine in machines if machine.listed is not None]
+    before = dict.fromkeys(each.before.release for each in listing)
+    return ChangeAcross(
+        title(listing[0].after.record), is_operation, release, list(before), machines
+    )
 
 
 def _measured(each: MachineHistory, name: str, is_operation: bool, release: str) -> bool:
@@ -126,8 +128,8 @@ def _measured(each: MachineHistory, name: str, is_operation: bool, release: str)
 
 def lines(histories: Sequence[MachineHistory]) -> Iterator[str]:
     """Yield the lines of a page of several machines, in Markdown."""
-    found = changes(histories)
-    yield conclusion(histories, found)
+    all_changes = changes(histories)
+    yield conclusion(histories, all_changes)
     yield ""
     yield (
         "Each machine has a history of its own, with its own"
@@ -138,7 +140,7 @@ def lines(histories: Sequence[MachineHistory]) -> Iterator[str]:
         ("Changes of a step", False),
         ("Changes around the step", True),
     ):
-        chosen = [change for change in found if change.is_operation == is_operation]
+        chosen = [change for change in all_changes if change.is_operation == is_operation]
         if chosen:
             yield f"\n## {heading}\n"
             yield (
@@ -150,10 +152,10 @@ def lines(histories: Sequence[MachineHistory]) -> Iterator[str]:
     yield from _machines(histories)
 
 
-def conclusion(histories: Sequence[MachineHistory], found: Sequence[ChangeAcross]) -> str:
+def conclusion(histories: Sequence[MachineHistory], listed: Sequence[ChangeAcross]) -> str:
     """Return how many changes are listed, and on how many machines."""
     count = len(histories)
-    if not found:
+    if not listed:
         return f"No history of the {count} machines lists a change."
     kinds = Counter(
         "all machines that measured them"
@@ -161,26 +163,26 @@ def conclusion(histories: Sequence[MachineHistory], found: Sequence[ChangeAcross
         else "one machine alone"
         if len(change.listing) == 1
         else "several machines"
-        for change in found
+        for change in listed
     )
     parts = [f"{number} on {kind}" for kind, number in kinds.most_common()]
-    noun = "change is" if len(found) == 1 else "changes are"
-    return f"{len(found)} {noun} listed on {count} machines: {', '.join(parts)}."
+    noun = "change is" if len(listed) == 1 else "changes are"
+    return f"{len(listed)} {noun} listed on {count} machines: {', '.join(parts)}."
 
 
-def _table(found: Sequence[ChangeAcross], names: Sequence[str]) -> Iterator[str]:
+def _table(listed: Sequence[ChangeAcross], names: Sequence[str]) -> Iterator[str]:
     """Yield a table of changes, with a column for each machine; of many machines, with a row."""
     if len(names) > MOST_COLUMNS:
         headings = ["releases", "what", "listed", "machine", "time"]
         rows = [
             [change.releases, change.title, change.count, _escaped(m.machine), m.cell]
-            for change in found
+            for change in listed
             for m in change.machines
         ]
         yield from markdown.table(headings, rows, right_aligned=("time",))
         return
     wide = [
-        [change.releases, change.title, change.count, *_cells(change, names)] for change in found
+        [change.releases, change.title, change.count, *_cells(change, names)] for change in listed
     ]
     columns = [_escaped(name) for name in names]
     yield from markdown.table(["releases", "what", "listed", *columns], wide, columns)

@@ -14,7 +14,7 @@ from mjbench.releases.change_points import (
 )
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history_plots
+from mjbench.report import history_plots, tables
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.report.speed_tables import (
     COUNT_THRESHOLD,
@@ -213,8 +213,8 @@ def conclusion(history: SpeedHistory) -> Iterator[str]:
     uncertain = len(compared) - len(certain)
     yield (
         "From the first release that loads a model to the last, a step became slower for"
-        f" {len(slower)} of {_count(len(compared), 'model')}{_range(slower)}, and faster for"
-        f" {len(faster)}{_range(faster)}."
+        f" {len(slower)} of {tables.count_of(len(compared), 'model')}{_range(slower)}, and faster"
+        f" for {len(faster)}{_range(faster)}."
         + (f" For {uncertain} the change is not certain." if uncertain else "")
     )
     listed = listed_changes(history, history.models)
@@ -300,14 +300,10 @@ def no_change_line(history: SpeedHistory) -> Iterator[str]:
         yield (
             "As a check, in some releases a step executes as many instructions as in the one"
             f" before: {', '.join(names)}. The root mean square of their"
-            f" {_count(len(log_ratios), 'change')} is {100 * deviation:.2f} %, where their"
+            f" {tables.count_of(len(log_ratios), 'change')} is {100 * deviation:.2f} %, where their"
             f" standard errors predict {100 * expected:.2f} %; {listed} of them"
             f" {'is' if listed == 1 else 'are'} listed."
         )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _index(series: SpeedSeries, pair: NoChangePair) -> int | None:

@@ -96,6 +96,11 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     }
 
 
+def count_of(number: int, noun: str) -> str:
+    """Return a number of things, such as `1 run` or `3 runs`."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def all_machines(count: int) -> str:
     """Return `both machines` or, of more, such as `all 4 machines`."""
     return "both machines" if count == 2 else f"all {count} machines"

@@ -94,14 +94,12 @@ def describe_all_machines(across: AcrossMachines) -> str:
     verdicts = across.verdicts
     counts = {o: sum(v.outcome == o for v in verdicts) for o in Outcome}
     parts = [f"{outcome.value} in {count}" for outcome, count in counts.items() if count]
-    return (
-        f"All {_count(len(verdicts), 'verdict')} of {_count(len(across.machines), 'machine')}"
-        f" together: {', '.join(parts)}."
-        + _false_alarms(
-            any(_is_timed(c) and c.of_outcome(Outcome.SLOWER) for c in across.comparisons),
-            any(_is_timed(c) and c.of_outcome(Outcome.FASTER) for c in across.comparisons),
-            across.confidence,
-        )
+    counted = tables.count_of(len(verdicts), "verdict")
+    machines = tables.count_of(len(across.machines), "machine")
+    return f"All {counted} of {machines} together: {', '.join(parts)}." + _false_alarms(
+        any(_is_timed(c) and c.of_outcome(Outcome.SLOWER) for c in across.comparisons),
+        any(_is_timed(c) and c.of_outcome(Outcome.FASTER) for c in across.comparisons),
+        across.confidence,
     )
 
 
@@ -161,10 +159,6 @@ def _spread(comparison: MachineComparison) -> str:
 
 def _is_timed(comparison: MachineComparison) -> bool:
     return comparison.metric != Metric.INSTRUCTIONS
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _count_of_models(rows: Sequence[VerdictRow]) -> str:

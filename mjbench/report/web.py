@@ -11,10 +11,12 @@ from mjbench.report import tables
 from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.status import Status
 from mjbench.web.messages import Examined, HeapLimit, ObjectMemory
-from mjbench.web.records import Mathematics, WebExperimentsRecord
+from mjbench.web.records import C_PATH, Mathematics, WebExperimentsRecord
 from mjbench.web.rounding_check import FirstDifference, RoundingCheck
 
 _MIB, _GIB = 1 << 20, 1 << 30
+# Below so many milliseconds, a block of C takes visibly longer than its steps.
+_SHORT_MS = 1.0
 
 
 @dataclass(frozen=True)
@@ -70,19 +72,29 @@ def conclusion(row: WebRow) -> str:
     if first is None:
         bad = next((path for path in wasm if path.status == Status.DISAGREES), wasm[0])
         return f"{row.model}: {_name(bad)}: {bad.status}: {bad.detail}"
-    agreement = "its states are C's to the last bit"
-    if first.check is not None and first.check.first is not None:
-        after = f"after {first.check.nstep} steps"
-        agreement = f"{after} its states are within {first.check.final.difference:.1e} of C's"
-    if first.ratio is None:
-        return f"{row.model}: {agreement}"
-    times = f"{tables.factor(first.ratio.median)} times as long as in C{_interval(first.ratio)}"
-    return f"{row.model}: in WebAssembly a step takes {times}; {agreement}"
+    parts = ["" if first.check is None else _agreement(first.check)]
+    if first.ratio is not None:
+        name = "WebAssembly" if first is wasm[0] else f"WebAssembly ({_name(first)})"
+        times = f"{tables.factor(first.ratio.median)} times as long as in C{_interval(first.ratio)}"
+        parts.insert(0, f"in {name} a step takes {times}")
+    if others := [_name(path) for path in wasm if path.status == Status.DISAGREES]:
+        verb = "disagrees" if len(others) == 1 else "disagree"
+        parts.append(f"{', '.join(others)} {verb} with C")
+    return f"{row.model}: {'; '.join(filter(None, parts))}"
+
+
+def _agreement(check: RoundingCheck) -> str:
+    """Return how far a build that agrees is from C, as part of a sentence."""
+    if check.first is None:
+        return "its states are C's to the last bit"
+    if not check.final.difference:
+        return f"over {check.nstep} steps its positions, velocities and activations are C's"
+    return f"after {check.nstep} steps its states are within {check.final.difference:.1e} of C's"
 
 
 def notes(row: WebRow) -> list[str]:
     """Return what stands below the table of a model, a line each."""
-    lines = []
+    lines = list(_short_blocks(row))
     checks: dict[str, list[str]] = {}
     for path in row.paths:
         if path.check is not None:
@@ -95,6 +107,19 @@ def notes(row: WebRow) -> list[str]:
         if path.status != Status.OK
     ]
     return lines
+
+
+def _short_blocks(row: WebRow) -> Iterator[str]:
+    """Yield a warning where blocks are so short that not only steps count."""
+    step_ns = next((path.step_ns for path in row.paths if path.path == C_PATH), None)
+    if step_ns is None or row.block_nbatch is None or row.block_nstep is None:
+        return
+    block_ms = 1e-6 * step_ns * row.block_nbatch * row.block_nstep
+    if block_ms < _SHORT_MS:
+        yield (
+            f"A block takes only {block_ms:.2f} ms in C: setting states, and caches that other"
+            " programs have filled, count, too. Give more --nbatch or --nstep."
+        )
 
 
 def _check_lines(check: RoundingCheck) -> Iterator[str]:
@@ -178,10 +203,10 @@ def _small(value: float) -> str:
 
 def print_findings(out: Console, records: Sequence[WebExperimentsRecord]) -> None:
     """Print what experiments with builds showed."""
-    found = findings(records)
-    if found:
+    shown = findings(records)
+    if shown:
         out.print(tables.headed("\nMemory of a WebAssembly build", ", as tried here:"))
-    for finding in found:
+    for finding in shown:
         out.print(f"{', '.join(finding.builds)}: {finding.text}", soft_wrap=True)
         if finding.code:
             out.print(f"    {finding.code}", soft_wrap=True)
@@ -218,13 +243,13 @@ def _shown(examined: Examined) -> Iterator[tuple[str, str]]:
     if examined.data.again_bytes:
         yield (
             "An MjData that is not deleted stays in the heap, after a garbage collection, too:"
-            f" {_kept(examined.data)}. Delete it:",
+            f" {_taken(examined.data)}. Delete it:",
             "data.delete();",
         )
     if examined.contact.again_bytes:
         yield (
             "Each read of data.contact copies all contacts, and the copy stays likewise:"
-            f" {_kept(examined.contact)}, of {examined.contact.ncon} contacts each. Delete it:",
+            f" {_taken(examined.contact)}, of {examined.contact.ncon} contacts each. Delete it:",
             "const contacts = data.contact; /* … */ contacts.delete();",
         )
     if not examined.state.is_array_written:
@@ -263,16 +288,18 @@ def _limit(limits: Sequence[HeapLimit]) -> tuple[str, str]:
         f"{usual.count:,} MjData of a box on a plane fill the heap, which ends at"
         f" {usual.heap_bytes / _GIB:.1f} GiB; the next one fails: {usual.error}"
     )
+    if not usual.error:  # it has room for more than are tried
+        text = f"{usual.count:,} MjData of a box on a plane fit into the heap"
     smaller = max(others, key=lambda limit: limit.count, default=usual)
     if smaller.count <= usual.count:
         return text, ""
     return f"{text}. {smaller.count:,} fit with this in the MJCF:", smaller.size
 
 
-def _kept(memory: ObjectMemory) -> str:
+def _taken(memory: ObjectMemory) -> str:
     """Return what objects took that nothing referred to."""
-    kept = memory.kept_bytes + memory.again_bytes
-    return f"{2 * memory.count:,} of them took {kept / _MIB:.0f} MiB"
+    total_bytes = memory.undeleted_bytes + memory.again_bytes
+    return f"{2 * memory.count:,} of them took {total_bytes / _MIB:.0f} MiB"
 
 
 def _mathematics(mathematics: Mathematics) -> str:

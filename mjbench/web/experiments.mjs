@@ -102,7 +102,7 @@ async function examineContacts(tools, model) {
 }
 
 /**
- * What objects take of the heap: deleted, kept by nobody, and again after a garbage collection.
+ * What objects take of the heap: deleted, not deleted, and again after a garbage collection.
  * @param {() => any} create
  */
 async function examineObjects({ heapBytes }, count, create) {
@@ -112,12 +112,12 @@ async function examineObjects({ heapBytes }, count, create) {
     return heapBytes() - before;
   };
   const deleted_bytes = growth(() => create().delete());
-  const kept_bytes = growth(() => { create(); });
+  const undeleted_bytes = growth(() => { create(); });
   for (let i = 0; i < TURNS; i++) {
     globalThis.gc?.();
     await new Promise((resolve) => setTimeout(resolve));
   }
-  return { count, deleted_bytes, kept_bytes, again_bytes: growth(() => { create(); }) };
+  return { count, deleted_bytes, undeleted_bytes, again_bytes: growth(() => { create(); }) };
 }
 
 /** How many MjData fit into the largest heap that the module may have. */

@@ -52,11 +52,11 @@ class WebPlan:
 
 def variants() -> list[Variant]:
     """Return what is compared with C: each build, and the engine's own threads in the second."""
-    found = [Variant(build.value, {}) for build in Build]
+    chosen = [Variant(build.value, {}) for build in Build]
     nthread = machine.usable_cores()
     if nthread > 1:
-        found.append(Variant(Build.WASM_MT.value, {ENGINE_THREADS: nthread}))
-    return found
+        chosen.append(Variant(Build.WASM_MT.value, {ENGINE_THREADS: nthread}))
+    return chosen
 
 
 def measure(pool: WorkerPool, source: ModelSource, plan: WebPlan) -> WebRecord:
@@ -195,7 +195,7 @@ def rounds(
     blocks: Mapping[int, Callable[[], int]],
     budget_s: float,
     on_failure: Callable[[int, NodeError], None],
-    kept: Collection[int] = (),
+    required: Collection[int] = (),
     rng: random.Random | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> list[Mapping[int, int]]:
@@ -204,13 +204,13 @@ def rounds(
     Each two rounds have one random order and its opposite, so that each block follows each other
     one as often. A block that fails is left out from then on, and so are its unfinished rounds.
     After the least number of rounds, so is one that takes longer than all others together, unless
-    it is kept.
+    it is required.
 
     Args:
       blocks: each runs one, and returns its nanoseconds.
       budget_s: seconds for all rounds; no two begin that would exceed them.
       on_failure: called with the key of a block that failed, and its error.
-      kept: keys of blocks that are never left out for their length.
+      required: keys of blocks that are never left out for their length.
       rng: draws the orders.
       clock: returns seconds.
     """
@@ -229,7 +229,7 @@ def rounds(
             del going_on[error.key]
         longest_s = max(longest_s, clock() - pair_begin)
         key = _longest(rows) if len(rows) == _LEAST_ROUNDS else None
-        if key is not None and key not in kept:
+        if key in going_on and key not in required:
             del going_on[key]
             longest_s = 0.0
     return rows

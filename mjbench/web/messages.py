@@ -123,14 +123,14 @@ class ObjectMemory:
     Attributes:
       count: of objects, each time.
       deleted_bytes: where each was deleted.
-      kept_bytes: where none was, and nothing referred to them.
+      undeleted_bytes: where none was, and nothing referred to them.
       again_bytes: where none was, after a garbage collection.
       ncon: contacts in each; 0 where they are not contacts.
     """
 
     count: PositiveInt
     deleted_bytes: NonNegativeInt
-    kept_bytes: NonNegativeInt
+    undeleted_bytes: NonNegativeInt
     again_bytes: NonNegativeInt
     ncon: NonNegativeInt = 0
 

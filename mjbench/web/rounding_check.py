@@ -160,27 +160,27 @@ def check(
 
 
 def points(nstep: int) -> list[int]:
-    """Return the numbers of steps at which differences are told: 0, 1, 10, …, and the end."""
+    """Return the numbers of steps at which differences are given: 0, 1, 10, …, and the end."""
     powers = [10**i for i in range(len(str(nstep)))]
     return sorted({0, *powers, nstep})
 
 
 def first_difference(states: np.ndarray, run: ReferenceRun) -> FirstDifference | None:
     """Return the first entry that differs in any bit: the earliest, of the lowest simulation."""
-    found = agreement.first_differing_step(
+    entry = agreement.first_differing_step(
         np.ascontiguousarray(states.swapaxes(0, 1)),
         np.ascontiguousarray(run.states.swapaxes(0, 1)),
         run.columns,
     )
-    if found is None:
+    if entry is None:
         return None
-    assert found.step is not None, "steps were compared"
-    difference = float(np.nan_to_num(abs(found.got - found.expected), nan=np.inf, posinf=np.inf))
+    assert entry.step is not None, "steps were compared"
+    difference = float(np.nan_to_num(abs(entry.got - entry.expected), nan=np.inf, posinf=np.inf))
     return FirstDifference(
-        found.step - 1,  # counted from 1, and row 0 is the start
-        found.field,
-        found.index,
-        found.simulation,
+        entry.step - 1,  # counted from 1, and row 0 is the start
+        entry.field,
+        entry.index,
+        entry.simulation,
         min(difference, 1e12),
     )
 

@@ -130,6 +130,13 @@ def test_figures_are_of_the_models_and_the_build_in_the_page_and_c_comes_first(
     assert figures.contacts == {"cartpole": 2.5}
 
 
+def test_a_file_of_figures_that_is_named_must_be_there(package: Path, tmp_path: Path) -> None:
+    options = ["--package", str(package), "-o", str(tmp_path / "lab.html")]
+    with pytest.raises(SystemExit, match=r"lab: --figures: there is no .*none\.json"):
+        lab.main([*options, "--figures", str(tmp_path / "none.json")])
+    assert not (tmp_path / "lab.html").exists()
+
+
 def test_figures_of_another_release_or_none_at_all_are_not_shown(
     figures_file: Path, tmp_path: Path
 ) -> None:

@@ -41,6 +41,12 @@ def contents(path: Path | str) -> list[bytes]:
 # what is merged
 
 
+def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path) -> None:
+    done = merge(stored(tmp_path, "a"), "-o", "x" * 300)
+    assert done.exit_code and "cannot write xxx" in done.output
+    assert "File name too long" in done.output and "details in" not in done.output
+
+
 def test_run_files_and_sets_become_one_set(tmp_path: Path) -> None:
     a, b, c = (stored(tmp_path, name) for name in "abc")
     inner = set_of(tmp_path / "inner.jsonl", [b, c])

@@ -6,6 +6,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from mjbench.errors import InputError
 from mjbench.instrument import machine
 
 
@@ -138,7 +139,13 @@ def test_a_host_without_an_id_of_its_own_is_unknown(monkeypatch: pytest.MonkeyPa
 def test_the_user_names_a_machine_by_a_variable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(machine.LABEL_VARIABLE, raising=False)
     assert machine.describe().label == ""
-    monkeypatch.setenv(machine.LABEL_VARIABLE, " lab\n 1\x1b" + "x" * 99)
-    label = machine.describe().label
-    assert label.startswith("lab 1\\x1bxx")
-    assert len(label) == 40
+    monkeypatch.setenv(machine.LABEL_VARIABLE, " lab\n 1\x1b" + "x" * 55)
+    assert machine.describe().label == "lab 1\\x1b" + "x" * 55
+
+
+def test_a_name_is_not_cut_short_to_that_of_another_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(machine.LABEL_VARIABLE, "x" * 65)
+    with pytest.raises(InputError, match="MJBENCH_MACHINE is longer than 64 characters"):
+        machine.describe()

@@ -88,7 +88,9 @@ def test_changes_come_first_and_sizes_tell_comparisons_apart() -> None:
 
 def test_machines_that_chose_other_sizes_stand_apart_and_it_is_said() -> None:
     runs = run("a", SAME), run("b", replace(SAME, nstep=100))
-    assert "stand apart: m, 1.0.0 → 2.0.0. Give --nbatch and --nstep" in sentences(*runs)[-1]
+    assert (
+        "stand apart: m, 1.0.0 → 2.0.0. Give --nbatch, --nstep and --settle" in sentences(*runs)[-1]
+    )
     # one machine that has both sizes chose them
     both = run("a", SAME, replace(SAME, nstep=100)), run("b", SAME)
     assert not any("stand apart" in sentence for sentence in sentences(*both))

@@ -8,6 +8,7 @@ from mjbench.report import tables, web, web_results
 from mjbench.status import Status
 from mjbench.web.npm_package import Build
 from mjbench.web.records import WebRecord
+from mjbench.web.rounding_check import PointDifference
 
 
 def printed(stored: WebRecord) -> str:
@@ -30,6 +31,29 @@ def test_the_conclusion_has_speed_and_agreement() -> None:
     )
     identical = wasm(replace(CHECK, first=None))
     assert "its states are C's to the last bit" in printed(record(identical)).splitlines()[0]
+
+
+def test_the_conclusion_names_a_build_that_disagrees_beside_one_that_agrees() -> None:
+    bad = replace(wasm(), block_ns=(), status=Status.DISAGREES, detail="it differs")
+    first = printed(record(bad, wasm(name="wasm_mt"))).splitlines()[0]
+    assert first == (
+        "cartpole: in WebAssembly (wasm_mt) a step takes 2.50 times as long as in C (2.50 to 2.50);"
+        " after 100 steps its states are within 3.0e-14 of C's; wasm disagrees with C"
+    )
+
+
+def test_what_differs_may_be_no_part_of_the_motion() -> None:
+    still = replace(CHECK, points=[PointDifference(0, 0.0, 0.0), PointDifference(100, 0.0, 1e-15)])
+    first = printed(record(wasm(still))).splitlines()[0]
+    assert first.endswith("; over 100 steps its positions, velocities and activations are C's")
+
+
+def test_it_is_said_when_blocks_are_short() -> None:
+    assert "ms in C" not in printed(record(wasm()))
+    row = web_results.derive(replace(record(wasm()), block_nstep=100))
+    c_path = replace(row.paths[1], step_ns=4000.0)
+    short = replace(row, paths=[row.paths[0], c_path, *row.paths[2:]])
+    assert web.notes(short)[0].startswith("A block takes only 0.80 ms in C")
 
 
 def test_what_is_the_same_of_builds_is_said_once() -> None:

@@ -95,9 +95,9 @@ test("a message of MuJoCo is one line, without its prefix", () => {
 });
 
 /** An engine whose step takes a time, which its clock shows. */
-function engine({ stepMs, diverges = false }) {
-  const state = { ms: 0, steps: 0, restores: 0, deleted: 0 };
-  const model = { nkey: 1, opt: { timestep: 0.002 }, delete: () => state.deleted++ };
+function engine({ stepMs, diverges = false, enableflags = 0 }) {
+  const state = { ms: 0, steps: 0, resets: 0, restores: 0, deleted: 0 };
+  const model = { nkey: 1, opt: { timestep: 0.002, enableflags }, delete: () => state.deleted++ };
   class MjData {
     time = 0;
     ncon = 2;
@@ -113,7 +113,9 @@ function engine({ stepMs, diverges = false }) {
       delete() {}
     },
     mjtState: { mjSTATE_INTEGRATION: { value: 1 } },
+    mjtEnableBit: { mjENBL_SLEEP: { value: 16 } },
     mj_stateSize: () => 1,
+    mj_resetData: () => state.resets++,
     mj_resetDataKeyframe: () => {},
     mj_getState: (_model, data) => (state.start = data.time),
     mj_setState: (_model, data) => {
@@ -145,6 +147,14 @@ test("blocks are whole runs of the same work, as long as was asked", () => {
   assert.equal(state.steps, 50 + runs * NSTEP);
   assert.ok(Math.abs(runs - (100 + 3 * BLOCKS + 1)) <= 1);
   assert.equal(state.deleted, 2);
+});
+
+test("what the state leaves out is reset where bodies sleep, and only there", () => {
+  for (const [enableflags, perRun] of [[16 + 2, 1], [2, 0]]) {
+    const { mujoco, state, now } = engine({ stepMs: 0.1, enableflags });
+    measure(mujoco, "", { now, blockMs: 25, onBlock: () => {} });
+    assert.equal(state.resets, perRun * state.restores);
+  }
 });
 
 test("a simulation that diverges has no speed", () => {

@@ -83,6 +83,24 @@ def test_a_block_that_takes_most_of_a_round_is_left_out_after_the_first() -> Non
     assert all(2 in row for row in measure.rounds(blocks, 20.0, never, [2], clock=clock))
 
 
+def test_a_block_may_fail_right_after_another_was_left_out() -> None:
+    clock, failed = Clock(), []
+    count = iter(range(100))
+
+    def fails() -> int:
+        if next(count) == 8:
+            raise NodeError("wasm", Failure(Status.CRASHED, "killed"))
+        return 7
+
+    blocks = {0: clock.block(0, 0.01), 1: fails, 2: clock.block(2, 1.0)}
+    rows = measure.rounds(
+        blocks, 10.0, lambda key, error: failed.append(key), (), random.Random(0), clock
+    )
+    assert failed == [1]
+    assert [len(row) for row in rows[:8]] == [3] * 8
+    assert {len(row) for row in rows[8:]} == {1}
+
+
 def warmed(block_ns: list[int], least_s: float) -> tuple[WarmUp, int]:
     """Return what is said of blocks that took so long, and how many were run."""
     clock, ran = Clock(), []
