@@ -46,8 +46,8 @@ export function showGrowth({ created, before, after }) {
   const number = created === 1 ? "One more MjData" : `${created} more MjData`;
   byId("growth-summary").textContent =
     before.bytes === after.bytes
-      ? `${number}: the heap did not grow, so the view is still alive.`
+      ? `${number}: the heap did not grow, so the view is still valid.`
       : `${number}: the heap grew from ${megabytes(before.bytes)} to ${megabytes(after.bytes)}.` +
-        (after.view.length ? "" : " The stored view is dead.");
+        (after.view.length ? "" : " The stored view is invalid: its length is 0.");
   byId("growth-result").hidden = false;
 }

@@ -120,12 +120,12 @@ export class Measuring {
     const models = [...this.measured.keys()].map((model) => {
       const there = this.others?.contacts[model];
       const here = this.contacts.get(model)?.toFixed(1);
-      return `${model} ${here}${there === undefined ? "" : `, there ${there.toFixed(1)}`}`;
+      return `${model} ${here}${there === undefined ? "" : `, on the other machine ${there.toFixed(1)}`}`;
     });
     return (
       `${HERE}: the median of ${BLOCKS} blocks of about ${Math.round(blockMs)} ms, after a second of warm-up. The ` +
-      `clock ticks every ${tick} ms, at most ${error < 0.1 ? "0.1" : error.toFixed(1)} % of a block. Blocks repeat ` +
-      `${NSTEP} steps from a settled state, without control. Contacts of a step: ${models.join("; ")}.` +
+      `clock ticks every ${tick} ms, which is at most ${error < 0.1 ? "0.1" : error.toFixed(1)} % of a block. ` +
+      `Blocks repeat ${NSTEP} steps from a settled state, without control. Contacts of a step: ${models.join("; ")}.` +
       (wasHidden
         ? " This page was in the background for a while, where browsers slow down: measure again."
         : "")

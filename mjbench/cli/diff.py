@@ -29,8 +29,8 @@ def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
     """Compare the speeds of two run files or run sets of `compare`, row by row.
 
     In run sets, each machine is compared with itself. The two were measured at different times,
-    which no statistics can correct. For releases, models and options, `mjbench versions` and
-    `mjbench ab` alternate both targets instead.
+    which no statistics can correct. To compare releases, models or options, use `mjbench versions`
+    or `mjbench ab`, which alternate both targets.
 
     \b
     Example:

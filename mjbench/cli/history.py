@@ -25,7 +25,7 @@ DEFAULT = click.core.ParameterSource.DEFAULT
     show_default=True,
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder of the run files of `history measure` and `history explain`, or of run sets.",
+    help="Folder with the run files of `history measure` and `history explain`, or run sets.",
 )
 @click.option(
     "--causes",
@@ -42,8 +42,8 @@ DEFAULT = click.core.ParameterSource.DEFAULT
 @click.option(
     "--machine",
     metavar="NAME",
-    help="The history of this machine, where the folder has several. Without it, the page says on"
-    " how many machines each change is listed.",
+    help="Report the history of this machine only. Without it, if the folder has several machines,"
+    " the page says on how many of them each change is listed.",
 )
 @PAGE
 @click.pass_context

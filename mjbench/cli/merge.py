@@ -21,14 +21,15 @@ if TYPE_CHECKING:
     required=True,
     metavar="SET",
     type=click.Path(path_type=Path),
-    help="The run set. Runs that it lacks are appended; nothing else in it changes.",
+    help="The run set. If it exists, runs that it lacks are appended; nothing else in it changes.",
 )
 def merge(files: tuple[Path, ...], output: Path) -> None:
-    """Merge run files and sets, of one or several machines, into one run set.
+    """Merge run files of one or several machines into one file, a run set.
 
-    Every run is there once, as its run file has it. `report`, `show`, `diff`, `history` and
-    mjbench.load read sets, too, and tell machines apart: by the name in the environment variable
-    MJBENCH_MACHINE when they measured, else by a hash of the host.
+    The set has every run once, unchanged. `report`, `show`, `diff`, `history` and mjbench.load
+    read sets as they read run files, and tell machines apart: by the environment variable
+    MJBENCH_MACHINE that was set when they measured, otherwise by a hash of the host. Sets can be
+    merged, too.
 
     \b
     Example:
@@ -39,11 +40,11 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
     from mjbench.report.documents import RECORD_TYPES
 
     if str(output) == "-":
-        raise InputError("a run set is a file: give -o FILE")
+        raise InputError("a run set cannot go to standard output: give -o FILE")
     with RunContext("merge", inputs=files) as run:
         merged = merge_files(files, output, RECORD_TYPES)
         for path in merged.torn:
-            report_line(f"{path}: its end was cut short; it is left out")
+            report_line(f"{path}: its end was cut short; the incomplete part is left out")
         run.out.print(f"{output}: {_summary(merged)}", soft_wrap=True)
 
 
@@ -56,7 +57,7 @@ def _summary(merged: "Merged") -> str:
     skipped = [
         f"{count} {why}"
         for count, why in (
-            (merged.repeated, "that it holds already"),
+            (merged.repeated, "that it already holds"),
             (merged.earlier, "of which it holds a later state"),
         )
         if count

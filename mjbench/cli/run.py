@@ -64,7 +64,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
 @click.option(
     "--seconds",
     type=Seconds(),
-    help="End the program when it has stepped for this long, as Ctrl-C would  [default: run it to"
+    help="End the program, as Ctrl-C would, when it has stepped for this long  [default: run it to"
     " its end]",
 )
 @click.option(
@@ -72,7 +72,8 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "pid",
     type=click.IntRange(1, 2**31 - 1),
     metavar="PID",
-    help="Look at a program that runs already, for --seconds (10s by default); it runs on.",
+    help="Look at a program that is already running, for --seconds (10s by default). It keeps"
+    " running.",
 )
 @click.option(
     "--rate",
@@ -85,14 +86,14 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "--native/--no-native",
     "has_native",
     default=None,
-    help="Read the stacks of libraries, too, which tells NumPy and PyTorch from Python  [default:"
+    help="Read the stacks of libraries, too, to tell NumPy and PyTorch from Python  [default:"
     " unless the program has several processes]",
 )
 @click.option(
     "--python",
     "interpreter",
     metavar="FILE",
-    help="Python that runs the program  [default: that of mjbench]",
+    help="Python interpreter that runs the program  [default: the one that runs mjbench]",
 )
 @click.option(
     "--confirm",
@@ -115,9 +116,9 @@ def run(
 ) -> None:
     """Where does the time of my own program go, and what should I change first?
 
-    PROGRAM is a Python file, or -m and a module, as after `python`; what follows are its arguments.
-    It runs as it is, with its own output and exit code. The report goes to standard error. Other
-    options stand before PROGRAM.
+    PROGRAM is a Python file, or -m and a module, as after `python`. Its arguments follow it;
+    options of mjbench come before it. The program runs unchanged, with its own output and exit
+    code. The report goes to standard error.
 
     \b
     Examples:

@@ -36,17 +36,22 @@ if TYPE_CHECKING:
 @click.option(
     "--release",
     metavar="RELEASE",
-    help="Release of MuJoCo, whose npm package is installed  [default: the one that mjbench pins]",
+    help="Release of MuJoCo to measure  [default: the one that mjbench pins]",
 )
 @click.option(
     "--package",
     "package_folder",
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder into which npm installed @mujoco/mujoco  [default: one in the cache folder]",
+    help="Folder in which npm installed @mujoco/mujoco  [default: one in the cache folder]",
 )
 @click.option(
-    "--node", "node_command", default="node", show_default=True, help="Node.js to run it."
+    "--node",
+    "node_command",
+    default="node",
+    show_default=True,
+    metavar="COMMAND",
+    help="Node.js that runs the builds.",
 )
 @click.option(
     "--budget",
@@ -75,13 +80,14 @@ def web(
     json_file: str | None,
     **sizes: Any,
 ) -> None:
-    """How fast is MuJoCo in WebAssembly, and does it compute what C does?
+    """How fast is MuJoCo in WebAssembly, and does it compute what the C engine does?
 
-    The builds of the npm package @mujoco/mujoco step under Node.js, beside C of the same release,
-    on the same start states and controls. A build whose states differ from C's by more than
-    rounding gets no speed. Without a MODEL: all shipped models.
+    Steps the builds of the npm package @mujoco/mujoco under Node.js, and the C engine of the same
+    release, from the same start states with the same controls. A build whose states differ from
+    C's by more than rounding gets no speed. Without a MODEL: all shipped models.
 
-    mjbench downloads no npm package. If it is missing, the message has npm's command.
+    mjbench does not download the npm package. If it is missing, the message has the command that
+    installs it.
 
     \b
     Examples:

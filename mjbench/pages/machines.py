@@ -60,7 +60,7 @@ def _cut(conclusions: Sequence[Conclusion], noun: str) -> Iterator[Conclusion]:
     yield from conclusions[:_MOST_SENTENCES]
     rest = len(conclusions) - _MOST_SENTENCES
     if rest > 0:
-        yield Conclusion(f"{rest} further {noun} are in the tables alone.")
+        yield Conclusion(f"{rest} further {noun} are only in the tables.")
 
 
 def _tone(comparison: MachineComparison) -> Tone:

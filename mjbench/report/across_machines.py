@@ -124,7 +124,7 @@ def named_comparisons(results: SideBySide) -> list[tuple[str, MachineComparison]
 
 
 def notes(results: SideBySide) -> Iterator[str]:
-    """Yield which comparisons are apart because machines chose other sizes, and what to do."""
+    """Yield which comparisons are apart because machines did different work, and what to do."""
     machines: dict[str, list[set[str]]] = defaultdict(list)
     for comparison in results.verdicts.comparisons:
         names = {verdict.machine for verdict in comparison.machines}
@@ -139,8 +139,8 @@ def notes(results: SideBySide) -> Iterator[str]:
     ]
     if apart:
         yield (
-            f"Machines did other work, and stand apart: {'; '.join(apart)}. Give --nbatch,"
-            " --nstep and --settle on all of them, and the same files."
+            f"Not compared, because machines did different work: {'; '.join(apart)}. Give the same"
+            " --nbatch, --nstep, --settle and files on all machines."
         )
 
 

@@ -149,7 +149,9 @@ def describe(all_advice: Sequence[AdviceAcross]) -> Iterator[str]:
         names = list(dict.fromkeys(models))
         listed = ", ".join(names[:_MOST_NAMES])
         more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        machines = "the only machine" if total == 1 else tables.all_machines(total)
+        machines = tables.all_machines(total)
+        if total == 1:
+            machines = f"the only machine that measured {'it' if len(names) == 1 else 'them'}"
         yield f"{loop.capitalize()} loop: {path} on {machines}, for {listed}{more}"
 
 

@@ -140,7 +140,7 @@ def _on_machines(
     """Return on how many machines something came out; on which, where they are few."""
     names = ", ".join(verdict.machine for verdict in verdicts)
     if count == 1:
-        return f"{outcome} on {names}, the only machine"
+        return f"{outcome} on {names}, the only machine that measured it"
     if len(verdicts) == count:
         return f"{outcome} on {tables.all_machines(count)}"
     number = f"{len(verdicts)} of {count} machines" if is_first else str(len(verdicts))

@@ -127,7 +127,7 @@ def _check_lines(check: RoundingCheck) -> Iterator[str]:
     if check.first is None:
         yield f"identical to C, to the last bit, over {check.nstep} steps"
     else:
-        yield f"differs from C first {check.first}{_of_same_model(check)}"
+        yield f"first differs from C {check.first}{_of_same_model(check)}"
         later = check.points[1:]
         steps = ", ".join(str(point.step) for point in later)
         differences, shadows = (
@@ -137,7 +137,7 @@ def _check_lines(check: RoundingCheck) -> Iterator[str]:
                 [point.shadow for point in later],
             )
         )
-        yield f"difference after {steps} steps: {differences}; of the shadow: {shadows}"
+        yield f"difference after {steps} steps: {differences}; the shadow's: {shadows}"
     for kind, errors in (
         ("unconstrained", check.unconstrained),
         ("constrained", check.constrained),
@@ -154,9 +154,9 @@ def _of_same_model(check: RoundingCheck) -> str:
     if not check.has_same_model:
         return ""
     if check.first_of_same_model is None:
-        return "; with the model that C compiled it does not: what differs is the compiled model"
+        return "; with the model that C compiled, it does not: only the compiled model differs"
     if _place(check.first_of_same_model) == _place(check.first):
-        return "; with the model that C compiled, too"
+        return "; also with the model that C compiled"
     return f"; with the model that C compiled, {check.first_of_same_model}"
 
 
@@ -205,7 +205,7 @@ def print_findings(out: Console, records: Sequence[WebExperimentsRecord]) -> Non
     """Print what experiments with builds showed."""
     shown = findings(records)
     if shown:
-        out.print(tables.headed("\nMemory of a WebAssembly build", ", as tried here:"))
+        out.print(tables.headed("\nMemory and mathematics of the builds", ", as tried here:"))
     for finding in shown:
         out.print(f"{', '.join(finding.builds)}: {finding.text}", soft_wrap=True)
         if finding.code:
@@ -242,13 +242,13 @@ def _shown(examined: Examined) -> Iterator[tuple[str, str]]:
         )
     if examined.data.again_bytes:
         yield (
-            "An MjData that is not deleted stays in the heap, after a garbage collection, too:"
+            "An MjData stays in the heap until it is deleted, even after a garbage collection:"
             f" {_taken(examined.data)}. Delete it:",
             "data.delete();",
         )
     if examined.contact.again_bytes:
         yield (
-            "Each read of data.contact copies all contacts, and the copy stays likewise:"
+            "Each read of data.contact copies all contacts, and the copy stays in the heap, too:"
             f" {_taken(examined.contact)}, of {examined.contact.ncon} contacts each. Delete it:",
             "const contacts = data.contact; /* … */ contacts.delete();",
         )
@@ -256,7 +256,8 @@ def _shown(examined: Examined) -> Iterator[tuple[str, str]]:
         error = examined.state.error
         how = f"fails: {error}" if error else "raises no error"
         yield (
-            f"mj_getState writes nothing to a Float64Array, and {how}. Give it memory of the heap:",
+            f"mj_getState writes nothing to a Float64Array, and {how}. Give it a buffer in the"
+            " heap:",
             "const state = new mujoco.DoubleBuffer(size); mujoco.mj_getState(model, data, state,"
             " sig); log.push(state.GetView().slice());",
         )
@@ -269,14 +270,14 @@ def _growth(examined: Examined) -> tuple[str, str]:
     others = "another MjData" if growth.created == 1 else f"{growth.created} more MjData"
     if growth.is_live:
         return (
-            f"A stored view outlives a growth of the heap, because its memory is shared: {others}"
-            f" made it grow from {grew}, and a stored data.qpos still shows the present state",
+            f"A stored view stays valid when the heap grows, because its memory is shared: {others}"
+            f" made it grow from {grew}, and a stored data.qpos still shows the current state",
             "",
         )
     return (
-        f"A stored view dies when the heap grows: {others} made it grow from {grew}, and a stored"
-        f" data.qpos had {growth.grown_length} numbers instead of {growth.length}. Take the view"
-        " when you need it:",
+        f"A stored view becomes invalid when the heap grows: {others} made it grow from {grew}, and"
+        f" a stored data.qpos then had {growth.grown_length} numbers instead of {growth.length}."
+        " Take the view anew each time you need it:",
         "data.qpos[0]",
     )
 

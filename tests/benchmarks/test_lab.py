@@ -163,7 +163,7 @@ def test_the_page_is_one_file_that_needs_nothing_else(
     others = re.search(r'id="figures">(.*?)</script>', text)
     assert others is not None
     assert json.loads(others[1])["figures"][2]["ratio"] == 2.0
-    assert "compare shapes, not digits" in text
+    assert "Compare proportions, not speeds" in text
 
 
 def test_what_is_missing_ends_in_one_line_and_leaves_the_earlier_page(

@@ -60,7 +60,7 @@ def test_a_run_that_is_given_twice_is_there_once(tmp_path: Path) -> None:
     a, b = (stored(tmp_path, name) for name in "ab")
     copy = Path(shutil.copy(a, tmp_path / "copy.jsonl"))
     done = merge(a, copy, set_of(tmp_path / "inner.jsonl", [a, b]), "-o", "all.jsonl")
-    assert "2 runs of 2 machines; added 2, skipped 2 that it holds already" in done.output
+    assert "2 runs of 2 machines; added 2, skipped 2 that it already holds" in done.output
     assert contents("all.jsonl") == [a.read_bytes(), b.read_bytes()]
 
 
@@ -69,7 +69,7 @@ def test_new_runs_are_appended_to_a_set_and_nothing_else_changes(tmp_path: Path)
     merge(a, "-o", "all.jsonl")
     before = Path("all.jsonl").read_bytes()
     done = merge(a, b, "-o", "all.jsonl")
-    assert "added 1, skipped 1 that it holds already" in done.output
+    assert "added 1, skipped 1 that it already holds" in done.output
     assert Path("all.jsonl").read_bytes().startswith(before)
     after = Path("all.jsonl").read_bytes()
     # also with itself as an input
@@ -105,7 +105,7 @@ def test_machines_are_counted_by_what_tells_them_apart(tmp_path: Path) -> None:
     ]
     done = merge(*files, "-o", "all.jsonl")
     # of two runs that do not differ in a byte, one is left out
-    assert "4 runs of 4 machines; added 4, skipped 4 that it holds already" in done.output
+    assert "4 runs of 4 machines; added 4, skipped 4 that it already holds" in done.output
 
 
 def test_a_committed_run_is_kept_to_the_byte() -> None:
@@ -125,7 +125,7 @@ def test_an_end_that_was_cut_short_is_left_out_and_named(tmp_path: Path) -> None
     done = merge(b, torn, "-o", "all.jsonl")
     assert done.exit_code == 0
     for name in (b, torn):
-        assert f"{name}: its end was cut short; it is left out" in done.output
+        assert f"{name}: its end was cut short; the incomplete part is left out" in done.output
     assert [len(c.splitlines()) for c in contents("all.jsonl")] == [2, 3]
 
 

@@ -35,7 +35,7 @@ def paths(folder: Path) -> dict[str, dict[str, Any]]:
 def test_builds_that_agree_are_timed_beside_c(tmp_path: Path, words: list[str]) -> None:
     done = mjbench("web", "cartpole", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "in WebAssembly a step takes" in done.stdout
+    assert "in WebAssembly, a step takes" in done.stdout
     assert "its states are C's to the last bit" in done.stdout
     found = document(tmp_path)
     (row,) = found["results"]

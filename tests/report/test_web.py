@@ -26,7 +26,7 @@ def test_speeds_are_over_c_round_by_round() -> None:
 def test_the_conclusion_has_speed_and_agreement() -> None:
     first = printed(record(wasm())).splitlines()[0]
     assert first == (
-        "cartpole: in WebAssembly a step takes 2.50 times as long as in C (2.50 to 2.50);"
+        "cartpole: in WebAssembly, a step takes 2.50 times as long as in C (2.50 to 2.50);"
         " after 100 steps its states are within 3.0e-14 of C's"
     )
     identical = wasm(replace(CHECK, first=None))
@@ -59,15 +59,15 @@ def test_it_is_said_when_blocks_are_short() -> None:
 def test_what_is_the_same_of_builds_is_said_once() -> None:
     text = printed(record(wasm(), wasm(name="wasm_mt")))
     line = (
-        "wasm, wasm_mt: differs from C first after step 7, in qpos[1] of simulation 3, by 2.2e-16;"
-        " with the model that C compiled, too"
+        "wasm, wasm_mt: first differs from C after step 7, in qpos[1] of simulation 3, by 2.2e-16;"
+        " also with the model that C compiled"
     )
     assert text.splitlines().count(line) == 1
 
 
 def test_it_is_said_when_only_the_compiled_model_differs() -> None:
     only = replace(CHECK, first_of_same_model=None)
-    assert "it does not: what differs is the compiled model" in printed(record(wasm(only)))
+    assert "it does not: only the compiled model differs" in printed(record(wasm(only)))
 
 
 def test_a_build_that_disagrees_comes_first() -> None:
