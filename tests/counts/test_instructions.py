@@ -149,8 +149,10 @@ def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) > 1, "its folder, beside that of its run file"
     environment = {"TMPDIR": str(tmp_path)}
     assert mjbench("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
-env=environment).returncode == 0
-    assert list(tmp_path.iterdir()) == [tmp_path / "r"]processes(*words: object) -> list[int]:
+    assert list(tmp_path.iterdir()) == [tmp_path / "r"]
+
+
+def _processes(*words: object) -> list[int]:
     """Return the processes whose command lines hold all words."""
     lines = {int(f.parent.name): child.text(f) for f in Path("/proc").glob("[0-9]*/cmdline")}
     return [pid for pid, line in lines.items() if all(str(word) in line for word in words)]
