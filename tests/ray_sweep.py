@@ -1,9 +1,9 @@
-"""Sweeps on two nodes of Ray that run here; one of them is killed while it measures.
+"""A sweep on two nodes of Ray that run here; one of them is killed while it measures.
 
     python ray_sweep.py FOLDER
 
-Prints a JSON object: `cells`, how often the run set has each cell; `statuses` of them; `nodes`, the
-names of those that delivered something; `killed`, whether one was killed while it measured.
+The run set is FOLDER/set.jsonl. Prints a JSON object: `keys` of all cells; `statuses` that they
+ended with; `delivered`, how many results each node delivered; `killed`, whether one was killed.
 """
 
 import json
@@ -11,13 +11,11 @@ import os
 import signal
 import sys
 import threading
-from collections import Counter
 from pathlib import Path
 
 import psutil
 from sweep_examples import count_cell, matrix
 
-from mjbench.instrument import run_set
 from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.sweep.ray_cluster import RESOURCE, RayCluster
@@ -30,22 +28,21 @@ STUB = Path(__file__).with_name("stub_command.py")
 
 
 def main() -> None:
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     from ray.cluster_utils import Cluster
 
     folder = Path(sys.argv[1])
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     cells = [count_cell(model, release) for model in MODELS for release in RELEASES]
     (folder / "hang-b").touch()
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     nodes = [cluster.add_node(num_cpus=1, resources={RESOURCE: 1}) for _ in range(2)]
-    pids = [node.all_processes["raylet"][0].process.pid for node in nodes]
-    target = folder / "set.jsonl"
-    file = RunSetFile.create(target)
+    raylets = [node.all_processes["raylet"][0].process.pid for node in nodes]
+    file = RunSetFile.create(folder / "set.jsonl")
 
     def store(result: CellResult) -> None:
         file.append(result.section)
 
-    killer = threading.Thread(target=kill_the_hanging, args=(folder, pids), daemon=True)
+    killer = threading.Thread(target=kill_where_it_hangs, args=(folder, raylets), daemon=True)
     with RayCluster(cluster.address) as ray_cluster:
         program = (sys.executable, str(STUB), str(folder))
         sweep = Sweep(matrix(cells), (), ray_cluster, store, RECORD_TYPES, program=program)
@@ -53,27 +50,27 @@ def main() -> None:
         killer.start()
         summary = sweep.measure()
     cluster.shutdown()
-    sections = run_set.read(target, RECORD_TYPES).sections
-    counts = Counter(section.cell for section in sections)
     answer = {
-        "cells": {cell.key: counts[cell.key] for cell in cells},
-        "statuses": sorted({r.outcome.status for r in summary.results}),
-        "delivered": [record.cells for record in summary.nodes],
-        "gone": [record.reason for record in summary.nodes if not record.is_there],
+        "keys": [cell.key for cell in cells],
+        "statuses": sorted({result.outcome.status for result in summary.results}),
+        "delivered": sorted(record.cells for record in summary.nodes),
         "killed": (folder / "killed").exists(),
     }
     print(json.dumps(answer))
 
 
-def kill_the_hanging(folder: Path, raylets: list[int]) -> None:
-    """Kill the raylet below which the command hangs, as soon as it does."""
-    while not (folder / "hanging-b").exists():
+def kill_where_it_hangs(folder: Path, raylets: list[int]) -> None:
+    """Kill the raylet below which a command hangs, when all that it measured was delivered."""
+    while (
+        not (folder / "hanging-b").exists()
+        or b'"instructions b 3.5.0' not in (folder / "set.jsonl").read_bytes()
+    ):
         threading.Event().wait(0.05)
     for pid in raylets:
         below = psutil.Process(pid).children(recursive=True)
         if any(process.cmdline()[-1:] == ["b"] for process in below):
-            os.kill(pid, signal.SIGKILL)
             (folder / "killed").touch()
+            os.kill(pid, signal.SIGKILL)
 
 
 if __name__ == "__main__":

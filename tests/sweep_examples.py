@@ -147,11 +147,11 @@ class FakeCluster:
 
     def cells_of(self, request: Request) -> list[Cell]:
         """Return the cells that a request of `versions` or `instructions` is for."""
-        words, (model,) = request.line.words, request.line.operands
+        words = request.line.words
         option = "--new" if words[0] == "versions" else "--release"
         releases = [words[i + 1] for i, word in enumerate(words) if word == option]
         make = verdict_cell if words[0] == "versions" else count_cell
-        return [make(model, release) for release in releases]
+        return [make(model, release) for model in request.line.operands for release in releases]
 
     def start(
         self, number: int, node: Node, request: Request, carried: Sequence[CarriedModel]

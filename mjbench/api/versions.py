@@ -52,7 +52,7 @@ class ReleaseComparison(Measured):
     @property
     def confidence(self) -> float:
         """Of the intervals, and of what the comparisons show together."""
-        return report.confidence_of(self.run.header)
+        return family.confidence_of(self.run.header)
 
     @property
     def family(self) -> Family:

@@ -18,6 +18,7 @@ from mjbench.cli import (  # each adds its command to the group
     instructions,
     latency,
     lint,
+    merge,
     models,
     overhead,
     paths,

@@ -1,13 +1,19 @@
-"""`mjbench diff`: two run files of `compare`."""
+"""`mjbench diff`: two run files, or two run sets, of `compare`."""
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mjbench.cli.context import RunContext
-from mjbench.cli.group import cli
+from mjbench.cli.group import cli, report_line
 from mjbench.cli.shared import JSON
 from mjbench.errors import InputError
+
+if TYPE_CHECKING:
+    from mjbench.instrument.run_set import RunSet
 
 
 @cli.command()
@@ -20,24 +26,46 @@ from mjbench.errors import InputError
 )
 @JSON
 def diff(old: Path, new: Path, across: bool, json_file: str | None) -> None:
-    """Compare the speeds of two run files of `compare`, row by row.
+    """Compare the speeds of two run files or run sets of `compare`, row by row.
 
-    The two were measured at different times, which no statistics can correct. For releases,
-    models and options, `mjbench versions` and `mjbench ab` alternate both targets instead.
+    In run sets, each machine is compared with itself. The two were measured at different times,
+    which no statistics can correct. For releases, models and options, `mjbench versions` and
+    `mjbench ab` alternate both targets instead.
 
     \b
     Example:
       mjbench diff old.jsonl new.jsonl
     """
-    from mjbench.instrument import runs
+    from mjbench.instrument import run_set
     from mjbench.report.comparison import differences_table
     from mjbench.report.documents import RECORD_TYPES, DiffDocument
-    from mjbench.report.run_differences import run_differences
+    from mjbench.report.run_differences import differences
 
     with RunContext("diff", json_file, inputs=[old, new]) as run:
-        rows = run_differences(runs.load(old, RECORD_TYPES), runs.load(new, RECORD_TYPES), across)
-        if not rows:
+        stored = [run_set.read(path, RECORD_TYPES) for path in (old, new)]
+        rows = differences(stored[0], stored[1], across)
+        if line := _left_out(stored):
+            report_line(line)
+        if rows:
+            run.out.print(differences_table(rows))
+        if not any(row.path for row in rows):
             raise InputError(f"{old} and {new} have no timed row of `compare` in common")
-        run.out.print(differences_table(rows))
         run.write(DiffDocument(results=rows))
     run.exit(row.status for row in rows)
+
+
+def _left_out(stored: "Sequence[RunSet]") -> str:
+    """Return which runs of sets are not compared, in a line; empty where all are."""
+    from mjbench.comparison.records import ModelRecord
+
+    commands = Counter(
+        each.header.command
+        for one in stored
+        if not one.is_run_file
+        for each in one.runs
+        if not each.of_type(ModelRecord)
+    )
+    if not commands:
+        return ""
+    counts = ", ".join(f"{count} of {command}" for command, count in commands.items())
+    return f"left out: runs of other commands than compare ({counts})"

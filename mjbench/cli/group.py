@@ -190,6 +190,7 @@ def cli() -> None:
       mjbench explain 3.17.0 4.0.0 pile      which functions account for it?
       mjbench selfcheck                      how often is a verdict wrong here?
       mjbench placement robot.xml            how far does its speed depend on where code lies?
+      mjbench sweep plan.toml --address auto    measure a matrix on a Ray cluster
       mjbench models                         the shipped models
 
     MODEL is one of the shipped models, a path to .xml, .urdf or .mjb, or PACKAGE:NAME for a model

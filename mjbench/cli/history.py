@@ -25,7 +25,7 @@ DEFAULT = click.core.ParameterSource.DEFAULT
     show_default=True,
     metavar="DIR",
     type=click.Path(path_type=Path),
-    help="Folder of the run files of `history measure` and `history explain`.",
+    help="Folder of the run files of `history measure` and `history explain`, or of run sets.",
 )
 @click.option(
     "--causes",
@@ -39,6 +39,12 @@ DEFAULT = click.core.ParameterSource.DEFAULT
     type=click.Path(path_type=Path),
     help="Draw a plot of each model there, as SVG, and show them on the page.",
 )
+@click.option(
+    "--machine",
+    metavar="NAME",
+    help="The history of this machine, where the folder has several. Without it, the page says on"
+    " how many machines each change is listed.",
+)
 @PAGE
 @click.pass_context
 def history(
@@ -47,6 +53,7 @@ def history(
     results: Path,
     causes: Path | None,
     plots: Path | None,
+    machine: str | None,
     output: Path | None,
 ) -> None:
     """Report in which releases speed changed, and what accounts for it.
@@ -67,7 +74,7 @@ def history(
             raise click.UsageError(f"give --{option} after {ctx.invoked_subcommand}")
         return
     from mjbench.releases import bundle
-    from mjbench.report import history_files, history_plots, speed_page
+    from mjbench.report import history_files, history_plots, speed_across, speed_page
 
     committed = bundle.default_path().with_name("causes.toml")
     causes = causes or (committed if committed.exists() else None)
@@ -77,10 +84,15 @@ def history(
     interrupts.enable()
     page.open()
     try:
-        measured = history_files.read(files, causes, since)
-        if plots is not None:
-            history_plots.draw(measured, plots)
-        text = "\n".join(speed_page.lines(measured, _link(plots, output)))
+        each = history_files.read_each(files, causes, since)
+        if len(each) > 1 and machine is None and plots is None:
+            lines = speed_across.lines(each)
+        else:
+            measured = history_files.choose(each, machine)
+            if plots is not None:
+                history_plots.draw(measured, plots)
+            lines = speed_page.lines(measured, _link(plots, output))
+        text = "\n".join(lines)
         page.write(f"{speed_page.TITLE}\n\n{text}\n")
     finally:
         page.close()

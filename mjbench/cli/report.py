@@ -1,8 +1,8 @@
-"""`mjbench report`: run files as one HTML file, or as Markdown."""
+"""`mjbench report`: run files and run sets as one HTML file, or as Markdown."""
 
 import contextlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -15,9 +15,6 @@ from mjbench.errors import InputError, writing
 # Formats of pages, which several runs share, and of other tools.
 _PAGES = ("html", "markdown")
 FORMATS = (*_PAGES, "csv", "parquet", "github-action-benchmark", "bencher", "otava", "junit")
-
-if TYPE_CHECKING:
-    from mjbench.pages.reports import NamedRun
 
 
 @cli.command()
@@ -42,10 +39,11 @@ if TYPE_CHECKING:
 def report(
     files: tuple[Path, ...], output: str | None, form: str, markdown: bool, results: Path
 ) -> None:
-    """Write a report of run files: one HTML file to look at, mail or attach to a CI run.
+    """Write a report of run files and sets: one HTML file to look at, mail or attach to a CI run.
 
-    Without a RUN: the newest in results/runs. The file needs no network and nothing beside it.
-    Charts need vl-convert-python and Jinja2: the extra `report`.
+    Of several machines, it begins with what they show side by side. Without a RUN: the newest in
+    results/runs. The file needs no network and nothing beside it. Charts need vl-convert-python and
+    Jinja2: the extra `report`.
 
     \b
     Examples:
@@ -54,37 +52,36 @@ def report(
       mjbench report --markdown >> "$GITHUB_STEP_SUMMARY"
       mjbench report --format junit -o junit.xml
     """
-    from mjbench.instrument import runs
+    from mjbench.instrument import run_set, runs
     from mjbench.pages import exports
-    from mjbench.pages.reports import NamedRun
     from mjbench.report.documents import RECORD_TYPES
 
     form = "markdown" if markdown else form
     chosen = list(files) or [runs.latest(results)]
     target = output or ("report.html" if form == "html" else "-")
     if form not in _PAGES and len(chosen) > 1:
-        raise InputError(f"--format {form} takes one RUN")
+        raise InputError(f"--format {form} takes one RUN; `mjbench merge` makes one of several")
     if form == "parquet" and target == "-":
         raise InputError("--format parquet needs a file: give -o FILE")
     file = OutputFile("-o", target, chosen)
     with RunContext("report", inputs=chosen) as run, contextlib.closing(file):
-        named_runs = [NamedRun(path, runs.load(path, RECORD_TYPES)) for path in chosen]
         if form == "parquet":
             with writing(Path(target)):
-                exports.write_parquet(named_runs[0].run, Path(target))
+                exports.write_parquet(run_set.read(chosen[0], RECORD_TYPES), Path(target))
         else:
             file.open()
-            file.write(_text(form, named_runs))
+            file.write(_text(form, chosen))
         if target != "-":
             run.out.print(f"Report: {target}", soft_wrap=True)
 
 
-def _text(form: str, named_runs: "list[NamedRun]") -> str:
-    """Return runs in a format."""
+def _text(form: str, files: Sequence[Path]) -> str:
+    """Return run files and sets in a format."""
+    from mjbench.instrument import run_set
     from mjbench.pages import exports, html, markdown, reports
+    from mjbench.report.documents import RECORD_TYPES
 
     if form not in _PAGES:
-        (named,) = named_runs
-        return exports.FORMATS[form](named.run)
-    content = reports.build(named_runs)
+        return exports.FORMATS[form](run_set.read(files[0], RECORD_TYPES))
+    content = reports.build(reports.read(files))
     return html.render(content) if form == "html" else "\n".join(markdown.render(content)) + "\n"

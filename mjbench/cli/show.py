@@ -1,6 +1,7 @@
-"""`mjbench show`: print a run file again."""
+"""`mjbench show`: print a run file or a run set again."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,8 @@ from mjbench.cli.shared import CODE, JSON, RESULTS, with_options
 if TYPE_CHECKING:
     from mjbench.instrument.runs import Run
 
-# Functions of a count that are listed.
-_MOST_FUNCTIONS = 10
+# Runs of a set that are printed; of more there is a list. Functions of a count that are listed.
+_MOST_RUNS, _MOST_FUNCTIONS = 20, 10
 
 
 @cli.command()
@@ -22,48 +23,79 @@ _MOST_FUNCTIONS = 10
 @CODE
 @with_options(RESULTS, JSON)
 def show(file: Path | None, code: bool, results: Path, json_file: str | None) -> None:
-    """Print a run FILE again; without one, the newest in results/runs.
+    """Print a run FILE or a run set again; without one, the newest in results/runs.
+
+    Of several machines, it first prints what they show side by side.
 
     \b
     Examples:
       mjbench show
       mjbench show results/runs/run.jsonl --code
     """
+    from mjbench.instrument import run_set, runs
+    from mjbench.report.documents import RECORD_TYPES
+
+    file = file or runs.latest(results)
+    stored = run_set.read(file, RECORD_TYPES)
+    with RunContext("show", json_file, inputs=[file]) as run:
+        if stored.is_run_file:
+            run.write(_shown(run, stored.runs[0], code))
+        else:
+            _show_set(run, stored.runs, code)
+
+
+def _show_set(run: RunContext, stored: "Sequence[Run]", code: bool) -> None:
+    """Print what machines show side by side, and each run after it; of many runs, a list."""
+    from mjbench.report import across_machines
+    from mjbench.report.set_document import RunSetDocument
+
+    results = across_machines.side_by_side(stored)
+    if results.has_several:
+        across_machines.print_side_by_side(run.out, results)
+    names = [machine.name for machine in results.machines]
+    if len(stored) > _MOST_RUNS:
+        run.out.print()
+        across_machines.print_runs(run.out, stored, names)
+        report_line(f"{len(stored)} runs: only listed; `mjbench report` has a section of each")
+    else:
+        for number, (each, name) in enumerate(zip(stored, names, strict=True), 1):
+            run.out.print()
+            run.out.rule(f"Run {number} of {len(stored)}: {each.header.command} on {name}")
+            _shown(run, each, code)
+    run.write(RunSetDocument.of(stored, results))
+
+
+def _shown(run: RunContext, stored: "Run", code: bool) -> object:
+    """Print a run; return its JSON document."""
     from mjbench.comparison.scaling import ScalingRecord
     from mjbench.counts.records import ExplainRecord, InstructionsRecord
-    from mjbench.instrument import runs
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.paired.records import VerdictRecord
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.releases.release_ratios import RatioRecord
     from mjbench.report.counts import print_changes, print_counts
-    from mjbench.report.documents import RECORD_TYPES, ExplainDocument, InstructionsDocument
+    from mjbench.report.documents import ExplainDocument, InstructionsDocument
 
-    file = file or runs.latest(results)
-    stored = runs.load(file, RECORD_TYPES)
-    with RunContext("show", json_file, inputs=[file]) as run:
-        if stored.of_type(TrialRecord):
-            _show_selfcheck(run, stored)
-        elif stored.of_type(VerdictRecord):
-            _show_verdicts(run, stored)
-        elif stored.of_type(SpreadRecord):
-            _show_spreads(run, stored)
-        elif stored.of_type(RatioRecord):
-            _show_release_ratios(run, stored)
-        elif stored.of_type(ExplainRecord):
-            rows = stored.of_type(ExplainRecord)
-            print_changes(run.out, rows)
-            run.write(ExplainDocument(results=rows))
-        elif counts := stored.of_type(InstructionsRecord):
-            print_counts(run.out, counts, _MOST_FUNCTIONS)
-            run.write(InstructionsDocument(results=counts))
-        elif stored.of_type(ScalingRecord):
-            _show_scaling(run, stored, code)
-        elif not _show_loops(run, stored, code):
-            _show_comparison(run, stored, code)
+    if stored.of_type(TrialRecord):
+        return _selfcheck(run, stored)
+    if stored.of_type(VerdictRecord):
+        return _verdicts(run, stored)
+    if stored.of_type(SpreadRecord):
+        return _spreads(run, stored)
+    if stored.of_type(RatioRecord):
+        return _release_ratios(run, stored)
+    if rows := stored.of_type(ExplainRecord):
+        print_changes(run.out, rows)
+        return ExplainDocument(results=rows)
+    if counts := stored.of_type(InstructionsRecord):
+        print_counts(run.out, counts, _MOST_FUNCTIONS)
+        return InstructionsDocument(results=counts)
+    if stored.of_type(ScalingRecord):
+        return _scaling(run, stored, code)
+    return _loops(run, stored, code) or _searches(run, stored) or _comparison(run, stored, code)
 
 
-def _show_selfcheck(run: RunContext, stored: "Run") -> None:
+def _selfcheck(run: RunContext, stored: "Run") -> object:
     from mjbench.paired import selfcheck
     from mjbench.paired.selfcheck_records import TrialRecord
     from mjbench.report import selfcheck as report
@@ -72,40 +104,41 @@ def _show_selfcheck(run: RunContext, stored: "Run") -> None:
     rows = selfcheck.summary(stored.of_type(TrialRecord))
     report.print_tables(run.out, rows)
     busy = stored.header.arguments.get("busy")
-    run.write(SelfcheckDocument(machine=stored.header.machine, busy=busy, results=rows))
+    return SelfcheckDocument(machine=stored.header.machine, busy=busy, results=rows)
 
 
-def _show_verdicts(run: RunContext, stored: "Run") -> None:
+def _verdicts(run: RunContext, stored: "Run") -> object:
+    from mjbench.paired import family
     from mjbench.paired.records import VerdictRecord
     from mjbench.report import verdicts
     from mjbench.report.documents import VerdictDocument
 
     rows = [record.row() for record in stored.of_type(VerdictRecord)]
-    verdicts.print_table(run.out, rows, verdicts.confidence_of(stored.header))
-    run.write(VerdictDocument(machine=stored.header.machine, results=rows))
+    verdicts.print_table(run.out, rows, family.confidence_of(stored.header))
+    return VerdictDocument(machine=stored.header.machine, results=rows)
 
 
-def _show_spreads(run: RunContext, stored: "Run") -> None:
+def _spreads(run: RunContext, stored: "Run") -> object:
     from mjbench.paired.placement_spread import SpreadRecord
     from mjbench.report.documents import PlacementDocument
     from mjbench.report.placement import print_spreads
 
     rows = [record.row() for record in stored.of_type(SpreadRecord)]
     print_spreads(run.out, rows)
-    run.write(PlacementDocument(machine=stored.header.machine, results=rows))
+    return PlacementDocument(machine=stored.header.machine, results=rows)
 
 
-def _show_release_ratios(run: RunContext, stored: "Run") -> None:
+def _release_ratios(run: RunContext, stored: "Run") -> object:
     from mjbench.releases.release_ratios import RatioRecord
     from mjbench.report import release_ratios as report
     from mjbench.report.documents import HistoryDocument
 
     records = stored.of_type(RatioRecord)
     report.print_table(run.out, records)
-    run.write(HistoryDocument.of(stored.header.machine, records))
+    return HistoryDocument.of(stored.header.machine, records)
 
 
-def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
+def _scaling(run: RunContext, stored: "Run", code: bool) -> object:
     from mjbench.comparison.scaling import ScalingRecord
     from mjbench.paired.confirmation import ConfirmationRecord
     from mjbench.report import scaling as report
@@ -116,11 +149,11 @@ def _show_scaling(run: RunContext, stored: "Run", code: bool) -> None:
     models = thread_advice.by_model(stored.of_type(ScalingRecord), confirmations)
     for results in models:
         report.print_results(run.out, results, code)
-    run.write(CompareDocument.of_scaling(stored.header.machine, models))
+    return CompareDocument.of_scaling(stored.header.machine, models)
 
 
-def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
-    """Print what a command around one loop measured; return whether one did."""
+def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
+    """Print what a command around one loop measured; return its document, None without any."""
     from mjbench.comparison.planning_run import PlanningRow
     from mjbench.environment.records import EnvironmentRecord
     from mjbench.loop.latency import LatencyRow
@@ -142,37 +175,35 @@ def _show_loops(run: RunContext, stored: "Run", code: bool) -> bool:
     if costs := stored.of_type(OverheadRow):
         for table in filter(None, (row.table() for row in costs)):
             overhead.print_table(run.out, table, code)
-        run.write(documents.OverheadDocument(machine=machine, results=costs))
-    elif profiles := stored.of_type(ProfileRow):
+        return documents.OverheadDocument(machine=machine, results=costs)
+    if profiles := stored.of_type(ProfileRow):
         for profile in filter(None, (row.profile() for row in profiles)):
             print_profile(run.out, profile)
-        run.write(documents.ProfileDocument(machine=machine, results=profiles))
-    elif latencies := stored.of_type(LatencyRow):
+        return documents.ProfileDocument(machine=machine, results=profiles)
+    if latencies := stored.of_type(LatencyRow):
         measured = [row for row in latencies if row.work is not None]
         for _, of_model in itertools.groupby(measured, lambda row: row.model):
             latency.print_rows(run.out, list(of_model))
-        run.write(documents.LatencyDocument(machine=machine, results=latencies))
-    elif plans := stored.of_type(PlanningRow):
+        return documents.LatencyDocument(machine=machine, results=latencies)
+    if plans := stored.of_type(PlanningRow):
         for _, of_size in itertools.groupby(plans, lambda r: (r.model, r.samples, r.horizon)):
             planning.print_rows(run.out, list(of_size))
         planning.print_sizes(run.out, plans)
-        run.write(documents.PlanDocument(machine=machine, results=plans))
-    elif programs := stored.of_type(ProgramRow):
+        return documents.PlanDocument(machine=machine, results=plans)
+    if programs := stored.of_type(ProgramRow):
         for program in programs:
             print_program(run.out, program)
-        run.write(documents.ProgramDocument(machine=machine, results=programs))
-    elif environments := stored.of_type(EnvironmentRecord):
+        return documents.ProgramDocument(machine=machine, results=programs)
+    if environments := stored.of_type(EnvironmentRecord):
         rows = [environment_results.derive(record) for record in environments]
         for row in rows:
             environment.print_environment(run.out, row)
-        run.write(documents.EnvDocument(machine=machine, results=rows))
-    else:
-        return _show_searches(run, stored)
-    return True
+        return documents.EnvDocument(machine=machine, results=rows)
+    return None
 
 
-def _show_searches(run: RunContext, stored: "Run") -> bool:
-    """Print what searches for settings came to; return whether there is one."""
+def _searches(run: RunContext, stored: "Run") -> object | None:
+    """Print what searches for settings came to; return their document, None without any."""
     from mjbench.report import tuning_accelerated
     from mjbench.report.documents import TuneDocument
     from mjbench.tuning.accelerated_records import EngineTuneRecord
@@ -183,12 +214,10 @@ def _show_searches(run: RunContext, stored: "Run") -> bool:
     searches += stored.of_type(EngineTuneRecord)
     for search in searches:
         tuning_accelerated.print_any(run.out, search)
-    if searches:
-        run.write(TuneDocument.of(stored.header.machine, searches))
-    return bool(searches)
+    return TuneDocument.of(stored.header.machine, searches) if searches else None
 
 
-def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:
+def _comparison(run: RunContext, stored: "Run", code: bool) -> object:
     from mjbench.report import comparison as report
     from mjbench.report.documents import CompareDocument
     from mjbench.report.results import derive_all
@@ -199,4 +228,4 @@ def _show_comparison(run: RunContext, stored: "Run", code: bool) -> None:
     report.print_models(run.out, models, code)
     if not code:
         report.print_code_hint(run.out, models)
-    run.write(CompareDocument.of(stored.header.machine, models))
+    return CompareDocument.of(stored.header.machine, models)

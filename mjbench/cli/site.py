@@ -65,21 +65,23 @@ def _read(folder: Path) -> "Project":
     Raises:
       InputError: it holds nothing.
     """
-    from mjbench.instrument import runs
-    from mjbench.pages.reports import NamedRun
+    from mjbench.pages import reports
     from mjbench.pages.site import Project
     from mjbench.report import history_files
-    from mjbench.report.documents import RECORD_TYPES
 
-    named_runs = []
+    named_runs: list[reports.NamedRun] = []
     for file in (folder / "results/runs").glob("*.jsonl"):
         with _left_out_if_unreadable():
-            named_runs.append(NamedRun(file, runs.load(file, RECORD_TYPES)))
+            named_runs += reports.read([file])
     named_runs.sort(key=lambda named: (named.run.header.began, named.file.name))
     history, causes = None, folder / "benchmarks/causes.toml"
     if files := history_files.run_files(folder / "results/history"):
         with _left_out_if_unreadable():
-            history = history_files.read(files, causes if causes.exists() else None)
+            first, *others = history_files.read_each(files, causes if causes.exists() else None)
+            history = first.history
+            if others:
+                names = ", ".join(each.name for each in others)
+                report_line(f"the history is that of {first.name}; left out: {names}")
     asv_pages = folder / ".asv/html"
     if not (named_runs or history or (folder / "docs").is_dir()):
         raise InputError(

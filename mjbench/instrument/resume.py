@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mjbench.errors import InputError, one_line
+from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import InputFile, RunHeader, as_stored
 
 
@@ -25,7 +26,7 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
                 f"cannot continue {path}: {name} has changed since that run began; leave out"
                 " --resume to begin a new one"
             )
-    before, after = _identity(stored), _identity(now)
+    before, after = _identity(stored, now), _identity(now, stored)
     for key in {**before, **after}:
         if before.get(key) != after.get(key):
             raise InputError(
@@ -34,11 +35,17 @@ def check_continues(path: Path, stored: RunHeader, now: RunHeader) -> None:
             )
 
 
-def _identity(header: RunHeader) -> dict[str, Any]:
-    """Return what must be the same for records to stand side by side, by a name for people."""
+def _identity(header: RunHeader, other: RunHeader) -> dict[str, Any]:
+    """Return what must be the same for records to stand side by side, by a name for people.
+
+    Args:
+      header: whose identity it is.
+      other: that it is compared with; a label or a host counts where both have one.
+    """
     machine = header.machine
     return {
         "the command": header.command,
+        **_name(machine, other.machine),
         **as_stored(header.arguments),
         "the files": [file.name for file in header.files],
         "the processor": machine.cpu,
@@ -47,6 +54,15 @@ def _identity(header: RunHeader) -> dict[str, Any]:
         **machine.versions,
         **machine.flags,
     }
+
+
+def _name(machine: Machine, other: Machine) -> dict[str, str]:
+    """Return what tells a machine from another of its kind: its label, else its host."""
+    if machine.label and other.label:
+        return {"the machine's label": machine.label}
+    if machine.host and other.host:
+        return {"the machine's host": machine.host}
+    return {}
 
 
 def _contents(files: Sequence[InputFile]) -> dict[str, str]:

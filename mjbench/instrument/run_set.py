@@ -24,7 +24,7 @@ import msgspec
 
 from mjbench.errors import InputError, MachineError, one_line, printable
 from mjbench.instrument.run_file import lock
-from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, reason
+from mjbench.instrument.runs import SCHEMA, Run, parse, read_lines, reason, split_lines
 
 # A line that begins a set or a section: none of a run file's.
 _OWN_LINE = re.compile(rb'\s*\{\s*"type"\s*:\s*"(set|section)"')
@@ -91,16 +91,27 @@ class RunSet:
 
     Attributes:
       sections: in the order they were written.
-      is_torn: whether its last section was cut short, and left out.
+      is_torn: whether its last section was cut short, and left out; of a run file, its last line.
+      is_run_file: whether it is a run file, read as a set of one section.
     """
 
     sections: tuple[Section, ...]
     is_torn: bool = False
+    is_run_file: bool = False
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Each run once: a section that another repeats or continues is left out."""
-        return tuple(section.run for section in distinct(self.sections))
+        """Each run once: a section that another repeats or continues is left out.
+
+        Cells of a sweep that one command measured are one run, as they were in its run file.
+        """
+        whole: dict[bytes, list[Section]] = {}
+        for section in distinct(self.sections):
+            # the header of a run file has the second in which it began
+            whole.setdefault(
+                section.lines[0] if section.cell else section.sha256.encode(), []
+            ).append(section)
+        return tuple(_joined(sections) for sections in whole.values())
 
 
 def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
@@ -112,6 +123,19 @@ def distinct(sections: Iterable[Section]) -> tuple[Section, ...]:
     return tuple(
         s for s in unique if not any(other.continues(s) for other in of_header[s.lines[0]])
     )
+
+
+def _joined(sections: Sequence[Section]) -> Run:
+    """Return the run of which sections are parts."""
+    first, *others = sections
+    if not others:
+        return first.run
+    records = {
+        line: record
+        for section in sections
+        for line, record in zip(section.lines[1:], section.run.records, strict=True)
+    }
+    return Run(first.run.header, tuple(records.values()))
 
 
 class RunSetFile:
@@ -209,7 +233,7 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
     lines = read_lines(path)
     if not lines or not _OWN_LINE.match(lines[0]):
         section = _section(path, lines, record_types)
-        return RunSet((section,), section.run.is_torn)
+        return RunSet((section,), section.run.is_torn, is_run_file=True)
     spans, end = _spans(path, lines)
     sections = [
         Section(
@@ -233,6 +257,25 @@ def load_runs(path: Path, record_types: Mapping[str, type]) -> tuple[Run, ...]:
       InputError: as `read` does.
     """
     return read(path, record_types).runs
+
+
+def load_files(
+    paths: Iterable[Path], record_types: Mapping[str, type]
+) -> list[tuple[Path, Section]]:
+    """Read run files and run sets: each run once, with the first file that holds it.
+
+    Args:
+      paths: of the files.
+      record_types: the class of each record by its `type`.
+
+    Raises:
+      InputError: as `read` does.
+    """
+    found: dict[str, tuple[Path, Section]] = {}
+    for path in paths:
+        for section in read(path, record_types).sections:
+            found.setdefault(section.sha256, (path, section))
+    return [found[s.sha256] for s in distinct(section for _, section in found.values())]
 
 
 @dataclass(frozen=True)
@@ -260,7 +303,8 @@ def _open(path: Path, flags: int = 0) -> FileIO:
       InputError: it is a device, a pipe or a folder.
       OSError: it cannot be opened, or another process writes it.
     """
-    file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | os.O_APPEND | flags))
+    extra = os.O_APPEND | flags
+    file = FileIO(path, "r+", opener=lambda name, mode: os.open(name, mode | extra, 0o666))
     with contextlib.ExitStack() as on_error:
         on_error.callback(file.close)
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -277,7 +321,7 @@ def _begin_or_repair(path: Path, file: FileIO) -> None:
       InputError: no run set, or a damaged one.
       OSError: it cannot be read or written.
     """
-    lines = file.readlines()
+    lines = split_lines(file.readall())
     first = _line(SetHeader())
     if not lines or (len(lines) == 1 and first.startswith(lines[0]) and lines[0] != first):
         file.truncate(0)  # the writer was killed before it had written the first line

@@ -7,9 +7,10 @@ is left out. docs/formats.md describes the records, and `mjbench/schemas` holds 
 
 import contextlib
 import hashlib
+import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -82,6 +83,11 @@ class RunHeader:
     files: tuple[InputFile, ...] = ()
     command_line: tuple[str, ...] = ()
     began: str = ""
+
+    def files_of(self, models: Iterable[str]) -> tuple[InputFile, ...]:
+        """Return the files that models were loaded from, which their names name."""
+        names = {PurePath(model).name for model in models}
+        return tuple(file for file in self.files if file.name in names)
 
 
 @dataclass(frozen=True)
@@ -159,10 +165,14 @@ def read_lines(path: Path) -> list[bytes]:
     try:
         if not (path.is_file() or path.is_fifo() or not path.exists()):
             raise InputError(f"{path}: not a file")
-        with path.open("rb") as file:
-            return file.readlines()
+        return split_lines(path.read_bytes())
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read {path}: {reason(error)}") from error
+
+
+def split_lines(content: bytes) -> list[bytes]:
+    """Return lines with their line breaks, which the last one may lack."""
+    return io.BytesIO(content).readlines()
 
 
 def parse(

@@ -104,6 +104,7 @@ class Section:
       figures: charts.
       tables: what they are made of, and more.
       notes: what a reader must know besides.
+      is_open: whether its tables are shown at once also on a page of many sections.
     """
 
     heading: str
@@ -112,6 +113,7 @@ class Section:
     figures: Sequence[Figure] = ()
     tables: Sequence[DataTable] = ()
     notes: Sequence[str] = ()
+    is_open: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,25 @@
-"""Run files in the formats of other tools."""
+"""Run files and run sets in the formats of other tools."""
 
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import ModelRecord
 from mjbench.errors import InputError, MachineError
+from mjbench.instrument.machine_identity import identify
+from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run
-from mjbench.paired import family
+from mjbench.paired import across_machines, family
+from mjbench.paired.across_machines import Outcome
 from mjbench.paired.records import VerdictRecord
 from mjbench.report import rows, verdicts
+from mjbench.report.across_machines import verdict_cell
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 
@@ -38,23 +43,49 @@ class Metric:
     high: float | None = None
 
 
-def metrics(run: Run) -> list[Metric]:
+def metrics(stored: RunSet) -> list[Metric]:
     """Return nanoseconds of a step of every path, and ratios of paired comparisons.
 
+    Of several machines, names begin with that of the machine.
+
     Raises:
-      InputError: the run has neither.
+      InputError: there is neither, or a machine measured something several times.
     """
-    _check_kind(run)
-    return [*_step_times(run), *_ratios(run)]
-
-
-def _check_kind(run: Run) -> None:
-    """Refuse a run that is neither of `compare` nor of paired comparisons."""
-    kinds = (ModelRecord, VerdictRecord)
-    if not any(isinstance(record, kinds) for record in run.records):
+    runs = stored.runs
+    _check_kind(runs)
+    found = [
+        replace(metric, name=f"{prefix}{metric.name}")
+        for run, prefix in _prefixed(runs)
+        for metric in (*_step_times(run), *_ratios(run))
+    ]
+    names = Counter(metric.name for metric in found)
+    repeated = [name for name, count in names.items() if count > 1]
+    if repeated and len(runs) > 1:
         raise InputError(
-            f"a run of `{run.header.command}` has no such form: give one of compare, versions or"
-            " ab, or --format csv"
+            f"{repeated[0]} was measured {names[repeated[0]]} times, and this form has room for"
+            " one: give a run file, or --format csv"
+        )
+    return found
+
+
+def _prefixed(runs: Sequence[Run]) -> list[tuple[Run, str]]:
+    """Return runs, each with what the names of its metrics begin with."""
+    machines = identify([run.header.machine for run in runs])
+    has_several = len(set(machines)) > 1
+    return [
+        (run, f"{machine.name}: " if has_several else "")
+        for run, machine in zip(runs, machines, strict=True)
+    ]
+
+
+def _check_kind(runs: Sequence[Run]) -> None:
+    """Refuse runs none of which is of `compare` or of paired comparisons."""
+    kinds = (ModelRecord, VerdictRecord)
+    if not any(isinstance(record, kinds) for run in runs for record in run.records):
+        commands = dict.fromkeys(f"`{run.header.command}`" for run in runs)
+        raise InputError(
+            f"a run of {', '.join(commands) or 'nothing'} has no such form: give one of compare,"
+            " versions or ab, or --format csv"
         )
 
 
@@ -75,9 +106,9 @@ def _ratios(run: Run) -> Iterator[Metric]:
             yield Metric(name, "ratio", record.ratio.estimate, record.ratio.low, record.ratio.high)
 
 
-def as_csv(run: Run) -> str:
-    """Return the results of a run as CSV (RFC 4180)."""
-    table = rows.of_run(run)
+def as_csv(stored: RunSet) -> str:
+    """Return results as CSV (RFC 4180)."""
+    table = rows.of_set(stored)
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(table[0]) if table else [])
     writer.writeheader()
@@ -85,10 +116,10 @@ def as_csv(run: Run) -> str:
     return text.getvalue()
 
 
-def as_github_action_benchmark(run: Run) -> str:
+def as_github_action_benchmark(stored: RunSet) -> str:
     """Return metrics for benchmark-action/github-action-benchmark, tool customSmallerIsBetter."""
     entries = []
-    for metric in metrics(run):
+    for metric in metrics(stored):
         entry: dict[str, str | float] = {
             "name": metric.name,
             "unit": metric.unit,
@@ -100,11 +131,11 @@ def as_github_action_benchmark(run: Run) -> str:
     return json.dumps(entries, indent=1) + "\n"
 
 
-def as_bencher(run: Run) -> str:
+def as_bencher(stored: RunSet) -> str:
     """Return metrics in the Bencher Metric Format, for `bencher run --adapter json`."""
     measures = {"ns/step": "latency", "ratio": "ratio"}
     report: dict[str, dict[str, dict[str, float]]] = {}
-    for metric in metrics(run):
+    for metric in metrics(stored):
         value = {"value": metric.value}
         if metric.low is not None and metric.high is not None:
             value |= {"lower_value": metric.low, "upper_value": metric.high}
@@ -112,35 +143,39 @@ def as_bencher(run: Run) -> str:
     return json.dumps(report, indent=1) + "\n"
 
 
-def as_otava(run: Run) -> str:
+def as_otava(stored: RunSet) -> str:
     """Return metrics as one row of CSV, as Apache Otava reads it: a time, then a column each.
 
     Rows of several runs make the series in which Otava detects changes. The time is when the run
-    began.
+    began; of a set, the last one.
 
     Raises:
-      InputError: the run is of an earlier version, and does not say when it began.
+      InputError: a run is of an earlier version, and does not say when it began.
     """
-    if not run.header.began:
+    began = [run.header.began for run in stored.runs]
+    if not all(began):
         raise InputError("this run file is of an earlier version, and does not say when it began")
-    all_metrics = metrics(run)
+    all_metrics = metrics(stored)
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(["time", *(metric.name for metric in all_metrics)])
-    writer.writerow([run.header.began, *(metric.value for metric in all_metrics)])
+    writer.writerow([max(began), *(metric.value for metric in all_metrics)])
     return text.getvalue()
 
 
-def as_junit(run: Run) -> str:
+def as_junit(stored: RunSet) -> str:
     """Return what was compared as JUnit XML, one test case each.
 
     A path that disagrees, and a release that is slower or does other work, is a failure; what
     crashed or hung is an error; what could not be compared, or was not decided, is skipped. As for
-    `--fail-on`, all comparisons are decided together.
+    `--fail-on`, all comparisons are decided together; of several machines, all their verdicts.
     """
-    _check_kind(run)
-    suite = ElementTree.Element("testsuite", name=f"mjbench {run.header.command}")
-    for case in _cases(run):
+    runs = stored.runs
+    _check_kind(runs)
+    commands = dict.fromkeys(run.header.command for run in runs)
+    suite = ElementTree.Element("testsuite", name=f"mjbench {', '.join(commands)}")
+    cases = _cases(runs[0]) if len(runs) == 1 else _cases_by_machine(runs)
+    for case in cases:
         element = ElementTree.SubElement(suite, "testcase", classname=case.group, name=case.name)
         if case.outcome:
             ElementTree.SubElement(element, case.outcome, message=case.detail)
@@ -167,16 +202,18 @@ _OUTCOMES: Mapping[Status, str] = {
     Status.UNAVAILABLE: "skipped",
     Status.INTERRUPTED: "skipped",
 }
+_MACHINE_OUTCOMES: Mapping[Outcome, str] = {
+    Outcome.SLOWER: "failure",
+    Outcome.FASTER: "",
+    Outcome.SAME: "",
+    Outcome.UNDECIDED: "skipped",
+}
 
 
 def _cases(run: Run) -> Iterator[_Case]:
-    if run.of_type(ModelRecord):
-        for model_results in derive_all(run.records):
-            for r in model_results.results:
-                outcome = _OUTCOMES.get(r.status, "error")
-                yield _Case(r.model, str(Variant(r.path, r.options)), outcome, r.detail)
+    yield from _path_cases(run)
     rows_of_verdicts = [record.row() for record in run.of_type(VerdictRecord)]
-    decided = family.decide(rows_of_verdicts, verdicts.confidence_of(run.header))
+    decided = family.decide(rows_of_verdicts, family.confidence_of(run.header))
     for row in rows_of_verdicts:
         outcome = _OUTCOMES.get(row.status, "error")
         if row in decided.slower or row.changed_work:
@@ -187,13 +224,40 @@ def _cases(run: Run) -> Iterator[_Case]:
         yield _Case(row.model, verdicts.describe_targets(row), outcome, text)
 
 
-def write_parquet(run: Run, file: Path) -> None:
-    """Write the results of a run as Parquet.
+def _path_cases(run: Run) -> Iterator[_Case]:
+    if run.of_type(ModelRecord):
+        for model_results in derive_all(run.records):
+            for r in model_results.results:
+                outcome = _OUTCOMES.get(r.status, "error")
+                yield _Case(r.model, str(Variant(r.path, r.options)), outcome, r.detail)
+
+
+def _cases_by_machine(runs: Sequence[Run]) -> Iterator[_Case]:
+    """Yield cases of several runs: each comparison is one case on each machine."""
+    machines = [machine.name for machine in identify([run.header.machine for run in runs])]
+    for run, machine in zip(runs, machines, strict=True):
+        yield from (replace(case, name=f"{machine}: {case.name}") for case in _path_cases(run))
+    across = across_machines.decide(across_machines.rows_of(runs, machines))
+    for comparison in across.comparisons:
+        name = verdicts.comparison_name(comparison)
+        sentence = verdicts.describe_machines(comparison, name)
+        for verdict in comparison.machines:
+            outcome = _MACHINE_OUTCOMES[verdict.outcome]
+            if verdict.changed_work:
+                outcome = "failure"
+            elif verdict.ratio is None:
+                outcome = "error"
+            detail = f"{verdict_cell(verdict)}; {sentence}"
+            yield _Case(comparison.model, f"{verdict.machine}: {name}", outcome, detail)
+
+
+def write_parquet(stored: RunSet, file: Path) -> None:
+    """Write results as Parquet.
 
     Raises:
       MachineError: neither pandas with pyarrow nor polars is installed.
     """
-    table: Sequence[Mapping[str, rows.Cell]] = rows.of_run(run)
+    table: Sequence[Mapping[str, rows.Cell]] = rows.of_set(stored)
     try:
         import polars
     except ImportError:
@@ -210,7 +274,7 @@ def write_parquet(run: Run, file: Path) -> None:
 
 
 # The text formats by name.
-FORMATS: Mapping[str, Callable[[Run], str]] = {
+FORMATS: Mapping[str, Callable[[RunSet], str]] = {
     "csv": as_csv,
     "github-action-benchmark": as_github_action_benchmark,
     "bencher": as_bencher,

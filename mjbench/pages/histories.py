@@ -1,14 +1,63 @@
 """The part of a report that a history of releases gives."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section
 from mjbench.releases.release_ratios import StepRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
-from mjbench.report import history_plots, speed_page
+from mjbench.report import history_plots, speed_across, speed_page
+from mjbench.report.history_files import MachineHistory
 from mjbench.report.speed_history import SpeedHistory, listed_changes
+
+
+def of_machines(histories: Sequence[MachineHistory], command: str) -> Iterator[Section]:
+    """Yield the history of each machine; of several, first on how many each change is listed."""
+    if len(histories) == 1:
+        yield from sections(histories[0].history, command)
+        return
+    yield _across(histories, command)
+    for each in histories:
+        for section in sections(each.history, command):
+            # what is listed on how many machines stands at the head
+            yield replace(section, heading=f"{each.name}: {section.heading}", conclusions=())
+
+
+def _across(histories: Sequence[MachineHistory], command: str) -> Section:
+    """Return on how many machines each change is listed."""
+    found = speed_across.changes(histories)
+    columns = (
+        Column("releases"),
+        Column("what"),
+        Column("listed"),
+        Column("machine"),
+        Column("change, %", 3),
+        Column("standard error, %", 2),
+    )
+    rows = [
+        (
+            change.releases,
+            _plain(change.title),
+            change.count,
+            machine.machine,
+            100 * machine.listed.point.change if machine.listed else None,
+            100 * machine.listed.point.deviation if machine.listed else None,
+        )
+        for change in found
+        for machine in change.machines
+    ]
+    return Section(
+        heading="What changed between releases, by machine",
+        command=command,
+        conclusions=[Conclusion(speed_across.conclusion(histories, found))],
+        tables=[DataTable("Change points by machine", columns, rows)],
+        notes=[
+            "Each machine has a history of its own. A machine without a change measured both"
+            " releases, and its history lists none."
+        ],
+    )
 
 
 def sections(history: SpeedHistory, command: str) -> Iterator[Section]:

@@ -1,4 +1,4 @@
-"""From run files to the content of a report."""
+"""From run files and run sets to the content of a report."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -10,7 +10,9 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
+from mjbench.instrument import run_set
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.machine_identity import MachineIdentity
 from mjbench.instrument.runs import Run
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
@@ -20,13 +22,14 @@ from mjbench.pages import (
     environments,
     histories,
     loops,
+    machines,
     programs,
     scaling,
     tuning,
     verdicts,
 )
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
-from mjbench.paired import selfcheck
+from mjbench.paired import family, selfcheck
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
@@ -35,14 +38,18 @@ from mjbench.paired.verdict import CONFIDENCE
 from mjbench.program.records import ProgramRow
 from mjbench.releases import bundle
 from mjbench.releases.release_ratios import RatioRecord
+from mjbench.report import across_machines as across
 from mjbench.report import history_files
+from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
-from mjbench.report.speed_history import SpeedHistory
 from mjbench.report.thread_advice import by_model
-from mjbench.report.verdicts import confidence_of
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 
+# Sections of single runs, at most, where there are several runs: a page of more is of no use.
+_MOST_SECTIONS = 100
+# Files that the command of a section names, at most.
+_MOST_FILES = 3
 # Conclusions that stand at the head of a report, at most; the others are in their sections.
 _MOST_CONCLUSIONS = 40
 # Figures that are drawn, at most: a page of more opens slowly. Tables are always there.
@@ -51,10 +58,10 @@ _MOST_FIGURES = 20
 
 @dataclass(frozen=True)
 class NamedRun:
-    """A run file that was read.
+    """A run that was read.
 
     Attributes:
-      file: its path.
+      file: path of its run file, or of the set that it is in.
       run: its content.
     """
 
@@ -68,34 +75,84 @@ class NamedRun:
         return shlex.join(["mjbench", *(header.command_line or (header.command,))])
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A section, and what of it stands at the head of the report."""
+
+    section: Section
+    main: Sequence[Conclusion]
+
+
+def read(files: Sequence[Path]) -> list[NamedRun]:
+    """Return the runs of files, each once.
+
+    Args:
+      files: run files and run sets.
+
+    Raises:
+      InputError: a file is neither.
+    """
+    sections = run_set.load_files(files, RECORD_TYPES)
+    return [NamedRun(file, section.run) for file, section in sections]
+
+
 def build(named_runs: Sequence[NamedRun]) -> Report:
-    """Return the report of run files.
+    """Return the report of runs, of one machine or of several.
 
     Args:
       named_runs: in the order of their sections.
-
-    Raises:
-      InputError: runs hold ratios of releases that were measured on different machines.
     """
-    sections = [section for named in named_runs for section in _sections(named)]
-    history = _history(named_runs)
-    if history is not None:
-        command = next(n.command for n in named_runs if n.run.of_type(RatioRecord))
-        sections += histories.sections(history, command)
-    sections = list(_with_fewer_figures(sections))
-    conclusions = [conclusion for section in sections for conclusion in section.conclusions]
+    results = across.side_by_side([named.run for named in named_runs])
+    parts = [
+        part
+        for named, machine in zip(named_runs, results.machines, strict=True)
+        for part in _parts(named, machine.name if results.has_several else "")
+    ]
+    parts += _history_parts(named_runs)
+    kept = _most_important(parts) if len(named_runs) > 1 else parts
     # what went wrong comes first
-    conclusions.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
+    main = [conclusion for part in kept for conclusion in part.main]
+    main.sort(key=lambda conclusion: conclusion.tone != Tone.BAD)
+    sections = [part.section for part in kept]
+    if results.has_several and (first := machines.section(results, _report_command(named_runs))):
+        main = [*first.conclusions, *main]
+        # they stand right above it, unless there are too many
+        are_all_above = len(first.conclusions) <= _MOST_CONCLUSIONS
+        sections.insert(0, replace(first, conclusions=()) if are_all_above else first)
+    sections = list(_with_fewer_figures(sections))
     if len(sections) == 1:  # its conclusions are those of the report
         sections = [replace(sections[0], conclusions=())]
     if not sections:
-        conclusions.append(Conclusion("Nothing was measured.", Tone.UNSURE))
+        main.append(Conclusion("Nothing was measured.", Tone.UNSURE))
     title = f"mjbench {', '.join(dict.fromkeys(n.run.header.command for n in named_runs))}"
-    if len(conclusions) > _MOST_CONCLUSIONS:
-        rest = len(conclusions) - _MOST_CONCLUSIONS
-        conclusions = conclusions[:_MOST_CONCLUSIONS]
-        conclusions.append(Conclusion(f"{rest} further conclusions are in their sections."))
-    return Report(title, conclusions, sections, _machines(named_runs))
+    if len(main) > _MOST_CONCLUSIONS:
+        rest = len(main) - _MOST_CONCLUSIONS
+        main = main[:_MOST_CONCLUSIONS]
+        main.append(Conclusion(f"{rest} further conclusions are in their sections."))
+    if len(kept) < len(parts):
+        main.append(_left_out(len(parts) - len(kept), len(parts)))
+    return Report(title, main, sections, _machines(named_runs, results.machines))
+
+
+def _report_command(named_runs: Sequence[NamedRun]) -> str:
+    files = list(dict.fromkeys(str(named.file) for named in named_runs))
+    more = ["…"] if len(files) > _MOST_FILES else []
+    return " ".join([shlex.join(["mjbench", "report", *files[:_MOST_FILES]]), *more])
+
+
+def _most_important(parts: Sequence[_Part]) -> list[_Part]:
+    """Return as many parts as a report has room for: those in which something went wrong first."""
+    is_bad = [any(c.tone == Tone.BAD for c in part.section.conclusions) for part in parts]
+    ranked = sorted(range(len(parts)), key=lambda n: not is_bad[n])
+    return [parts[n] for n in sorted(ranked[:_MOST_SECTIONS])]
+
+
+def _left_out(count: int, total: int) -> Conclusion:
+    return Conclusion(
+        f"Left out: {count:,} of {total:,} sections of single runs. Those in which something went"
+        " wrong are kept first. Report fewer runs to see all; mjbench.load has all results.",
+        Tone.UNSURE,
+    )
 
 
 def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
@@ -111,24 +168,50 @@ def _with_fewer_figures(sections: Sequence[Section]) -> Iterator[Section]:
         yield replace(section, figures=(), tables=tables, notes=[*section.notes, note])
 
 
-def _history(named_runs: Sequence[NamedRun]) -> SpeedHistory | None:
-    """Return the history that runs with ratios of releases hold; None without such runs."""
-    if not any(named.run.of_type(RatioRecord) for named in named_runs):
-        return None
+def _history_parts(named_runs: Sequence[NamedRun]) -> list[_Part]:
+    """Return the sections of the history that runs with ratios of releases hold."""
+    timed = [named for named in named_runs if named.run.of_type(RatioRecord)]
+    if not timed:
+        return []
     causes = bundle.default_path().with_name("causes.toml")
-    loaded = {named.file: named.run for named in named_runs}
-    return history_files.of_runs(loaded, causes if causes.exists() else None)
+    each = history_files.of_runs(
+        [named.run for named in named_runs], causes if causes.exists() else None
+    )
+    sections = histories.of_machines(each, timed[0].command)
+    return [_Part(section, section.conclusions) for section in sections]
 
 
-def _sections(named: NamedRun) -> Iterator[Section]:
-    """Yield the sections of a run."""
+def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
+    """Yield the sections of a run.
+
+    Args:
+      named: the run.
+      machine: its name, where there are several: then what machines show side by side stands at the
+        head, in place of what one of them shows.
+    """
     run, command = named.run, named.command
+
+    def part(section: Section, is_side_by_side: bool = False) -> _Part:
+        if not machine:
+            return _Part(section, section.conclusions)
+        headed = replace(section, heading=f"{machine}: {section.heading}")
+        return _Part(headed, () if is_side_by_side else section.conclusions)
+
     if run.of_type(ModelRecord):
-        yield from comparisons.sections(derive_all(run.records), command)
+        for section in comparisons.sections(derive_all(run.records), command):
+            bad = [c for c in section.conclusions if c.tone == Tone.BAD]
+            yield replace(part(section), main=bad) if machine else part(section)
+    if rows := [record.row() for record in run.of_type(VerdictRecord)]:
+        confidence = family.confidence_of(run.header)
+        yield part(verdicts.section(rows, confidence, command), is_side_by_side=True)
+    for section in _other_sections(run, command):
+        yield part(section)
+
+
+def _other_sections(run: Run, command: str) -> Iterator[Section]:
+    """Yield the sections of a run of which nothing stands side by side with other machines."""
     for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
         yield scaling.section(results, command)
-    if rows := [record.row() for record in run.of_type(VerdictRecord)]:
-        yield verdicts.section(rows, confidence_of(run.header), command)
     yield from loops.overhead_sections(run.of_type(OverheadRow), command)
     yield from loops.profile_sections(run.of_type(ProfileRow), command)
     yield from loops.latency_sections(run.of_type(LatencyRow), command)
@@ -223,8 +306,9 @@ def _percent(share: float | None) -> float | None:
     return None if share is None else 100 * share
 
 
-def _machines(named_runs: Sequence[NamedRun]) -> DataTable:
+def _machines(named_runs: Sequence[NamedRun], identities: Sequence[MachineIdentity]) -> DataTable:
     columns = (
+        Column("machine"),
         Column("run file"),
         Column("processor"),
         Column("usable cores", 3),
@@ -232,7 +316,10 @@ def _machines(named_runs: Sequence[NamedRun]) -> DataTable:
         Column("Python"),
         Column("versions"),
     )
-    return DataTable("Machines", columns, [_machine_cells(named) for named in named_runs])
+    pairs = zip(named_runs, identities, strict=True)
+    # a set may hold many runs of a machine
+    rows = dict.fromkeys((identity.name, *_machine_cells(named)) for named, identity in pairs)
+    return DataTable("Machines", columns, list(rows))
 
 
 def _machine_cells(named: NamedRun) -> tuple[str | int, ...]:

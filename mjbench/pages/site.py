@@ -60,7 +60,7 @@ class Project:
 
     Attributes:
       folder: of the project, whose documents are in `docs`.
-      runs: run files, the newest last.
+      runs: of run files and run sets, the newest last.
       history: of releases; None without one.
       asv_pages: folder that `asv publish` wrote; None without one.
     """
@@ -136,9 +136,9 @@ def write_source(project: Project, source: Path) -> None:
         _copy_documents(project.folder, source)
     if project.history is not None:
         _write_history(project.history, source)
-    for named in project.runs:
-        page = html.render(reports.build([named]))
-        _write_page(copied / "reports" / f"{named.file.stem}.html", [page])
+    for file, named_runs in _by_file(project.runs).items():
+        page = html.render(reports.build(named_runs))
+        _write_page(copied / "reports" / f"{file.stem}.html", [page])
     if project.asv_pages is not None:
         with _copying(project.asv_pages):
             shutil.copytree(project.asv_pages, copied / "asv")
@@ -203,17 +203,25 @@ def _releases_page(history: SpeedHistory, releases: Sequence[str]) -> Iterator[s
 def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
     """Yield a page that links the report of each run, the newest first."""
     yield "# Reports\n"
-    yield "One report for each run file: charts, tables, and the command that gave them.\n"
+    yield "One report for each run file or set: charts, tables, and the command that gave them.\n"
     rows = [
         (
             _report_link(named, named.file.stem),
-            _escaped(named.command),
-            named.run.header.machine.cpu,
+            _escaped(named.command) if len(others) == 0 else f"{1 + len(others)} runs",
+            ", ".join(dict.fromkeys(each.run.header.machine.cpu for each in (named, *others))),
             named.run.header.began[:10],
         )
-        for named in reversed(runs)
+        for named, *others in reversed(_by_file(runs).values())
     ]
     yield from markdown.table(["report", "command", "processor", "began"], rows)
+
+
+def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
+    """Return the runs of each file: of a run set, several."""
+    by_file: dict[Path, list[NamedRun]] = {}
+    for named in runs:
+        by_file.setdefault(named.file, []).append(named)
+    return by_file
 
 
 def _report_link(named: NamedRun, text: str) -> str:
@@ -243,7 +251,7 @@ def _index(project: Project, source: Path) -> Iterator[str]:
         if command in newest_runs:
             named = newest_runs[command]
             yield f"## {title}\n"
-            yield from _summary(named)
+            yield from _summary(_by_file(project.runs)[named.file])
             yield f"\n{_report_link(named, 'The whole report')}\n"
     if project.asv_pages is not None:
         yield '<a href="asv/index.html">The pages of asv</a>: every benchmark over all releases\n'
@@ -262,11 +270,20 @@ def _index(project: Project, source: Path) -> Iterator[str]:
     yield from _toctree("Project", remaining)
 
 
-def _summary(named: NamedRun) -> Iterator[str]:
-    """Yield what a run comes to: what is advised as a table, anything else as sentences."""
-    advice = [row for results in derive_all(named.run.records) for row in advise(results)]
-    conclusions = reports.build([named]).conclusions
-    if not advice or any(conclusion.tone == Tone.BAD for conclusion in conclusions):
+def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
+    """Yield what a file comes to: what one run advises as a table, anything else as sentences."""
+    advice = [
+        row
+        for named in runs
+        for results in derive_all(named.run.records)
+        for row in advise(results)
+    ]
+    conclusions = reports.build(runs).conclusions
+    if (
+        len(runs) > 1
+        or not advice
+        or any(conclusion.tone == Tone.BAD for conclusion in conclusions)
+    ):
         for conclusion in conclusions:
             yield f"- {_escaped(conclusion.text)}"
         return

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mjbench.instrument import anytime
-from mjbench.paired.outcomes import Cause, Metric, Verdict
+from mjbench.instrument.runs import RunHeader
+from mjbench.paired.outcomes import CONFIDENCE, Cause, Metric, Verdict
 from mjbench.paired.records import VerdictRow
 
 
@@ -32,6 +33,14 @@ class Family:
     count: int
 
 
+def confidence_of(header: RunHeader) -> float:
+    """Return the confidence that the command of a run was given, or the usual one."""
+    confidence = header.arguments.get("confidence")
+    if isinstance(confidence, float) and 0 < confidence < 1:
+        return confidence
+    return CONFIDENCE
+
+
 def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     """Return what comparisons show together.
 
@@ -42,7 +51,7 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     """
     changes: dict[Verdict, list[VerdictRow]] = {}
     for verdict in (Verdict.SLOWER, Verdict.FASTER):
-        e_values = [_e_value(row, verdict) for row in rows]
+        e_values = [e_value(row, verdict) for row in rows]
         certain = anytime.e_benjamini_hochberg(e_values, 1 - confidence)
         changes[verdict] = [row for row, is_sure in zip(rows, certain, strict=True) if is_sure]
     slower, faster = changes[Verdict.SLOWER], changes[Verdict.FASTER]
@@ -51,19 +60,19 @@ def decide(rows: Sequence[VerdictRow], confidence: float) -> Family:
     return Family(slower, faster, undecided, len(rows))
 
 
-def _e_value(row: VerdictRow, verdict: Verdict) -> float:
+def e_value(row: VerdictRow, verdict: Verdict) -> float:
     """Return the evidence for a verdict; 0 where a comparison has another, or may be placement.
 
     Instruction counts, which have no noise, are certain.
     """
-    if row.verdict != verdict or _may_be_placement(row):
+    if row.verdict != verdict or may_be_placement(row):
         return 0.0
     if row.metric == Metric.INSTRUCTIONS:
         return math.inf
     return (row.e_slower if verdict == Verdict.SLOWER else row.e_faster) or 0.0
 
 
-def _may_be_placement(row: VerdictRow) -> bool:
+def may_be_placement(row: VerdictRow) -> bool:
     """Return whether times differ, and it could not be averaged out where the code lies."""
     could_not_average = row.placement is not None and bool(row.placement.problem)
     return could_not_average and row.cause == Cause.UNDECIDED

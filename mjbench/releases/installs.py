@@ -13,6 +13,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import shutil
 import sys
 import time
@@ -73,6 +74,12 @@ class ReleaseSpec:
         local = f"+{content.hexdigest()}" if self.wheels else ""
         python = f"{sys.implementation.cache_tag}-{platform.machine()}"
         return f"{self.version}{local}-{python}-numpy{metadata.version('numpy')}"
+
+
+def wheel_digest(key: str) -> str:
+    """Return what the key of an install says of the content of local wheels; empty without any."""
+    found = re.search(r"\+([0-9a-f]{8})-", key)
+    return found[1] if found else ""
 
 
 # -- naming a release ---------------------------------------------------------------------------

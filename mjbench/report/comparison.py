@@ -174,19 +174,20 @@ def _curve_crossing(row: Crossover) -> str:
 
 
 def differences_table(rows: Sequence[RunDifference]) -> Table:
-    """Return the table of `mjbench diff`."""
-    table = tables.plain_table(
-        ["model", "path", "options", "simulations", "new / old", "95 %", ""], right=(3, 4)
-    )
+    """Return the table of `mjbench diff`; of sets, with a column for the machine."""
+    machines = ["machine"] if any(row.machine for row in rows) else []
+    headings = [*machines, "model", "path", "options", "simulations", "new / old", "95 %", ""]
+    table = tables.plain_table(headings, right=(3 + len(machines), 4 + len(machines)))
     for row in rows:
         interval = ""
         if row.ratio and row.ratio.low is not None:
             interval = f"{row.ratio.low:.3f}–{row.ratio.high:.3f}"
         table.add_row(
+            *([row.machine] if machines else []),
             row.model,
             row.path,
             describe_options(row.options),
-            f"{row.nbatch:,}",
+            "" if row.nbatch is None else f"{row.nbatch:,}",
             f"{row.ratio.estimate:.3f}" if row.ratio else "",
             interval,
             row.detail,

@@ -49,6 +49,7 @@ from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.set_document import RunSetDocument
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
@@ -346,7 +347,8 @@ class ReleasesDocument:
     releases: Sequence[ReleaseRow]
 
 
-# The document of each command that takes `--json`.
+# The document of each command that takes `--json`; `show` has those of others, and of a run set its
+# own.
 DOCUMENTS: Mapping[str, type] = {
     "compare": CompareDocument,
     "diff": DiffDocument,
@@ -376,10 +378,11 @@ DOCUMENTS: Mapping[str, type] = {
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Return the JSON Schemas by file name without its suffix.
 
-    There is one a document, `run-file` for a line of a run file, and `run-set` for a line of a set
-    that is none of a run file.
+    There is one a document, `run-file` for a line of a run file, `run-set` for a line of a set that
+    is none of a run file, and `show-run-set` for what `show` writes of one.
     """
     schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
+    schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")
     title = "one line of a run file of mjbench"
     schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)
     title = "one line of a run set of mjbench that is none of a run file"

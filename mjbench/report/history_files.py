@@ -1,71 +1,134 @@
-"""Read a history of speed from the run files of `mjbench history measure` and `history explain`."""
+"""Read histories of speed from what `mjbench history measure` and `history explain` stored."""
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from mjbench.errors import InputError
-from mjbench.instrument import runs
-from mjbench.instrument.machine import Machine
+from mjbench.counts.records import ExplainRecord
+from mjbench.errors import InputError, shown, suggestion
+from mjbench.instrument import run_set
+from mjbench.instrument.machine_identity import MachineIdentity, identify
 from mjbench.instrument.runs import Run
 from mjbench.releases import changelog, known_causes
 from mjbench.releases.release_ratios import RatioRecord
+from mjbench.releases.speed_history import in_order
 from mjbench.report import speed_history
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.speed_history import SpeedHistory
 
 
 def run_files(folder: Path) -> list[Path]:
-    """Return the run files of a folder: committed ones first, then by when they began."""
+    """Return the run files and sets of a folder: committed ones first, then by when they began."""
     return sorted(
         folder.glob("*.jsonl"), key=lambda file: (not file.name.startswith("reference-"), file.name)
     )
 
 
-def read(files: Sequence[Path], causes: Path | None, since: str | None = None) -> SpeedHistory:
-    """Return the history that run files hold, with MuJoCo's changelog if it is installed.
+@dataclass(frozen=True)
+class MachineHistory:
+    """The history of one machine.
+
+    Attributes:
+      name: of the machine, among those of the files.
+      history: what was measured on it; counts of instructions are of any machine.
+    """
+
+    name: str
+    history: SpeedHistory
+
+
+def read(
+    files: Sequence[Path],
+    causes: Path | None,
+    since: str | None = None,
+    machine: str | None = None,
+) -> SpeedHistory:
+    """Return the history that files hold of one machine; see `read_each`.
+
+    Args:
+      files: in the order that they were written.
+      causes: a table of causes that no measurement names; None for none.
+      since: the first release whose changes are listed; None for all.
+      machine: its name; None where all is of one.
+
+    Raises:
+      InputError: as `read_each` does, or they do not hold this machine, or several and none is
+        named.
+    """
+    return choose(read_each(files, causes, since), machine)
+
+
+def choose(histories: Sequence[MachineHistory], machine: str | None) -> SpeedHistory:
+    """Return the history of one machine.
+
+    Args:
+      histories: of each machine.
+      machine: its name; None where there is only one.
+
+    Raises:
+      InputError: there is no such machine, or several and none is named.
+    """
+    named = {each.name: each.history for each in histories}
+    if machine is None and len(histories) == 1:
+        return histories[0].history
+    if machine in named:
+        return named[machine]
+    names = ", ".join(named)
+    if machine is None:
+        raise InputError(f"there are several machines: {names}; give --machine NAME for one")
+    raise InputError(f"no machine {shown(machine)}{suggestion(machine, named)}; there are {names}")
+
+
+def read_each(
+    files: Sequence[Path], causes: Path | None, since: str | None = None
+) -> list[MachineHistory]:
+    """Return the histories that run files and run sets hold, with MuJoCo's changelog if installed.
 
     Args:
       files: in the order that they were written; of several builds of a release the last counts.
       causes: a table of causes that no measurement names; None for none.
       since: the first release whose changes are listed; None for all.
 
+    Returns:
+      One of each machine, in the order that they were first measured.
+
     Raises:
-      InputError: a file cannot be read, or is of another machine; nothing was measured, or not
-        `since`.
+      InputError: a file cannot be read; nothing was measured, or not `since`.
     """
-    loaded = {file: runs.load(file, RECORD_TYPES) for file in files}
-    return of_runs(loaded, causes, since)
+    sections = run_set.load_files(files, RECORD_TYPES)
+    return of_runs([section.run for _, section in sections], causes, since)
 
 
 def of_runs(
-    loaded: Mapping[Path, Run], causes: Path | None, since: str | None = None
-) -> SpeedHistory:
-    """Return the history that runs hold, by their files; see `read`."""
+    runs: Sequence[Run], causes: Path | None, since: str | None = None
+) -> list[MachineHistory]:
+    """Return the histories that runs hold; see `read_each`."""
     known = known_causes.load(causes) if causes else []
-    machine, records = _records(loaded)
-    history = speed_history.from_records(records, changelog.installed(), known, machine, since)
-    if not history.models:
+    installed = changelog.installed()
+    # counts hold for any machine
+    counts = [record for run in runs for record in run.of_type(ExplainRecord)]
+    timed = [run for run in runs if run.of_type(RatioRecord)]
+    by_machine: dict[MachineIdentity, list[Run]] = defaultdict(list)
+    for machine, run in zip(identify([r.header.machine for r in timed]), timed, strict=True):
+        by_machine[machine].append(run)
+    histories = [
+        MachineHistory(
+            machine.name,
+            speed_history.from_records(
+                [*counts, *(record for run in of_machine for record in run.records)],
+                installed,
+                known,
+                of_machine[0].header.machine,
+                since,
+            ),
+        )
+        for machine, of_machine in by_machine.items()
+    ]
+    histories = [each for each in histories if each.history.releases()]
+    if not any(each.history.models for each in histories):
         raise InputError("there are no times of steps; `mjbench history measure` measures some")
-    releases = history.releases()
+    releases = in_order({r for each in histories for r in each.history.releases()})
     if since is not None and since not in releases:
         raise InputError(f"{since} was not measured; these releases were: {', '.join(releases)}")
-    return history
-
-
-def _records(loaded: Mapping[Path, Run]) -> tuple[Machine | None, list[Any]]:
-    """Return the machine and the records of runs, whose times must be of one machine."""
-    records: list[Any] = []
-    timed: dict[Path, Machine] = {}
-    for file, run in loaded.items():
-        records += run.records
-        if run.of_type(RatioRecord):  # counts hold for any machine
-            timed[file] = run.header.machine
-    for file, machine in timed.items():
-        first, of_first = next(iter(timed.items()))
-        if (machine.cpu, machine.cores) != (of_first.cpu, of_first.cores):
-            raise InputError(
-                f"{first} and {file} are of different machines: measure with --results and a folder"
-                " of your own, and give that folder here"
-            )
-    return next(iter(timed.values()), None), records
+    return histories

@@ -1,6 +1,6 @@
-"""A run file as a flat table: one row a result, for pandas, polars or a spreadsheet."""
+"""A run file or run set as a flat table: one row a result, for pandas, polars or a spreadsheet."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,9 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
-from mjbench.instrument import runs
+from mjbench.instrument import run_set
+from mjbench.instrument.machine_identity import identify
+from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run, to_json
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
@@ -36,26 +38,54 @@ _LEFT_OUT = {"snippet", "samples", "functions", "histogram"}
 
 
 def load(file: str | Path) -> list[dict[str, Cell]]:
-    """Return the results of a run file, a flat dictionary each.
+    """Return the results of a run file or of a run set, a flat dictionary each.
 
     Keys are those of the JSON documents (docs/formats.md); those of nested values are joined by
-    dots, such as `step_ns.median`. Every row has all keys of the table.
+    dots, such as `step_ns.median`. Every row has all keys of the table. Rows of a set begin with
+    `machine`, the name of the machine among those of the set, `cell`, what of a sweep it is, and
+    `began`, when the run began.
 
         pandas.DataFrame(mjbench.load("run.jsonl"))
         polars.DataFrame(mjbench.load("run.jsonl"))
 
     Args:
-      file: a run file.
+      file: a run file, or a run set.
 
     Raises:
       InputError: it cannot be read.
     """
-    return of_run(runs.load(Path(file), RECORD_TYPES))
+    return of_set(run_set.read(Path(file), RECORD_TYPES))
+
+
+def of_set(stored: RunSet) -> list[dict[str, Cell]]:
+    """Return the results of a run file or of a run set that was read; see `load`."""
+    sections = run_set.distinct(stored.sections)
+    if stored.is_run_file:
+        return of_run(sections[0].run)
+    machines = identify([section.run.header.machine for section in sections])
+    return _with_all_keys(
+        {
+            "machine": machine.name,
+            "cell": section.cell,
+            "began": section.run.header.began,
+            **row,
+        }
+        for section, machine in zip(sections, machines, strict=True)
+        for row in _rows(section.run)
+    )
 
 
 def of_run(run: Run) -> list[dict[str, Cell]]:
     """Return the results of a run that was read; see `load`."""
-    rows = [dict(_flattened(to_json(result))) for result in _results(run)]
+    return _with_all_keys(_rows(run))
+
+
+def _rows(run: Run) -> Iterator[dict[str, Cell]]:
+    return (dict(_flattened(to_json(result))) for result in _results(run))
+
+
+def _with_all_keys(some: Iterable[dict[str, Cell]]) -> list[dict[str, Cell]]:
+    rows = list(some)
     keys = dict.fromkeys(key for row in rows for key in row)
     return [{key: row.get(key) for key in keys} for row in rows]
 

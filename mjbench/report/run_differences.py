@@ -1,13 +1,16 @@
-"""How the measurements of one comparison differ from those of another, row by row."""
+"""How measurements of `compare` differ from earlier ones, row by row, each machine for itself."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import InputError
 from mjbench.instrument import stats
 from mjbench.instrument.machine import Machine
+from mjbench.instrument.machine_identity import MachineIdentity, identify
+from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run
 from mjbench.instrument.stats import TimedBlocks
 from mjbench.paired.records import Ratio
@@ -20,6 +23,9 @@ from mjbench.status import Status
 _COMPILERS = ("jax", "jaxlib", "warp-lang")
 _COMPILER_FLAGS = ("XLA_FLAGS", "JAX_DEFAULT_MATMUL_PRECISION", "NVIDIA_TF32_OVERRIDE")
 
+# Model, path, options and simulations.
+_Key = tuple[str, str, str, int | None]
+
 
 @dataclass(frozen=True)
 class RunDifference:
@@ -30,9 +36,10 @@ class RunDifference:
       path: the way of stepping.
       options: of the path.
       nbatch: simulations.
-      status: `ok`, or `input` where the two cannot be compared.
+      status: `ok`, `input` where the two cannot be compared, or `unavailable` where one is missing.
       detail: why they cannot; empty when ok.
       ratio: new time of a step over old time.
+      machine: name of the machine that measured both; empty for two run files.
     """
 
     model: str
@@ -42,22 +49,71 @@ class RunDifference:
     status: Status = Status.OK
     detail: str = ""
     ratio: Ratio | None = None
+    machine: str = ""
 
 
-def run_differences(old: Run, new: Run, across: bool) -> list[RunDifference]:
-    """Return a row for every variant that was timed in both runs.
+def differences(old: RunSet, new: RunSet, across: bool) -> list[RunDifference]:
+    """Return how measurements differ: of two run files, or of each machine in two sets.
+
+    In sets, a machine is the same by its label or host where both know it, else by its kind where
+    only one is of that kind (see `machine_identity`). A machine that only one of them has is a row
+    that says so.
 
     Args:
-      old: a run of `mjbench compare`.
+      old: a run file or a set, with runs of `mjbench compare`.
       new: another.
       across: compare also what differs in identity (see `identity`).
     """
-    old_by_key = {_key(record): record for record in _timed(old)}
-    return [
-        _difference(old_by_key[_key(record)], old, record, new, across)
-        for record in _timed(new)
-        if _key(record) in old_by_key
-    ]
+    old_runs, new_runs = (
+        [run for run in stored.runs if run.of_type(MeasurementRecord)] for stored in (old, new)
+    )
+    if old.is_run_file and new.is_run_file:
+        return run_differences(old_runs, new_runs, across)
+    runs = [*old_runs, *new_runs]
+    machines = identify([run.header.machine for run in runs])
+    of_old, of_new = machines[: len(old_runs)], machines[len(old_runs) :]
+    rows = []
+    for machine in dict.fromkeys(machines):
+        olds = [run for run, m in zip(old_runs, of_old, strict=True) if m == machine]
+        news = [run for run, m in zip(new_runs, of_new, strict=True) if m == machine]
+        if olds and news:
+            rows += [
+                replace(row, machine=machine.name) for row in run_differences(olds, news, across)
+            ]
+        else:
+            rows.append(_missing(machine, "NEW" if olds else "OLD", of_new if olds else of_old))
+    return rows
+
+
+def _missing(
+    machine: MachineIdentity, absent: str, others: Sequence[MachineIdentity]
+) -> RunDifference:
+    """Return the row of a machine that one of two files does not have.
+
+    Args:
+      machine: that the other has.
+      absent: what the file is called that has it not.
+      others: machines of that file.
+    """
+    same_kind = {other for other in others if other.kind == machine.kind}
+    knows_host = bool(machine.label or machine.host)
+    if same_kind and not (knows_host and all(other.label or other.host for other in same_kind)):
+        detail = f"it may be one of {len(same_kind)} of this kind in {absent}: its host is unknown"
+    else:
+        detail = f"not in {absent}"
+    return RunDifference("", "", {}, None, Status.UNAVAILABLE, detail, machine=machine.name)
+
+
+def run_differences(old: Sequence[Run], new: Sequence[Run], across: bool) -> list[RunDifference]:
+    """Return a row for every variant that was timed in both, whatever the machine.
+
+    Args:
+      old: runs of `mjbench compare`.
+      new: others.
+      across: compare also what differs in identity (see `identity`).
+    """
+    olds, news = _timed(old), _timed(new)
+    return [_difference(olds[key], news[key], across) for key in news if key in olds]
 
 
 def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
@@ -77,19 +133,29 @@ def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
     return values
 
 
-def _difference(
-    old: MeasurementRecord, old_run: Run, new: MeasurementRecord, new_run: Run, across: bool
-) -> RunDifference:
+@dataclass(frozen=True)
+class _Timed:
+    """A measurement, and the machine that did it."""
+
+    record: MeasurementRecord
+    machine: Machine
+
+
+def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) -> RunDifference:
+    old, new = olds[-1].record, news[-1].record
     status, detail, ratio = Status.OK, "", None
     try:
+        for name, timed in (("OLD", olds), ("NEW", news)):
+            if len(timed) > 1:
+                raise InputError(f"{name} has it {len(timed)} times: give the run file you mean")
         if new.workload_digest != old.workload_digest:
             raise InputError("not comparable: their workloads differ")
         if new.returns != old.returns:
             raise InputError(f"not comparable: one returns {old.returns}, the other {new.returns}")
         # how many times faster the old one is: new time over old
         speedup = stats.unpaired(
-            TimedBlocks(_step_s(new), identity(new, new_run.header.machine)),
-            TimedBlocks(_step_s(old), identity(old, old_run.header.machine)),
+            TimedBlocks(_step_s(new), identity(new, news[-1].machine)),
+            TimedBlocks(_step_s(old), identity(old, olds[-1].machine)),
             across,
         )
         ratio = Ratio(speedup.median, speedup.low, speedup.high)
@@ -98,11 +164,20 @@ def _difference(
     return RunDifference(new.model, new.path, new.options, new.nbatch, status, detail, ratio)
 
 
-def _timed(run: Run) -> list[MeasurementRecord]:
-    return [record for record in run.of_type(MeasurementRecord) if record.is_timed]
+def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
+    """Return what runs timed, by what must be the same to be compared.
+
+    Within one run, the last measurement of a variant counts.
+    """
+    timed: dict[_Key, list[_Timed]] = defaultdict(list)
+    for run in runs:
+        of_run = {_key(r): r for r in run.of_type(MeasurementRecord) if r.is_timed}
+        for key, record in of_run.items():
+            timed[key].append(_Timed(record, run.header.machine))
+    return timed
 
 
-def _key(record: MeasurementRecord) -> tuple[str, str, str, int | None]:
+def _key(record: MeasurementRecord) -> _Key:
     return record.model, record.path, repr(sorted(record.options.items())), record.nbatch
 
 

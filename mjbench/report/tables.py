@@ -96,6 +96,11 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
     }
 
 
+def all_machines(count: int) -> str:
+    """Return `both machines` or, of more, such as `all 4 machines`."""
+    return "both machines" if count == 2 else f"all {count} machines"
+
+
 def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
     """Return what MuJoCo's warnings mean for a measurement, a line each.
 

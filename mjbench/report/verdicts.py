@@ -5,14 +5,28 @@ from typing import Any
 
 from rich.console import Console
 
-from mjbench.instrument.runs import RunHeader
 from mjbench.paired import family
+from mjbench.paired.across_machines import (
+    AcrossMachines,
+    MachineComparison,
+    MachineVerdict,
+    Outcome,
+)
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.records import Ratio, TargetRow, VerdictRow
-from mjbench.paired.verdict import CONFIDENCE
+from mjbench.paths import BASE
 from mjbench.report import tables
 from mjbench.simulation import agreement
+
+# What stands behind the name of a comparison of something else than the time of a block.
+_METRICS = {
+    Metric.TIME: "",
+    Metric.P99: ", the slowest 1 % of steps",
+    Metric.INSTRUCTIONS: ", instructions",
+}
+# Machines that a sentence names, at most; of more it says how many.
+_MOST_NAMES = 3
 
 
 def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> None:
@@ -38,14 +52,6 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
         out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
 
 
-def confidence_of(header: RunHeader) -> float:
-    """Return the confidence that the command of a run was given, or the usual one."""
-    confidence = header.arguments.get("confidence")
-    if isinstance(confidence, float) and 0 < confidence < 1:
-        return confidence
-    return CONFIDENCE
-
-
 def has_evidence(row: VerdictRow) -> bool:
     """Return whether a comparison can be decided with others; old run files hold no e-values."""
     is_exact = row.metric == Metric.INSTRUCTIONS
@@ -65,18 +71,100 @@ def describe_family(decided: Family, confidence: float) -> str:
     sentence = f"All {decided.count} together: {', '.join(parts)}."
     changes = [*decided.slower, *decided.faster]
     if any(row.metric != Metric.INSTRUCTIONS for row in changes):
-        share = f"{100 * (1 - confidence):g} %"
-        each = "each" if decided.slower and decided.faster else ""
-        named = " and ".join(
-            outcome
-            for outcome, rows in (("slower", decided.slower), ("faster", decided.faster))
-            if rows
-        )
-        sentence += (
-            f" Of those named {named}, at most {share}{each and ' ' + each} are expected to be"
-            " false alarms."
-        )
+        sentence += _false_alarms(bool(decided.slower), bool(decided.faster), confidence)
     return sentence
+
+
+def _false_alarms(names_slower: bool, names_faster: bool, confidence: float) -> str:
+    """Return how many of the changes that are named may be wrong; empty where none is named."""
+    named = [
+        word for word, is_there in (("slower", names_slower), ("faster", names_faster)) if is_there
+    ]
+    if not named:
+        return ""
+    each = " each" if len(named) == 2 else ""
+    return (
+        f" Of those named {' and '.join(named)}, at most {100 * (1 - confidence):g} %{each} are"
+        " expected to be false alarms."
+    )
+
+
+def describe_all_machines(across: AcrossMachines) -> str:
+    """Return what all verdicts of all machines show together, as a sentence."""
+    verdicts = across.verdicts
+    counts = {o: sum(v.outcome == o for v in verdicts) for o in Outcome}
+    parts = [f"{outcome.value} in {count}" for outcome, count in counts.items() if count]
+    return (
+        f"All {_count(len(verdicts), 'verdict')} of {_count(len(across.machines), 'machine')}"
+        f" together: {', '.join(parts)}."
+        + _false_alarms(
+            any(_is_timed(c) and c.of_outcome(Outcome.SLOWER) for c in across.comparisons),
+            any(_is_timed(c) and c.of_outcome(Outcome.FASTER) for c in across.comparisons),
+            across.confidence,
+        )
+    )
+
+
+def describe_machines(comparison: MachineComparison, name: str) -> str:
+    """Return what machines show of a comparison, such as `…: slower on 3 of 4 machines, …`.
+
+    Args:
+      comparison: on all machines.
+      name: of the comparison.
+    """
+    groups = {outcome: comparison.of_outcome(outcome) for outcome in Outcome}
+    named = sorted((o for o in groups if groups[o]), key=lambda o: -len(groups[o]))
+    parts = [
+        _on_machines(outcome, groups[outcome], len(comparison.machines), is_first=n == 0)
+        for n, outcome in enumerate(named)
+    ]
+    sentence = f"{name}: {', '.join(parts)}"
+    if spread := _spread(comparison):
+        sentence += f"; {spread}"
+    works = [verdict.changed_work for verdict in comparison.machines]
+    if True in works:
+        everywhere = all(work is not False for work in works)
+        sentence += "; changed work" + ("" if everywhere else f" on {works.count(True)}")
+    return sentence
+
+
+def comparison_name(comparison: MachineComparison) -> str:
+    """Return what is compared, such as `humanoid, 3.3.0 → 4.0.0`."""
+    name = f"{comparison.model}, {describe_targets(comparison)}"
+    if comparison.path != BASE:
+        name += f", {comparison.path}"
+    return name + _METRICS[comparison.metric]
+
+
+def _on_machines(
+    outcome: Outcome, verdicts: Sequence[MachineVerdict], count: int, is_first: bool
+) -> str:
+    """Return on how many machines something came out; on which, where they are few."""
+    names = ", ".join(verdict.machine for verdict in verdicts)
+    if count == 1:
+        return f"{outcome} on {names}, the only machine"
+    if len(verdicts) == count:
+        return f"{outcome} on {tables.all_machines(count)}"
+    number = f"{len(verdicts)} of {count} machines" if is_first else str(len(verdicts))
+    listed = f" ({names})" if not is_first and len(verdicts) <= _MOST_NAMES else ""
+    return f"{outcome} on {number}{listed}"
+
+
+def _spread(comparison: MachineComparison) -> str:
+    """Return from which to which change machines go; empty where fewer than two have a ratio."""
+    if len(comparison.ratios) < 2:
+        return ""
+    least, most = (f(r.estimate for r in comparison.ratios) for f in (min, max))
+    spread = f"from {_signed(least)} % to {_signed(most)} %"
+    return f"machines differ beyond their intervals, {spread}" if comparison.differs else spread
+
+
+def _is_timed(comparison: MachineComparison) -> bool:
+    return comparison.metric != Metric.INSTRUCTIONS
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _count_of_models(rows: Sequence[VerdictRow]) -> str:
@@ -88,7 +176,7 @@ def describe_verdict(row: VerdictRow) -> str:
     """Return a comparison as a sentence, such as `humanoid, 3.3.0 → 4.0.0: slower by 1.4 % …`."""
     name = f"{row.model}, {describe_targets(row)}"
     if row.metric == Metric.P99:
-        name += ", the slowest 1 % of steps"
+        name += _METRICS[row.metric]
     if row.verdict is None or row.ratio is None:
         outcome = f"{row.verdict}: " if row.verdict else ""
         return f"{name}: {outcome}{row.detail or 'not measured'}"
@@ -122,7 +210,7 @@ def _warning_lines(row: VerdictRow) -> list[str]:
     ]
 
 
-def describe_targets(row: VerdictRow) -> str:
+def describe_targets(row: VerdictRow | MachineComparison) -> str:
     """Return what differs between the two targets, such as `3.3.0 → 4.0.0`."""
     baseline, candidate = (_settings(target) for target in row.sides)
     keys = [k for k in {**baseline, **candidate} if baseline.get(k) != candidate.get(k)]

@@ -100,7 +100,9 @@ def objection(state: NodeState, limits: Limits) -> str:
     """Return why a node should not measure time now, in one line; empty if it may."""
     if state.neighbours:
         return f"{neighbours.describe(state.neighbours)} measures there"
-    if state.busy_cores > state.cores - (1 - limits.max_busy) * state.usable_cores:
+    # of processor time, which is counted in ticks, there may be slightly more than all
+    most_busy = state.cores - (1 - limits.max_busy) * state.usable_cores
+    if limits.max_busy < 1 and state.busy_cores > most_busy:
         return (
             f"others keep {state.busy_cores:.1f} of {state.cores} cores busy,"
             f" of which {state.usable_cores} are usable"

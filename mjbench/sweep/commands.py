@@ -70,13 +70,12 @@ def _word(cell: Cell, version: str) -> str:
 
 
 def _versions(cells: Sequence[Cell]) -> CommandLine:
-    """Compare several releases with one, on one model, by one path and metric."""
+    """Compare two releases on several models, by one path and metric."""
     first = cells[0]
     assert first.metric is not None
-    new = [word for cell in cells for word in ("--new", _word(cell, cell.release))]
-    words = ["--old", _word(first, first.baseline), *new]
+    words = ["--old", _word(first, first.baseline), "--new", _word(first, first.release)]
     words += ["--paths", first.path, "--metric", first.metric.value]
-    return CommandLine(("versions", *words), (first.model,))
+    return CommandLine(("versions", *words), tuple(cell.model for cell in cells))
 
 
 def _compare(cells: Sequence[Cell]) -> CommandLine:
@@ -110,9 +109,9 @@ COMMANDS: Mapping[Kind, Command] = {
         ),
         words=("versions",),
         needs_quiet=True,
-        together=lambda c: (c.model, c.path, c.metric or "", c.baseline),
+        together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
         least=1,
-        most=8,
+        most=10,
         line=_versions,
     ),
     Kind.COMPARE: Command(

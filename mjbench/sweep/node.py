@@ -23,6 +23,8 @@ from mjbench.sweep.model_files import CarriedModel
 
 # How often the run file is read, in seconds: this takes some microseconds beside timed blocks.
 _POLL_S = 0.25
+# The folder of the run file, in that of the command.
+_RESULTS = "runs"
 # The program: mjbench, which ends with the process whose id is its first argument.
 _PROGRAM = (
     "import runpy, sys\n"
@@ -77,11 +79,11 @@ def _run(
     is_lost: Callable[[], bool],
 ) -> Iterator[Message]:
     """Run the command in a folder of its own."""
-    results, work, log = folder / "results", folder / "work", folder / "errors.txt"
+    work, log = folder / "work", folder / "errors.txt"
     work.mkdir()
     index = model_files.unpack(carried, folder / "models") if carried else None
     program = request.program or (sys.executable, "-c", _PROGRAM, str(os.getpid()))
-    storing = ["--results", str(results)]
+    storing = ["--results", _RESULTS]  # in its folder, whose name is nobody's business
     if request.limits is not None:
         storing.append("--wait")
     command_begin = time.perf_counter()
@@ -96,7 +98,7 @@ def _run(
         )
     try:
         yield Began()
-        with contextlib.closing(_Tail(results)) as tail:
+        with contextlib.closing(_Tail(work / _RESULTS)) as tail:
             code = None
             while code is None:
                 code = process.wait(_POLL_S)

@@ -3,23 +3,21 @@
 docs/guides/cluster.md shows a plan with all its keys.
 """
 
-import itertools
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from mjbench.comparison import selection
-from mjbench.errors import InputError, MachineError, shown, suggestion
+from mjbench.errors import InputError, shown, suggestion
 from mjbench.instrument.limits import MAX_SECONDS
 from mjbench.paired import targets
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
-from mjbench.releases import bundle, install_check, installs, package_index
-from mjbench.releases.installs import INSTALLED, NEWEST, PREVIOUS, ReleaseSpec
-from mjbench.releases.release import OLDEST, version_key
+from mjbench.releases.installs import ReleaseSpec
 from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
+from mjbench.sweep import plan_releases
 from mjbench.sweep.calibration import Limits
 from mjbench.sweep.cells import Kind
 from mjbench.sweep.commands import COMMANDS, Option
@@ -30,9 +28,6 @@ CheckCommand = Callable[[Sequence[str]], None]
 # Keys of a plan, before the first table and in each.
 _TOP = ("models", "releases", "paths", "metrics", "machines")
 _NODES = ("tries", "patience", "min-cores", "max-busy", "max-stolen")
-AGAINST = "against"
-# Words for the release that others are compared with: the first of the plan, or the one before.
-FIRST, BEFORE = "first", "previous"
 # Parts that measure releases, and how many they need.
 _RELEASES_NEEDED = {Kind.VERSIONS: 2, Kind.INSTRUCTIONS: 1, Kind.HISTORY: 1}
 _MOST_TRIES = 100
@@ -91,23 +86,10 @@ class Plan:
     rules: NodeRules
 
 
-def known_versions() -> frozenset[str]:
-    """Return the releases of MuJoCo that there are, as far as it is known here; else none.
-
-    The package index is asked where the history that comes with mjbench is missing.
-    """
-    try:
-        history = bundle.default_path()
-        known = bundle.read(history) if history.exists() else package_index.releases()
-    except MachineError:
-        return frozenset()
-    return frozenset(release.version for release in known)
-
-
 def load(
     path: Path,
     check: CheckCommand,
-    known: Callable[[], Collection[str]] = known_versions,
+    known: Callable[[], Collection[str]] = plan_releases.known_versions,
 ) -> Plan:
     """Read a plan.
 
@@ -126,7 +108,7 @@ def load(
         if table and not isinstance(file.values[table], dict):
             raise file.error("not a table", table)
     kinds = [kind for kind in Kind if file.has(kind)] or [Kind.VERSIONS]
-    releases = _releases(file, known)
+    releases = plan_releases.releases(file, known)
     for kind in kinds:
         needed = _RELEASES_NEEDED.get(kind, 0)
         if len(releases) < needed:
@@ -142,7 +124,7 @@ def load(
     return Plan(
         models=_models(file),
         releases=releases,
-        pairs=_pairs(file, releases) if Kind.VERSIONS in kinds else (),
+        pairs=plan_releases.pairs(file, releases) if Kind.VERSIONS in kinds else (),
         paths=paths,
         metrics=metrics,
         machines=_machines(file),
@@ -153,31 +135,11 @@ def load(
 
 def _known_keys() -> Mapping[str, Sequence[str]]:
     parts = {kind.value: [option.name for option in COMMANDS[kind].options] for kind in Kind}
-    parts[Kind.VERSIONS] = [AGAINST, *parts[Kind.VERSIONS]]
+    parts[Kind.VERSIONS] = [plan_releases.AGAINST, *parts[Kind.VERSIONS]]
     return {"": _TOP, **parts, "nodes": _NODES}
 
 
 # -- lists ---------------------------------------------------------------------------------------
-
-
-def _texts(file: PlanFile, key: str, default: Sequence[str]) -> list[str]:
-    """Return a list of texts; one text stands for a list of it.
-
-    Raises:
-      InputError: it is none, is empty, or names something twice.
-    """
-    values = file.get("", key)
-    if values is None:
-        return list(default)
-    values = [values] if isinstance(values, str) else values
-    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise file.error(f'give a list of texts, such as {key} = ["…"]', "", key)
-    if not values:
-        raise file.error("the list is empty", "", key)
-    for number, value in enumerate(values):
-        if value in values[:number]:
-            raise file.error(f"{shown(value)} is given twice", "", key, value)
-    return values
 
 
 def _models(file: PlanFile) -> tuple[ModelSource, ...]:
@@ -187,7 +149,7 @@ def _models(file: PlanFile) -> tuple[ModelSource, ...]:
       InputError: there is no such model.
     """
     sources: dict[Path, ModelSource] = {}
-    for name in _texts(file, "models", models.shipped()):
+    for name in file.texts("models", models.shipped()):
         beside = file.path.parent / Path(name)
         try:
             is_beside = name not in models.shipped() and beside.exists()
@@ -202,7 +164,7 @@ def _models(file: PlanFile) -> tuple[ModelSource, ...]:
 
 
 def _paths(file: PlanFile) -> tuple[str, ...]:
-    names = _texts(file, "paths", [BASE])
+    names = file.texts("paths", [BASE])
     for name in names:
         try:
             if ":" in name:
@@ -217,7 +179,7 @@ def _paths(file: PlanFile) -> tuple[str, ...]:
 
 
 def _metrics(file: PlanFile) -> tuple[Metric, ...]:
-    names = _texts(file, "metrics", [Metric.TIME])
+    names = file.texts("metrics", [Metric.TIME])
     for name in names:
         if name not in [metric.value for metric in Metric]:
             hint = suggestion(name, [metric.value for metric in Metric])
@@ -227,116 +189,11 @@ def _metrics(file: PlanFile) -> tuple[Metric, ...]:
 
 
 def _machines(file: PlanFile) -> tuple[str, ...]:
-    labels = _texts(file, "machines", [])
+    labels = file.texts("machines")
     for label in labels:
         if not label.strip() or not label.isprintable():
             raise file.error(f"{shown(label)} is not a label", "", "machines", label)
     return tuple(labels)
-
-
-# -- releases ------------------------------------------------------------------------------------
-
-
-def _releases(file: PlanFile, known: Callable[[], Collection[str]]) -> tuple[ReleaseSpec, ...]:
-    """Return the releases in the order of the plan, `A..B` as all that were published between.
-
-    Raises:
-      InputError: there is no such release, or it is given twice.
-      MachineError: the package index is needed to know one, and cannot be reached.
-    """
-    specs: dict[str, ReleaseSpec] = {}
-    versions: Collection[str] | None = None
-    for name in _texts(file, "releases", []):
-        try:
-            if ".." in name or _needs_check(name):
-                versions = known() if versions is None else versions
-            named = _range(name, versions or ()) if ".." in name else [_release(name)]
-            for spec in named:
-                _check_exists(spec, versions or ())
-        except InputError as error:
-            raise file.error(str(error), "", "releases", name) from None
-        for spec in named:
-            if spec.version in specs:
-                text = f"{shown(name)}: MuJoCo {spec.version} is given twice"
-                raise file.error(text, "", "releases", name)
-            specs[spec.version] = spec
-    return tuple(specs.values())
-
-
-def _needs_check(name: str) -> bool:
-    return name not in (INSTALLED, NEWEST, PREVIOUS)
-
-
-def _release(name: str) -> ReleaseSpec:
-    """Return a release that nodes can install.
-
-    Raises:
-      InputError: it is none, or a wheel, which nodes do not have.
-    """
-    spec = installs.parse_release(name)
-    if spec.wheels:
-        raise InputError(f"{shown(name)}: nodes install releases from the package index; give one")
-    if spec.name == INSTALLED:
-        return spec
-    return ReleaseSpec(spec.version, spec.version)
-
-
-def _range(text: str, versions: Collection[str]) -> list[ReleaseSpec]:
-    """Return the releases that `A..B` stands for, both included; either may be left out.
-
-    Raises:
-      InputError: an end is no release, or there is none between them.
-    """
-    first, _, last = text.partition("..")
-    low = version_key(_release(first).version) if first else OLDEST
-    high = version_key(_release(last).version) if last else None
-    if not versions:
-        raise InputError(f"{shown(text)}: which releases there are is not known here; name each")
-    within = sorted(
-        (version for version in versions if version_key(version) >= low), key=version_key
-    )
-    within = [version for version in within if high is None or version_key(version) <= high]
-    if not within:
-        raise InputError(f"{shown(text)}: there is no release between them")
-    return [ReleaseSpec(version, version) for version in within]
-
-
-def _check_exists(spec: ReleaseSpec, versions: Collection[str]) -> None:
-    """Refuse a release that is neither published nor installed here.
-
-    Raises:
-      InputError: it is not.
-    """
-    here = {install_check.installed_version(), *(_installed())}
-    if versions and spec.version not in versions and spec.version not in here:
-        hint = suggestion(spec.version, versions)
-        raise InputError(f"there is no MuJoCo {shown(spec.version)}{hint}")
-
-
-def _installed() -> Iterator[str]:
-    for name in installs.install_names():
-        yield name.partition("-")[0]
-
-
-def _pairs(
-    file: PlanFile, releases: Sequence[ReleaseSpec]
-) -> tuple[tuple[ReleaseSpec, ReleaseSpec], ...]:
-    """Return baseline and candidate of each comparison.
-
-    Raises:
-      InputError: `against` names none of the releases.
-    """
-    against = file.get(Kind.VERSIONS, AGAINST, FIRST)
-    if against == BEFORE:
-        return tuple(itertools.pairwise(releases))
-    named = {word: spec for spec in releases for word in (spec.name, spec.version)}
-    named[FIRST] = releases[0]
-    if not isinstance(against, str) or against not in named:
-        hint = suggestion(str(against), [FIRST, BEFORE, *named])
-        text = f'give "{FIRST}", "{BEFORE}" or one of the releases{hint}'
-        raise file.error(text, Kind.VERSIONS, AGAINST)
-    baseline = named[against]
-    return tuple((baseline, spec) for spec in releases if spec is not baseline)
 
 
 # -- tables --------------------------------------------------------------------------------------

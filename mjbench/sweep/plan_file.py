@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,25 @@ class PlanFile:
     def get(self, table: str, key: str, default: Any = None) -> Any:
         """Return a value, or the default where it is not given."""
         return self.values.get(table, {}).get(key, default)
+
+    def texts(self, key: str, default: Sequence[str] = ()) -> list[str]:
+        """Return a list of texts before the first table; one text stands for a list of it.
+
+        Raises:
+          InputError: it is none, is empty, or names something twice.
+        """
+        values = self.get("", key)
+        if values is None:
+            return list(default)
+        values = [values] if isinstance(values, str) else values
+        if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+            raise self.error(f'give a list of texts, such as {key} = ["…"]', "", key)
+        if not values:
+            raise self.error("the list is empty", "", key)
+        for number, value in enumerate(values):
+            if value in values[:number]:
+                raise self.error(f"{shown(value)} is given twice", "", key, value)
+        return values
 
     def error(self, text: str, table: str, key: str = "", item: str = "") -> InputError:
         """Return the error that something is wrong at a place.

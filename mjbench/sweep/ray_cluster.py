@@ -6,6 +6,7 @@ all of it: of the custom resource `mjbench` where nodes declare it, of its CPUs 
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import time
@@ -16,7 +17,7 @@ from typing import Any
 
 from mjbench.errors import InputError, MachineError, one_line, shown
 from mjbench.instrument import extras, scratch
-from mjbench.sweep import software
+from mjbench.sweep import ray_worker, software
 from mjbench.sweep.executor import Died, Event, Joined, Left, LeftOut, Told
 from mjbench.sweep.messages import Finished, Message, NodeAnswer, Refused, Request
 from mjbench.sweep.model_files import CarriedModel
@@ -35,10 +36,9 @@ _ANSWER_S, _NODES_S, _END_S = 120.0, 5.0, 5.0
 _UNIT = 1e-4
 # Ray gives its workers a low priority, and hides accelerators that a task did not ask for.
 _WORKER_ENVIRONMENT = {"RAY_worker_niceness": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
-_THREADS = "OMP_NUM_THREADS"
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 # The longest folder in which Ray's sockets can be: their whole path has 107 bytes at most.
-_LONGEST_FOLDER = 40
+_LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ class RayCluster:
         if self._address == LOCAL:
             arguments |= {"include_dashboard": False, "resources": {RESOURCE: 1}}
             folder = closing.enter_context(scratch.folder())
-            if len(str(folder)) <= _LONGEST_FOLDER:
-                arguments["_temp_dir"] = str(folder)
+            is_short = len(str(folder)) <= _LONGEST_FOLDER
+            arguments["_temp_dir"] = str(folder) if is_short else _SHORT_FOLDER
         try:
             ray.init(log_to_driver=False, logging_level=logging.ERROR, **arguments)
         except Exception as error:  # which ones Ray raises is not documented
@@ -129,8 +129,8 @@ class RayCluster:
             ) from error
         closing.callback(ray.shutdown)
         closing.enter_context(_unheard())
-        self._measure = ray.remote(_measure)
-        self._describe = ray.remote(_describe)
+        self._measure = ray.remote(ray_worker.measure)
+        self._describe = ray.remote(ray_worker.describe)
 
     # -- nodes -----------------------------------------------------------------------------------
 
@@ -283,34 +283,6 @@ class RayCluster:
                 return
 
 
-# -- on nodes -----------------------------------------------------------------------------------
-
-
-def _describe() -> NodeAnswer:
-    from mjbench.sweep import node
-
-    return node.describe()
-
-
-def _measure(request: Request, *carried: CarriedModel) -> Iterator[Message]:
-    import psutil
-
-    from mjbench.sweep import node
-
-    parent = os.getppid()  # the node's own process, which a worker outlives while it is busy
-
-    def is_lost() -> bool:
-        return os.getppid() != parent
-
-    # Ray sets it for its workers; the command is to have what whoever started Ray has set
-    with contextlib.suppress(psutil.Error):
-        if _THREADS not in psutil.Process(parent).environ():
-            os.environ.pop(_THREADS, None)
-    yield from node.measure(request, *carried, is_lost=is_lost)
-    if is_lost():
-        os._exit(1)
-
-
 # -- Ray's own ----------------------------------------------------------------------------------
 
 
@@ -341,7 +313,8 @@ def _share(node: _RayNode, share: float) -> dict[str, Any]:
     whole = node.resources.get(RESOURCE)
     if whole is None:
         return {"num_cpus": node.cpus if share == 1 else 1}
-    amount = whole if share == 1 else max(_UNIT, whole * share // _UNIT * _UNIT)
+    units = math.floor(whole * share / _UNIT + 1e-6)
+    amount = whole if share == 1 else round(max(1, units) * _UNIT, 4)
     return {"num_cpus": 0, "resources": {RESOURCE: amount}}
 
 

@@ -243,7 +243,7 @@ def test_without_the_package_that_draws_plots_its_name_is_said(
     assert not Path("plots").exists()
 
 
-def test_changes_of_nothing_of_two_machines_and_since_no_release_are_refused(
+def test_changes_of_nothing_and_since_no_release_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     done = invoke()
@@ -256,10 +256,49 @@ def test_changes_of_nothing_of_two_machines_and_since_no_release_are_refused(
     assert "9.9 was not measured; these releases were: 3.3.0" in done.output
     done = invoke("-o", str(only_run_file()))
     assert done.exit_code == 2
-    (header, *rest) = only_run_file().read_text().splitlines()
-    other = json.loads(header)
-    other["machine"]["cpu"] = "another processor"
-    Path("results/history/other.jsonl").write_text("\n".join([json.dumps(other), *rest]) + "\n")
-    done = invoke()
+
+
+# several machines
+
+
+def machines(*labels: str) -> None:
+    """Have the run file in the folder measured on several machines."""
+    file = only_run_file()
+    header, *rest = file.read_text().splitlines(keepends=True)
+    file.unlink()
+    for label in labels:
+        of_machine = json.loads(header)
+        of_machine["machine"]["label"] = label
+        lines = [json.dumps(of_machine) + "\n", *rest]
+        Path(f"results/history/{label}.jsonl").write_text("".join(lines))
+
+
+def test_several_machines_have_a_page_of_changes_and_a_page_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measured(monkeypatch)
+    invoke("measure", "3.3.0", "3.3.1", "--model", "pile")
+    single = invoke().output
+    machines("a", "b")
+    page = invoke().output
+    assert "No history of the 2 machines lists a change." in page
+    assert "| a | " in page
+    assert "| b | " in page
+    assert invoke("--machine", "b").output == single
+    done = invoke("--machine", "c")
     assert done.exit_code == 2
-    assert "are of different machines" in done.output
+    assert "no machine c; there are a, b" in done.output
+    done = invoke("--plots", "plots")
+    assert done.exit_code == 2
+    assert "there are several machines: a, b; give --machine NAME for one" in done.output
+
+
+def test_a_set_in_the_folder_is_read_and_what_is_there_twice_counts_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measured(monkeypatch)
+    invoke("measure", "3.3.0", "3.3.1", "--model", "pile")
+    page = invoke().output
+    merged = ["merge", str(only_run_file()), "-o", "results/history/set.jsonl"]
+    assert CliRunner().invoke(cli, merged).exit_code == 0
+    assert invoke().output == page

@@ -30,6 +30,7 @@ MACOS = {
     "selfcheck": ["selfcheck", "cartpole", "--trials", "1", "--slowdowns", "0",
                   "--time-limit", "0.1s", "--results", "runs"],
     "placement": ["placement", "cartpole", "--results", "runs"],
+    "merge": ["merge", RUN, "-o", "set.jsonl"],
     "profile": ["profile", "cartpole"],
     "overhead": ["overhead", "cartpole"],
     "models": ["models", "cartpole"],

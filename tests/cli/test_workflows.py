@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 import yaml
 from commands import PYTHONPATH, ROOT
+from set_files import labelled, run_file
+from verdict_records import SLOWER
 
 WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
 ACTION = ROOT / ".github/actions/mjbench/action.yml"
@@ -74,3 +76,30 @@ def cube_table() -> Path:
     pytest.importorskip("jinja2")
     pytest.importorskip("vl_convert")
     return ROOT / "models/cube_table.xml"
+
+
+def test_the_workflow_of_the_guide_merges_what_its_jobs_upload(tmp_path: Path) -> None:
+    pytest.importorskip("jinja2")
+    pytest.importorskip("vl_convert")
+    guide = (ROOT / "docs/guides/machines.md").read_text()
+    (block,) = re.findall(r"```yaml\n(.*?)```", guide, flags=re.S)
+    jobs = yaml.safe_load(block)["jobs"]
+    for runner in jobs["measure"]["strategy"]["matrix"]["runner"]:
+        run_file(tmp_path / f"runs-{runner}", labelled(runner), SLOWER, command="versions")
+    binary = tmp_path / "bin/mjbench"
+    binary.parent.mkdir()
+    binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m mjbench "$@"\n')
+    binary.chmod(0o755)
+    env = {
+        **os.environ,
+        "PYTHONPATH": PYTHONPATH,
+        "PATH": f"{binary.parent}{os.pathsep}{os.environ['PATH']}",
+        "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"),
+    }
+    lines = [step["run"] for step in jobs["report"]["steps"] if "run" in step]
+    for line in lines:
+        if line.startswith("mjbench "):
+            subprocess.run(["bash", "-ec", line], cwd=tmp_path, env=env, check=True)
+    assert "slower on all 4 machines" in (tmp_path / "summary.md").read_text()
+    uploaded = jobs["report"]["steps"][-1]["with"]["path"].split()
+    assert all((tmp_path / name).is_file() for name in uploaded)

@@ -22,6 +22,39 @@ def test_arguments_are_compared_as_a_file_holds_them() -> None:
     resume.check_continues(Path("run"), stored, now)
 
 
+def on(label: str, host: str) -> runs.RunHeader:
+    """Return the header of a run on a machine."""
+    return replace(HEADER, machine=replace(MACHINE, label=label, host=host))
+
+
+@pytest.mark.parametrize(
+    ("stored", "now"),
+    [
+        (on("", ""), on("", "a1")),  # an older file
+        (on("", "a1"), on("lab", "a1")),
+        (on("lab", "a1"), on("lab", "b2")),  # a container, which is a new host each time
+    ],
+)
+def test_a_run_is_continued_where_the_machine_may_be_the_same(
+    stored: runs.RunHeader, now: runs.RunHeader
+) -> None:
+    resume.check_continues(Path("run"), stored, now)
+
+
+@pytest.mark.parametrize(
+    ("stored", "now", "message"),
+    [
+        (on("", "a1"), on("", "b2"), "the machine's host a1, and this command b2"),
+        (on("lab", "a1"), on("other", "a1"), "the machine's label lab, and this command other"),
+    ],
+)
+def test_a_run_of_another_machine_is_not_continued(
+    stored: runs.RunHeader, now: runs.RunHeader, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        resume.check_continues(Path("run"), stored, now)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

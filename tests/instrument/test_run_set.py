@@ -93,6 +93,10 @@ def test_the_file_is_what_the_documents_say(tmp_path: Path) -> None:
     }
 
 
+def test_a_set_is_no_program(tmp_path: Path) -> None:
+    assert two_sections(tmp_path).stat().st_mode & 0o111 == 0
+
+
 def test_a_run_file_is_read_as_a_set_of_one(tmp_path: Path) -> None:
     (run,) = run_set.load_runs(written(tmp_path), TYPES)
     assert run == runs.Run(HEADER, RECORDS)
@@ -115,6 +119,17 @@ def test_an_earlier_state_of_a_run_is_left_out(tmp_path: Path) -> None:
     assert late.continues(early)
     assert not late.continues(other)
     assert run_set.distinct([late, other, early]) == (late, other)
+
+
+def test_cells_that_one_command_measured_are_one_run(tmp_path: Path) -> None:
+    cells = [section(tmp_path, note, cell=note.upper()) for note in ("a", "b")]
+    path = set_of(tmp_path / "set.jsonl", cells[0], section(tmp_path, "c"), cells[1])
+    read = run_set.read(path, TYPES)
+    assert [one.cell for one in read.sections] == ["A", "", "B"]
+    assert read.runs == (
+        runs.Run(HEADER, (Note("a"), Note("b"))),
+        runs.Run(HEADER, (Note("c"),)),
+    )
 
 
 def test_a_run_file_cut_short_loses_its_last_line(tmp_path: Path) -> None:

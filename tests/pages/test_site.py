@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from commands import ROOT
+from set_files import labelled, run_file, set_of
+from verdict_records import SLOWER
 
 from mjbench.cli import cli
 from mjbench.errors import MachineError
 from mjbench.instrument import runs
-from mjbench.pages import site
+from mjbench.pages import reports, site
 from mjbench.pages.reports import NamedRun
 from mjbench.pages.site import Project
 from mjbench.report import history_files
@@ -92,6 +94,17 @@ def test_the_first_page_says_what_was_found(tmp_path: Path, history: SpeedHistor
     assert "| `humanoid` | 3.3.0 |" in page
     report = (tmp_path / "copied/reports/reference-mujoco-4.0.0.html").read_text()
     assert report.startswith("<!doctype html>")
+
+
+def test_a_set_has_one_report_of_all_its_machines(tmp_path: Path) -> None:
+    files = [
+        run_file(tmp_path / "runs", labelled(name), SLOWER, command="versions") for name in "ab"
+    ]
+    named_runs = reports.read([set_of(tmp_path / "all.jsonl", files)])
+    site.write_source(Project(tmp_path, named_runs), tmp_path / "source")
+    assert [file.name for file in (tmp_path / "source/copied/reports").iterdir()] == ["all.html"]
+    assert "| 2 runs | " in (tmp_path / "source/reports.md").read_text()
+    assert "slower on both machines" in (tmp_path / "source/index.md").read_text()
 
 
 def test_a_history_of_one_release_has_nothing_to_compare(tmp_path: Path) -> None:

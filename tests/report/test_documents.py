@@ -6,6 +6,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 from commands import ROOT
+from set_files import set_of
 
 from mjbench.report import documents
 
@@ -34,6 +35,17 @@ def test_committed_run_files_fit_the_schema(file: Path) -> None:
     assert len(lines) > 1
     for line in lines:
         check.validate(json.loads(line))
+
+
+def test_lines_of_a_set_fit_the_schemas(tmp_path: Path) -> None:
+    own, of_run = validator("run-set"), validator("run-file")
+    lines = set_of(tmp_path / "set.jsonl", RUN_FILES[:1]).read_text().splitlines()
+    for line in lines[:2]:
+        own.validate(json.loads(line))
+    for line in lines[2:]:
+        of_run.validate(json.loads(line))
+        with pytest.raises(jsonschema.ValidationError):
+            own.validate(json.loads(line))
 
 
 def test_a_line_that_is_no_record_does_not_fit() -> None:

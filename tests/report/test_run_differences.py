@@ -23,7 +23,7 @@ def run(jax: str = "1", **fields: Any) -> Run:
 
 
 def difference(old: Run, new: Run, across: bool = False) -> RunDifference:
-    (row,) = run_differences(old, new, across)
+    (row,) = run_differences([old], [new], across)
     return row
 
 
@@ -50,5 +50,5 @@ def test_other_work_is_never_compared() -> None:
 
 
 def test_rows_that_only_one_run_has_are_left_out() -> None:
-    assert run_differences(run(), run(path="mjx64"), across=True) == []
-    assert run_differences(run(), run(status=Status.FAILED), across=True) == []
+    assert run_differences([run()], [run(path="mjx64")], across=True) == []
+    assert run_differences([run()], [run(status=Status.FAILED)], across=True) == []

@@ -39,7 +39,7 @@ def test_cores_that_this_process_may_not_use_can_be_busy() -> None:
 
 
 def test_a_plan_can_ask_for_less() -> None:
-    loud = NodeState(cores=2, usable_cores=2, cores_had=0.5, busy_cores=2.0, stolen=0.9)
+    loud = NodeState(cores=2, usable_cores=2, cores_had=0.5, busy_cores=2.01, stolen=0.9)
     anything = Limits(min_cores=0.0, max_busy=1.0, max_stolen=1.0)
     assert calibration.objection(loud, anything) == ""
 

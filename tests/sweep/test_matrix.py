@@ -90,8 +90,8 @@ def test_the_verdicts_of_one_machine_are_decided_together() -> None:
     [
         (
             Kind.VERSIONS,
-            "versions --old 3.3.0 --new 3.9.0 --new 4.0.0 --paths python_loop --metric time"
-            " --seed 1 --family 12 -- cartpole",
+            "versions --old 3.3.0 --new 3.9.0 --paths python_loop --metric time --seed 1"
+            " --family 12 -- cartpole pile",
         ),
         (Kind.COMPARE, "compare --seed 1 -- cartpole"),
         (

@@ -99,13 +99,12 @@ def test_a_timed_command_waits_for_others_and_a_count_does_not(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     words, folder, _ = told(monkeypatch, tmp_path, request(TELLS, Limits()))
-    results = words[words.index("--results") + 1]
     assert words == [
         "instructions",
         "--release",
         "4.0.0",
         "--results",
-        results,
+        "runs",
         "--wait",
         "--",
         "pile",

@@ -1,8 +1,10 @@
 """A plan is checked before anything runs: what is wrong is one line, with its place."""
 
+import re
 from pathlib import Path
 
 import pytest
+from commands import ROOT
 from example_models import CONTACT_XML
 from hypothesis import given
 from hypothesis import strategies as st
@@ -224,6 +226,22 @@ def test_a_wheel_is_refused(tmp_path: Path) -> None:
     text = f'releases = ["3.3.0", "{tmp_path}/mujoco-4.1.0-py3-none-any.whl"]'
     with pytest.raises(InputError, match="releases: "):
         load(tmp_path, text)
+
+
+def test_the_plans_of_the_guide_are_plans(tmp_path: Path) -> None:
+    guide = (ROOT / "docs/guides/cluster.md").read_text()
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots/arm.xml").write_text(CONTACT_XML)
+    examples = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    assert len(examples) == 2
+    for example in examples:
+        assert load(tmp_path, example).pairs
+
+
+def test_the_guide_has_every_key_of_a_plan() -> None:
+    guide = (ROOT / "docs/guides/cluster.md").read_text()
+    keys = {key for keys in plans._known_keys().values() for key in keys}
+    assert {key for key in keys if f"`{key}`" not in guide} == set()
 
 
 @given(st.text() | st.from_regex(r"(models|releases|paths)? ?= ?[\[\"a-z0-9.]*\n\[nodes\]"))

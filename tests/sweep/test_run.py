@@ -19,7 +19,7 @@ from mjbench.sweep.plan import NodeRules
 from mjbench.sweep.results import CellResult
 from mjbench.sweep.run import Progress, Summary, Sweep
 
-CELLS = [verdict_cell(m, r) for m in ("a", "b", "c") for r in ("3.5.0", "3.9.0", "4.0.0")]
+CELLS = [verdict_cell(m, r) for r in ("3.5.0", "3.9.0", "4.0.0") for m in ("a", "b", "c")]
 
 
 def steady(cluster: FakeCluster) -> Sequence[Event]:

@@ -10,7 +10,7 @@ from mjbench.sweep.scheduler import Assignment, Scheduler
 
 MODELS = ("a", "b", "c", "d")
 RELEASES = ("3.5.0", "3.9.0", "4.0.0")
-CELLS = [verdict_cell(model, release) for model in MODELS for release in RELEASES]
+CELLS = [verdict_cell(model, release) for release in RELEASES for model in MODELS]
 
 
 def done(scheduler: Scheduler, assignment: Assignment, now_s: float = 0.0) -> list[Cell]:
@@ -22,11 +22,11 @@ def done(scheduler: Scheduler, assignment: Assignment, now_s: float = 0.0) -> li
     return list(assignment.cells)
 
 
-def test_one_node_measures_a_model_in_all_releases_by_one_command() -> None:
+def test_one_node_compares_two_releases_on_all_models_by_one_command() -> None:
     scheduler = Scheduler(CELLS)
     scheduler.join(node("one"))
     (assignment,) = scheduler.assign(0.0)
-    assert assignment.cells == tuple(CELLS[:3])
+    assert assignment.cells == tuple(CELLS[:4])
     assert scheduler.assign(1.0) == []
 
 

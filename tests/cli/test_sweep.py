@@ -1,0 +1,177 @@
+"""`mjbench sweep` as a user types it: what it measures, keeps, and leaves when it is stopped."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import process_tree
+import psutil
+import pytest
+from commands import PYTHONPATH, mjbench
+from example_models import CONTACT_XML
+from sweep_examples import MACHINE, plan_file
+
+from mjbench.cli.sweep import check_command
+from mjbench.comparison.records import ModelRecord
+from mjbench.errors import Failure
+from mjbench.instrument import extras, run_set
+from mjbench.instrument.run_set import RunSetFile, Section
+from mjbench.report.documents import RECORD_TYPES
+from mjbench.status import Status
+from mjbench.sweep import matrix, results, software
+from mjbench.sweep import plan as plans
+
+needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
+ANYTHING = "[nodes]\nmin-cores = 0\nmax-busy = 100\nmax-stolen = 100\n"
+COMPARE = '[compare]\npaths = "rollout"\nthreads = 1\nnbatch = 4\nnstep = 20\nconfirm = false\n'
+SET = "results/sweeps/plan.jsonl"
+
+
+def write_plan(folder: Path, models: str, budget: str = "budget = 0\n") -> None:
+    plan_file(folder, f"models = [{models}]\n{COMPARE}{budget}{ANYTHING}")
+
+
+def sections(folder: Path) -> list[Section]:
+    return list(run_set.read(folder / SET, RECORD_TYPES).sections)
+
+
+def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path) -> None:
+    plan_file(
+        tmp_path,
+        'models = ["cartpole", "pile"]\nreleases = ["3.3.0", "4.0.0"]\n'
+        "[versions]\n[compare]\n[instructions]\n[history]\n",
+    )
+    done = mjbench("sweep", "plan.toml", "--dry-run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "versions cartpole 3.3.0 → 4.0.0 python_loop" in done.stdout
+    rows = [" ".join(line.split()) for line in done.stdout.splitlines()[-4:]]
+    assert rows == [
+        "versions, time 2 0 2 at most 2 min on one machine",
+        "compare 2 0 2 at most 2 min on one machine",
+        "instructions 4 0 4 not known before one is measured",
+        "history 4 0 4 at most 3 min on one machine",
+    ]
+    assert list(tmp_path.iterdir()) == [tmp_path / "plan.toml"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "code", "message"),
+    [
+        ("models = 3\n[compare]", [], 2, "plan.toml, line 1: models: give a list of texts"),
+        ('models = ["broken.xml"]\n[compare]', [], 2, "broken.xml: MuJoCo cannot load it"),
+        ("[compare]", ["-o", "plan.toml"], 2, "not a run set"),
+        ("[compare]", ["-o", "notes.txt"], 2, "not a run set"),
+        ("[compare]", ["-o", "/proc/set.jsonl"], 3, "cannot write /proc/set.jsonl"),
+        ("[compare]", ["--address", "ray://a:1"], 2, "run mjbench on a machine of the cluster"),
+    ],
+)
+def test_what_cannot_be_measured_is_one_line(
+    tmp_path: Path, text: str, words: list[str], code: int, message: str
+) -> None:
+    if "--address" in words and extras.missing(["ray"]):
+        pytest.skip("Ray is not installed")
+    (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
+    (tmp_path / "notes.txt").write_text("not a run set\n")
+    plan_file(tmp_path, text)
+    done = mjbench("sweep", "plan.toml", *words, cwd=tmp_path)
+    assert done.returncode == code
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert (tmp_path / "notes.txt").read_text() == "not a run set\n"
+    assert (tmp_path / "plan.toml").read_text() == text
+
+
+@needs_ray
+def test_a_sweep_measures_what_is_missing_and_nothing_else(tmp_path: Path) -> None:
+    write_plan(tmp_path, '"cartpole"')
+    first = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    assert first.stderr == ""
+    assert f"mjbench report {SET}" in first.stdout
+    (section,) = sections(tmp_path)
+    assert section.run.header.command == "compare"
+    assert results.outcome(section.run).status == Status.OK
+    before = (tmp_path / SET).read_bytes()
+
+    again = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert "All 1 cells are done; nothing was measured." in again.stdout
+    assert (tmp_path / SET).read_bytes() == before
+
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots/own.xml").write_text(CONTACT_XML)
+    write_plan(tmp_path, '"cartpole", "robots/own.xml"')
+    longer = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert longer.returncode == 0, longer.stderr
+    assert (tmp_path / SET).read_bytes().startswith(before)
+    measured = [
+        record.model for one in sections(tmp_path) for record in one.run.of_type(ModelRecord)
+    ]
+    assert measured == ["cartpole", "robots/own.xml"], "by its name in the plan"
+
+
+@needs_ray
+def test_without_a_quiet_node_it_ends_with_the_reasons(tmp_path: Path) -> None:
+    never = "[nodes]\npatience = 0\nmin-cores = 100\nmax-busy = 0\nmax-stolen = 0\n"
+    plan_file(tmp_path, f'models = ["cartpole"]\n{COMPARE}{never}')
+    done = mjbench("sweep", "plan.toml", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "1 of 1 cells are not measured: " in done.stderr
+    assert sections(tmp_path) == []
+
+
+def store_first(folder: Path) -> Section:
+    """Have the run set hold the plan's first cell; return its section."""
+    plan = plans.load(folder / "plan.toml", check_command)
+    cell, _ = matrix.build(plan, software.installed()).cells
+    result = results.failed(cell, Failure(Status.OK, ""), MACHINE)
+    (folder / SET).parent.mkdir(parents=True)
+    file = RunSetFile.create(folder / SET)
+    file.append(result.section)
+    file.close()
+    return result.section
+
+
+def is_measuring(process: psutil.Process) -> bool:
+    """Return whether a process is not Ray's own: its agents end a minute after a killed node."""
+    name = " ".join(process.cmdline())
+    return "/ray/" not in name and (not name.startswith("ray::") or "measure" in name)
+
+
+def wait_for_command(folder: Path, process: "subprocess.Popen[str]") -> None:
+    """Wait until a command on a node has begun its run file."""
+    while process.poll() is None and not list(folder.glob("mjbench-*/work/runs/*.jsonl")):
+        threading.Event().wait(0.05)
+
+
+@needs_ray
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_stopped_it_keeps_what_was_measured_and_leaves_no_process(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    write_plan(tmp_path, '"cartpole", "pile"', budget="budget = 600\n")
+    first = store_first(tmp_path)
+    before = process_tree.descendants()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mjbench", "sweep", "plan.toml"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": PYTHONPATH, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_for_command(tmp_path, process)
+    started = [psutil.Process(pid) for pid in process_tree.descendants() - before]
+    below = [os.pidfd_open(one.pid) for one in started if is_measuring(one)]
+    assert len(below) >= 3, "mjbench here, the one of the node, and its child"
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == (130 if number == signal.SIGINT else -number)
+    assert "Traceback" not in errors
+    if number == signal.SIGINT:
+        assert "interrupted; what was measured is saved" in errors
+    assert all(process_tree.ends(descriptor) for descriptor in below)
+    assert [(one.cell, one.lines) for one in sections(tmp_path)] == [(first.cell, first.lines)]
