@@ -88,8 +88,8 @@ def instructions(
     }
     model_counts: list[ModelCount] = []
     with (
-        RunContext("instructions", json_file, files, Storage(results, arguments)) as run,
         InstructionCounter(sizes) as counter,
+        RunContext("instructions", json_file, files, Storage(results, arguments)) as run,
     ):
         with run.progress(len(specs)) as advance:
             for number, spec in enumerate(specs):

@@ -36,6 +36,16 @@ def test_versions_gives_a_table_a_sentence_json_and_a_run_file(tmp_path: Path) -
     assert "same work" in again.stdout
 
 
+def test_verdicts_that_are_decided_with_those_of_other_commands_say_so(tmp_path: Path) -> None:
+    words = ("versions", "installed", "installed", "cartpole", "--time-limit", "0.2s")
+    for family in ("30", "1"):
+        done = mjbench(*words, "--family", family, "--results", family, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        (file,) = (tmp_path / family).glob("*.jsonl")
+        header = json.loads(file.read_text().splitlines()[0])
+        assert header["arguments"]["family"] == int(family)
+
+
 def test_the_slowest_steps_of_two_releases_are_compared(tmp_path: Path) -> None:
     words = ("versions", "installed", "installed", "cube_table", "--metric", "p99")
     done = mjbench(*words, "--time-limit", "0.2s", "--json", "out.json", cwd=tmp_path)

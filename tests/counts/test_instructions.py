@@ -76,6 +76,7 @@ def test_without_valgrind_one_line_says_how_to_get_it(tmp_path: Path) -> None:
     assert done.returncode == 3
     assert "valgrind: install it" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 @needs_valgrind
@@ -109,19 +110,27 @@ def test_a_broken_model_costs_its_own_row(counts: dict[str, ModelCount]) -> None
 
 
 @needs_valgrind
-def test_the_command_writes_json(tmp_path: Path) -> None:
+def test_the_command_writes_json_and_a_run_file(tmp_path: Path) -> None:
     done = mjbench("instructions", "cartpole", "--json", "out.json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert row["instructions_per_step"] > 1000
     assert any(f["name"].startswith("mj_kinematics") for f in row["functions"])
-    assert list(tmp_path.iterdir()) == [tmp_path / "out.json"]
+    assert {path.name for path in tmp_path.iterdir()} == {"out.json", "results"}
+    (file,) = (tmp_path / "results/runs").glob("*.jsonl")
+    _, record = map(json.loads, file.read_text().splitlines())
+    assert record == {"type": "instructions", **row}
+    shown = mjbench("show", cwd=tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    assert shown.stdout.splitlines()[:2] == done.stdout.splitlines()[:2]
+    page = mjbench("report", "--markdown", cwd=tmp_path)
+    assert f"{row['instructions_per_step']:,.0f}" in page.stdout
 
 
 @needs_valgrind
 def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "mjbench", "instructions", "pile"],
+        [sys.executable, "-m", "mjbench", "instructions", "pile", "--results", str(tmp_path / "r")],
         env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -137,10 +146,10 @@ def test_a_killed_run_leaves_no_process_and_no_folder(tmp_path: Path) -> None:
         ended, _, _ = select.select([descriptor], [], [], 60.0)  # long only where the test fails
         assert ended
         os.close(descriptor)
-    assert list(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) > 1, "its folder, beside that of its run file"
     environment = {"TMPDIR": str(tmp_path)}
     assert mjbench("models", "cartpole", cwd=tmp_path, env=environment).returncode == 0
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == [tmp_path / "r"]
 
 
 def _processes(*words: object) -> list[int]:

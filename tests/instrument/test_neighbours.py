@@ -27,6 +27,20 @@ def test_each_of_two_hears_of_the_other(tmp_path: Path) -> None:
         assert second.later_neighbours() == []
 
 
+def test_who_only_looks_is_not_heard_of(tmp_path: Path) -> None:
+    assert neighbours.measuring_now(tmp_path) == []
+    with Presence("compare", tmp_path) as first:
+        first.enter(wait=False)
+        assert neighbours.measuring_now(tmp_path) == [Neighbour(ME, "compare")]
+        assert first.later_neighbours() == []
+    assert neighbours.measuring_now(tmp_path) == []
+
+
+def test_who_cannot_look_sees_nobody(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert neighbours.measuring_now(tmp_path / "file") == []
+
+
 def test_one_that_waits_begins_when_the_other_has_ended(tmp_path: Path) -> None:
     events: list[object] = []
     with Presence("ab", tmp_path) as waiting:
