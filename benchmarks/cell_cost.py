@@ -3,8 +3,8 @@
     python -m benchmarks.cell_cost [MODEL …] [--old RELEASE] [--new RELEASE]
 
 runs `mjbench versions`, `mjbench instructions` and `mjbench compare` on each model, one after the
-other, and writes results/cells.json: seconds, and bytes of the run file. Named models replace their
-rows. It takes about half an hour, and needs the machine for itself, valgrind, and both releases.
+other, and writes results/cells.json: seconds, and what the run set of a sweep stores. Named models
+replace their rows. It takes about half an hour, and needs the machine for itself, and valgrind.
 """
 
 import argparse
@@ -15,23 +15,41 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from benchmarks.scale_tally import CellCost, CellKind, CellTally, load_cells
 from mjbench.errors import InputError, MachineError, MjbenchError
 from mjbench.instrument import machine
+from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import ExitCode
+from mjbench.sweep.cells import Cell, Kind
 
 ROOT = Path(__file__).resolve().parent.parent
 TALLY = ROOT / "results" / "cells.json"
 OLD, NEW = "3.3.0", "4.0.0"
 # The exit codes of a command that has measured all that it was asked to.
 _MEASURED = (ExitCode.OK, ExitCode.FINDING)
+
+
+@dataclass(frozen=True)
+class _Ran:
+    """A command that was run.
+
+    Attributes:
+      lines: of its run file.
+      code: its exit code.
+      seconds: that it took.
+    """
+
+    lines: Sequence[bytes]
+    code: int
+    seconds: float
 
 
 def measured(model: str, old: str, new: str) -> list[CellCost]:
@@ -43,43 +61,66 @@ def measured(model: str, old: str, new: str) -> list[CellCost]:
       new: release of its candidate.
 
     Raises:
-      MachineError: a command failed.
+      MachineError: a command failed, or left no result.
     """
-    compared, compared_s = _run("compare", model)
-    verdicts, verdicts_s = _run("versions", "--old", old, "--new", new, model)
-    counts, counts_s = _run("instructions", "--release", old, "--release", new, model)
-    step_us = _step_us(compared)
+    compared = _run("compare", model)
+    verdict = _run("versions", "--old", old, "--new", new, model)
+    counts = _run("instructions", "--release", old, "--release", new, model)
+    step_us = _step_us(compared.lines)
     return [
-        _cost(CellKind.VERDICT, model, step_us, verdicts, verdicts_s),
-        _cost(CellKind.COUNT, model, step_us, counts, counts_s),
-        CellCost(
-            CellKind.COMPARISON, model, step_us, 0.0, compared_s, sum(map(len, compared.values()))
+        _cost(
+            CellKind.VERDICT,
+            [Cell(Kind.VERSIONS, model, new, old, path=BASE, metric=Metric.TIME)],
+            verdict,
+            step_us,
         ),
+        _cost(
+            CellKind.COUNT,
+            [Cell(Kind.INSTRUCTIONS, model, release) for release in (old, new)],
+            counts,
+            step_us,
+        ),
+        _cost(CellKind.COMPARISON, [Cell(Kind.COMPARE, model)], compared, step_us),
     ]
 
 
-def _cost(
-    kind: CellKind,
-    model: str,
-    step_us: float,
-    lines: Mapping[str, Sequence[bytes]],
-    command_s: float,
-) -> CellCost:
-    """Return what a cell takes by its record, and what the command takes beside that."""
-    (cells,) = (records for name, records in lines.items() if name != "run")
-    seconds = [json.loads(line)["seconds"] for line in cells]
+def _cost(kind: CellKind, cells: Sequence[Cell], ran: _Ran, step_us: float) -> CellCost:
+    """Return what cells take by their records, and what their command takes beside that.
+
+    Raises:
+      MachineError: a cell has no result.
+    """
+    from mjbench.instrument.run_set import RunSetFile
+    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.sweep.results import Collector
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = RunSetFile.create(Path(folder) / "set.jsonl")
+        begin = time.perf_counter()
+        collector = Collector(cells, RECORD_TYPES)
+        results = [*collector.add(ran.lines), *collector.end(ran.code)]
+        for result in results:
+            file.append(result.section)
+        store_s = (time.perf_counter() - begin) / len(cells)
+        file.close()
+    if len(results) != len(cells):
+        raise MachineError(f"{cells[0].model}: {kind}: {len(results)} of {len(cells)} results")
+    written = [sum(map(len, result.section.lines)) for result in results]
+    # a comparison says of none of its parts how long all of it took
+    seconds = [result.outcome.seconds or ran.seconds for result in results]
     return CellCost(
         kind,
-        model,
+        cells[0].model,
         step_us,
-        start_s=command_s - sum(seconds),
+        start_s=ran.seconds - sum(seconds),
         cell_s=statistics.fmean(seconds),
-        cell_bytes=round(statistics.fmean(map(len, cells))),
+        cell_bytes=round(statistics.fmean(written)),
+        store_s=store_s,
     )
 
 
-def _run(*words: str) -> tuple[dict[str, list[bytes]], float]:
-    """Run a command; return the lines of its run file by their type, and its seconds.
+def _run(*words: str) -> _Ran:
+    """Run a command.
 
     Raises:
       MachineError: it failed.
@@ -98,16 +139,17 @@ def _run(*words: str) -> tuple[dict[str, list[bytes]], float]:
             reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
             raise MachineError(f"mjbench {' '.join(words)}: {reason}")
         (file,) = Path(folder).glob("*.jsonl")
-        lines: dict[str, list[bytes]] = {}
-        for line in file.read_bytes().splitlines(keepends=True):
-            lines.setdefault(json.loads(line)["type"], []).append(line)
-    return lines, seconds
+        return _Ran(file.read_bytes().splitlines(keepends=True), done.returncode, seconds)
 
 
-def _step_us(lines: Mapping[str, Sequence[bytes]]) -> float:
+def _step_us(lines: Sequence[bytes]) -> float:
     """Return the microseconds of a step in the plain loop, by the records of a comparison."""
-    records = map(json.loads, lines["measurement"])
-    (base,) = (each for each in records if (each["path"], each["options"]) == (BASE, {}))
+    records = [json.loads(line) for line in lines]
+    (base,) = (
+        record
+        for record in records
+        if record["type"] == "measurement" and (record["path"], record["options"]) == (BASE, {})
+    )
     steps = base["nbatch"] * base["nstep"]
     return 1e6 * statistics.median(base["samples_s"]) / steps
 

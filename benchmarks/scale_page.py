@@ -42,7 +42,7 @@ def _lines(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
     yield ""
     yield from _clusters(tally)
     yield ""
-    yield from _driver(tally)
+    yield from _driver(tally, measured)
     yield ""
     yield from _storage(tally, measured)
     yield ""
@@ -169,16 +169,18 @@ def _clusters(tally: ScaleTally) -> Iterator[str]:
     yield from markdown.table(headings, rows, headings)
 
 
-def _driver(tally: ScaleTally) -> Iterator[str]:
+def _driver(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
+    stored_ms = [1e3 * cell.store_s for cell in measured.cells]
+    low, high = min(stored_ms), max(stored_ms)
     cost = tally.scheduling
     most = max(tally.rows, key=lambda row: row.nodes)
     yield "## One driver"
     yield ""
     yield (
         f"One process hands out all commands and stores all results. Measured, it is busy for"
-        f" {1e3 * cost.command_s:.1f} ms with each command and {1e3 * cost.cell_s:.1f} ms with each"
-        f" result; a node starts a command {cost.handover_s:.1f} s after it was handed out, and"
-        f" {cost.calibration_s:.1f} s later where it calibrates first. Simulated with"
+        f" {1e3 * cost.command_s:.1f} ms with each command, and for {low:.1f} to {high:.1f} ms with"
+        f" each result; a node starts a command {cost.handover_s:.2f} s after it was handed out,"
+        f" and {cost.calibration_s:.1f} s later where it calibrates first. Simulated with"
         f" {most.nodes} nodes, the driver is busy {100 * most.driver_share:.2f} % of the time, and"
         f" nothing waits for it longer than {most.longest_wait_s:.1f} s. It would be busy all the"
         f" time with about {_two_digits(most.nodes_of_a_busy_driver)} such nodes: there it becomes"

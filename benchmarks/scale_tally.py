@@ -30,6 +30,7 @@ class CellCost:
       start_s: seconds that its command takes beside its cells, however many they are.
       cell_s: seconds of a cell.
       cell_bytes: of the run file.
+      store_s: seconds in which the process that runs a sweep reads and stores its result.
     """
 
     kind: CellKind
@@ -38,6 +39,7 @@ class CellCost:
     start_s: float
     cell_s: float
     cell_bytes: int
+    store_s: float
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,13 @@ class SchedulingCost:
     Attributes:
       handover_s: seconds from when the driver hands out a command until it starts on its node.
       calibration_s: further seconds where the node must be quiet, for its calibration.
-      command_s: seconds of the driver for each command, from choosing its cells to its end.
-      cell_s: seconds of the driver for each result, until it is stored.
+      command_s: seconds of the driver for each command, from choosing its cells to its end, without
+        its results.
     """
 
     handover_s: float
     calibration_s: float
     command_s: float
-    cell_s: float
 
 
 @dataclass(frozen=True)
@@ -225,13 +226,49 @@ def load_cells(file: Path) -> CellTally:
     return _load(file, CellTally, "what cells take")
 
 
+@dataclass(frozen=True)
+class _SweepTimes:
+    calibration_s: float
+    tasks: int
+
+
+@dataclass(frozen=True)
+class _TaskCost:
+    nodes: int
+    latency_s: float
+    driver_s: float
+
+
+@dataclass(frozen=True)
+class _ChoiceCost:
+    choice_s: float
+
+
+@dataclass(frozen=True)
+class _SweepCost:
+    """What is used of a `benchmarks.sweep_cost.SweepCost`."""
+
+    sweeps: Sequence[_SweepTimes]
+    tasks: Sequence[_TaskCost]
+    choice: _ChoiceCost
+
+
 def load_scheduling(file: Path) -> SchedulingCost:
     """Return what handing out commands takes, as `benchmarks.sweep_cost` measured it.
+
+    Tasks on the most local nodes stand for all: there, the driver has most to do.
 
     Raises:
       InputError: the file does not say.
     """
-    raise NotImplementedError
+    cost = _load(file, _SweepCost, "what a sweep costs")
+    tasks = max(cost.tasks, key=lambda task: task.nodes)
+    calibration_s = sum(times.calibration_s for times in cost.sweeps)
+    return SchedulingCost(
+        handover_s=tasks.latency_s,
+        calibration_s=calibration_s / sum(times.tasks for times in cost.sweeps),
+        command_s=tasks.driver_s + cost.choice.choice_s,
+    )
 
 
 def _load(file: Path, kind: type[_Tally], what: str) -> _Tally:

@@ -28,10 +28,12 @@ class Work:
     Attributes:
       start_s: seconds that the command of some cells takes beside them.
       cell_s: seconds of a cell.
+      store_s: seconds of the driver for its result.
     """
 
     start_s: Callable[[Cell], float]
     cell_s: Callable[[Cell], float]
+    store_s: Callable[[Cell], float]
 
 
 @dataclass(frozen=True)
@@ -213,7 +215,7 @@ class _Simulation:
             now_s = max(happened_s, self._driver_free_s)
             self._longest_wait_s = max(self._longest_wait_s, now_s - happened_s)
             if isinstance(event, _Delivered):
-                self._occupy_driver(now_s, self._scheduling.cell_s)
+                self._occupy_driver(now_s, self._work.store_s(event.cell))
             if self._handle(event, now_s):
                 self._hand_out(now_s)
         return Course(

@@ -175,7 +175,11 @@ def simulated(
         )
         for i, each in enumerate(slowness.tolist())
     ]
-    work = Work(matrix.start_s, lambda cell: matrix.cost(cell).cell_s)
+    work = Work(
+        matrix.start_s,
+        lambda cell: matrix.cost(cell).cell_s,
+        lambda cell: matrix.cost(cell).store_s,
+    )
     course = simulate(cells, members, work, scheduling, assumptions, seed)
     return ClusterRow(
         nodes=nodes,

@@ -27,12 +27,12 @@ from mjbench.paired.outcomes import Metric
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.scheduler import Node
 
-SCHEDULING = SchedulingCost(handover_s=2.0, calibration_s=1.0, command_s=0.0, cell_s=0.0)
+SCHEDULING = SchedulingCost(handover_s=2.0, calibration_s=1.0, command_s=0.0)
 CALM = Assumptions(slowness_deviation=0.0, refusals=0.0, hours_between_deaths=math.inf)
 ROUGH = Assumptions(refusals=0.2, hours_between_deaths=0.2, detection_s=30.0, outage_s=60.0)
-WORK = Work(start_s=lambda cell: 3.0, cell_s=lambda cell: 10.0)
+WORK = Work(lambda cell: 3.0, lambda cell: 10.0, store_s=lambda cell: 0.0)
 COSTS = [
-    CellCost(kind, model, step_us=5.0, start_s=start, cell_s=each, cell_bytes=1000)
+    CellCost(kind, model, step_us=5.0, start_s=start, cell_s=each, cell_bytes=1000, store_s=0.0)
     for model, factor in (("light", 1.0), ("heavy", 2.0))
     for kind, start, each in (
         (CellKind.VERDICT, 3.0, 20.0 * factor),
@@ -199,7 +199,7 @@ def test_a_larger_cluster_is_done_earlier_and_has_more_after_a_night() -> None:
 
 def test_the_page_says_what_is_measured_what_is_simulated_and_what_is_assumed() -> None:
     matrix = Matrix.drawn(SMALL, MEASURED, seed=0)
-    cost = SchedulingCost(handover_s=2.0, calibration_s=1.0, command_s=0.02, cell_s=0.001)
+    cost = SchedulingCost(handover_s=2.0, calibration_s=1.0, command_s=0.02)
     rows = [sweep_simulation.simulated(matrix, count, 2, cost, ROUGH, seed=0) for count in (1, 4)]
     tally = ScaleTally(SMALL, cost, ROUGH, 0, matrix.kind_costs(cores=2), rows)
     lines = scale_page.page(tally, MEASURED).splitlines()
