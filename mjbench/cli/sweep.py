@@ -1,6 +1,7 @@
 """`mjbench sweep`: a matrix of models, releases, paths and machines, on the nodes of a cluster."""
 
 import contextlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,7 +128,7 @@ def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -
     """Measure what is missing, and end with the exit code."""
     from mjbench.report import sweep as report
 
-    with contextlib.closing(_open(target)) as file:
+    with contextlib.ExitStack() as on_error, contextlib.closing(_open(target, on_error)) as file:
         stored = _stored(target, matrix)
         done = [cell for cell, how in stored.items() if not options.retry or how.status in FINISHED]
         if len(done) == len(matrix.cells):
@@ -136,6 +137,7 @@ def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -
             summary = None
         else:
             summary = _measure(run, matrix, done, file, options.address)
+            on_error.pop_all()
             stored |= {result.cell: result.outcome for result in summary.results}
             report.print_summary(run.out, summary, stored)
     run.out.print(f"\nRun set: {target}", soft_wrap=True)
@@ -187,8 +189,12 @@ def _measure(
         return sweep.measure()
 
 
-def _open(target: Path) -> "RunSetFile":
+def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
     """Open a run set, or create it.
+
+    Args:
+      target: the file.
+      on_error: removes it again where it was created, and has got no result.
 
     Raises:
       InputError: there is another file of this name.
@@ -201,7 +207,18 @@ def _open(target: Path) -> "RunSetFile":
         return RunSetFile.open(target)
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-    return RunSetFile.create(target)
+    file = RunSetFile.create(target)
+    on_error.callback(_remove_empty, target)
+    return file
+
+
+def _remove_empty(target: Path) -> None:
+    """Remove a run set that has no section: nothing began to measure."""
+    with contextlib.suppress(OSError):
+        with target.open("rb") as file:
+            lines = list(itertools.islice(file, 2))
+        if len(lines) < 2:
+            target.unlink()
 
 
 def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":

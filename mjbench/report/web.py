@@ -76,7 +76,7 @@ def conclusion(row: WebRow) -> str:
     if first.ratio is not None:
         name = "WebAssembly" if first is wasm[0] else f"WebAssembly ({_name(first)})"
         times = f"{tables.factor(first.ratio.median)} times as long as in C{_interval(first.ratio)}"
-        parts.insert(0, f"in {name} a step takes {times}")
+        parts.insert(0, f"in {name}, a step takes {times}")
     if others := [_name(path) for path in wasm if path.status == Status.DISAGREES]:
         verb = "disagrees" if len(others) == 1 else "disagree"
         parts.append(f"{', '.join(others)} {verb} with C")

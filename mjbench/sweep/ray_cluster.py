@@ -9,6 +9,7 @@ import logging
 import math
 import os
 import signal
+import socket
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,6 +33,8 @@ LOCAL, AUTO = "local", "auto"
 # How long nodes may take to say what they are, how often the list of nodes is read, and how long
 # tasks that were cancelled may take to end, in seconds.
 _ANSWER_S, _NODES_S, _END_S = 120.0, 5.0, 5.0
+# How long the head of a cluster may take to accept a connection, in seconds.
+_CONNECT_S = 10.0
 # Ray counts resources in these.
 _UNIT = 1e-4
 # Ray gives its workers a low priority, and hides accelerators that a task did not ask for.
@@ -81,6 +84,8 @@ class RayCluster:
         self._models: dict[str, Any] = {}
         self._nodes_read_s = -_NODES_S
         self._events: list[Event] = []
+        # whether only nodes that declare the resource measure: once one has, also when it is gone
+        self._must_declare = False
 
     def __enter__(self) -> "RayCluster":
         """Start Ray here, or connect to a cluster.
@@ -95,11 +100,12 @@ class RayCluster:
                 f"--address {shown(self._address)}: run mjbench on a machine of the cluster, and"
                 f" give --address {AUTO}"
             )
+        _check_reachable(self._address)
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         with contextlib.ExitStack() as closing:
             closing.enter_context(_quiet())
-            closing.enter_context(_own_signals())
-            self._connect(closing)
+            with _own_signals():
+                self._connect(closing)
             closing.callback(self._cancel_all)
             self._closing = closing.pop_all()
         return self
@@ -123,10 +129,7 @@ class RayCluster:
             closing.callback(ray.shutdown)
             if self._address == LOCAL:
                 raise MachineError(f"Ray does not start here: {one_line(error)}") from error
-            raise MachineError(
-                f"no cluster of Ray at {shown(self._address)}: {one_line(error)}; start one by"
-                " `ray start --head`, or leave out --address"
-            ) from error
+            raise _no_cluster(self._address, one_line(error).rstrip(".")) from error
         closing.callback(ray.shutdown)
         closing.enter_context(_unheard())
         self._measure = ray.remote(ray_worker.measure)
@@ -162,8 +165,10 @@ class RayCluster:
             for number in [n for n, task in self._running.items() if task.node_id == node_id]:
                 del self._running[number]
                 self._events.append(Died(number, "its node is gone"))
-        usable = _usable(list(alive.values()))
-        for node in usable:
+        self._must_declare = self._must_declare or any(map(_declares, alive.values()))
+        for node in alive.values():
+            if not (_declares(node) if self._must_declare else node.cpus >= 1):
+                continue
             if node.id not in self._known:
                 self._known[node.id] = node
                 reference = self._describe.options(num_cpus=0, **_pinned(node)).remote()
@@ -286,6 +291,31 @@ class RayCluster:
 # -- Ray's own ----------------------------------------------------------------------------------
 
 
+def _no_cluster(address: str, reason: str) -> MachineError:
+    return MachineError(
+        f"no cluster of Ray at {shown(address)}: {reason}; start one by `ray start --head`, or"
+        " leave out --address"
+    )
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address where nothing listens: Ray would try for minutes.
+
+    Raises:
+      MachineError: nothing does.
+    """
+    if address == AUTO:
+        address = os.environ.get("RAY_ADDRESS", AUTO)
+    host, colon, port = address.rpartition(":")
+    if not (colon and port.isdecimal()):
+        return  # which Ray resolves, or refuses
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise _no_cluster(address, reason) from error
+
+
 def _ray_node(listed: Mapping[str, Any]) -> _RayNode | None:
     """Return a node that is alive; None where it is not."""
     if not listed.get("Alive"):
@@ -302,10 +332,9 @@ def _ray_node(listed: Mapping[str, Any]) -> _RayNode | None:
     )
 
 
-def _usable(nodes: Sequence[_RayNode]) -> list[_RayNode]:
-    """Return the nodes that declare the resource; where none does, those that have CPUs."""
-    declaring = [node for node in nodes if node.resources.get(RESOURCE)]
-    return declaring or [node for node in nodes if node.cpus >= 1]
+def _declares(node: _RayNode) -> bool:
+    """Return whether a node declares the resource by which it may be taken."""
+    return bool(node.resources.get(RESOURCE))
 
 
 def _share(node: _RayNode, share: float) -> dict[str, Any]:

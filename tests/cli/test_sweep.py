@@ -66,6 +66,8 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
         ("[compare]", ["-o", "notes.txt"], 2, "not a run set"),
         ("[compare]", ["-o", "/proc/set.jsonl"], 3, "cannot write /proc/set.jsonl"),
         ("[compare]", ["--address", "ray://a:1"], 2, "run mjbench on a machine of the cluster"),
+        ("[compare]", ["--address", "127.0.0.1:1"], 3, "no cluster of Ray at 127.0.0.1:1: Connec"),
+        ("[compare]", ["--address", "nowhere"], 3, "no cluster of Ray at nowhere: "),
     ],
 )
 def test_what_cannot_be_measured_is_one_line(
@@ -82,6 +84,7 @@ def test_what_cannot_be_measured_is_one_line(
     assert done.stderr.count("\n") == 1
     assert (tmp_path / "notes.txt").read_text() == "not a run set\n"
     assert (tmp_path / "plan.toml").read_text() == text
+    assert not (tmp_path / SET).exists()
 
 
 @needs_ray
@@ -148,7 +151,7 @@ def wait_for_command(folder: Path, process: "subprocess.Popen[str]") -> None:
 
 
 @needs_ray
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_stopped_it_keeps_what_was_measured_and_leaves_no_process(
     tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -169,9 +172,9 @@ def test_stopped_it_keeps_what_was_measured_and_leaves_no_process(
     assert len(below) >= 3, "mjbench here, the one of the node, and its child"
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == (130 if number == signal.SIGINT else -number)
+    assert process.returncode == (-number if number == signal.SIGKILL else 130)
     assert "Traceback" not in errors
-    if number == signal.SIGINT:
+    if number != signal.SIGKILL:
         assert "interrupted; what was measured is saved" in errors
     assert all(process_tree.ends(descriptor) for descriptor in below)
     assert [(one.cell, one.lines) for one in sections(tmp_path)] == [(first.cell, first.lines)]

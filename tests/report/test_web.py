@@ -37,7 +37,8 @@ def test_the_conclusion_names_a_build_that_disagrees_beside_one_that_agrees() ->
     bad = replace(wasm(), block_ns=(), status=Status.DISAGREES, detail="it differs")
     first = printed(record(bad, wasm(name="wasm_mt"))).splitlines()[0]
     assert first == (
-        "cartpole: in WebAssembly (wasm_mt) a step takes 2.50 times as long as in C (2.50 to 2.50);"
+        "cartpole: in WebAssembly (wasm_mt), a step takes 2.50 times as long as in C"
+        " (2.50 to 2.50);"
         " after 100 steps its states are within 3.0e-14 of C's; wasm disagrees with C"
     )
 

@@ -14,6 +14,7 @@ from mjbench.errors import InputError, MachineError
 from mjbench.instrument import extras, run_set
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.sweep import ray_cluster
+from mjbench.sweep.executor import Left
 from mjbench.sweep.ray_cluster import RayCluster, _RayNode
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
@@ -44,10 +45,49 @@ def node(cpus: float = 4.0, **resources: float) -> _RayNode:
     return _RayNode("id", "10.0.0.1", "name", {"CPU": cpus, **resources}, {})
 
 
-def test_nodes_that_declare_the_resource_are_those_that_measure() -> None:
-    plain, declaring = node(), node(mjbench=1)
-    assert ray_cluster._usable([plain, declaring]) == [declaring]
-    assert ray_cluster._usable([plain, node(cpus=0)]) == [plain]
+def listed(name: str, **resources: float) -> dict[str, object]:
+    """Return a node as Ray lists it."""
+    node_id = name.encode().hex().ljust(56, "0")
+    return {"NodeID": node_id, "Alive": True, "NodeManagerHostname": name, "Resources": resources}
+
+
+def names(cluster: RayCluster) -> list[str]:
+    """Return the names of the nodes that are asked what they are."""
+    return [node.name.partition(" ")[0] for node in cluster._known.values()]
+
+
+class Asking:
+    """Stands for a function of Ray: it notes on which nodes it is to run."""
+
+    def options(self, **options: object) -> "Asking":
+        return self
+
+    def remote(self) -> object:
+        return object()
+
+
+@needs_ray
+def test_nodes_that_declare_the_resource_measure_and_no_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import ray
+
+    nodes = [listed("plain", CPU=4.0), listed("head", CPU=0.0)]
+    monkeypatch.setattr(ray, "nodes", lambda: nodes)
+    cluster = RayCluster()
+    cluster._describe = Asking()  # type: ignore[attr-defined]
+    cluster._read_nodes()
+    assert names(cluster) == ["plain"], "in a cluster where none declares it"
+
+    cluster = RayCluster()
+    cluster._describe = Asking()  # type: ignore[attr-defined]
+    nodes.append(listed("declaring", CPU=4.0, mjbench=1.0))
+    cluster._read_nodes()
+    assert names(cluster) == ["declaring"]
+    gone = str(nodes.pop()["NodeID"])
+    cluster._read_nodes()
+    assert names(cluster) == [], "also when it is gone"
+    assert cluster._events == [Left(gone, "it is gone")]
 
 
 @pytest.mark.parametrize(

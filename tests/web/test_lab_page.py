@@ -172,6 +172,9 @@ def test_it_plays_by_itself_unless_motion_is_to_be_reduced(open_page: Callable[.
 
 def test_a_view_dies_when_the_heap_grows_and_a_copy_does_not(opened: Any) -> None:
     click(opened, "grow")
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(opened, 60).until(lambda b: b.find_elements("css selector", "#growth tbody tr"))
     rows = opened.find_elements("css selector", "#growth tbody tr")
     assert [row.text for row in rows] == [
         "stored view length 3, x 0.3165 m length 0, x undefined",
@@ -260,7 +263,7 @@ def test_the_browser_is_measured_beside_the_others(opened: Any, tmp_path: Path) 
     assert rows[0].startswith("This browser ")
     assert rows[1:] == ["C 400,000", "Node 20 300,000 1.33 × C's time"]
     conditions = text(opened, "conditions")
-    assert "Contacts of a step: cartpole 0.0, there 0.0." in conditions
+    assert "Contacts of a step: cartpole 0.0, on the other machine 0.0." in conditions
     assert "the median of 20 blocks of about " in conditions
     assert text(opened, "refused").startswith("broken.xml: MuJoCo cannot load this model: ")
     assert "unrecognized element" in text(opened, "refused")
