@@ -93,10 +93,10 @@ def describe_all_machines(across: AcrossMachines) -> str:
     """Return what all verdicts of all machines show together, as a sentence."""
     verdicts = across.verdicts
     counts = {o: sum(v.outcome == o for v in verdicts) for o in Outcome}
-    parts = [f"{outcome.value} in {count}" for outcome, count in counts.items() if count]
+    parts = [f"{count} {outcome.value}" for outcome, count in counts.items() if count]
     counted = tables.count_of(len(verdicts), "verdict")
     machines = tables.count_of(len(across.machines), "machine")
-    return f"All {counted} of {machines} together: {', '.join(parts)}." + _false_alarms(
+    return f"{counted} on {machines}, decided together: {', '.join(parts)}." + _false_alarms(
         any(_is_timed(c) and c.of_outcome(Outcome.SLOWER) for c in across.comparisons),
         any(_is_timed(c) and c.of_outcome(Outcome.FASTER) for c in across.comparisons),
         across.confidence,

@@ -112,7 +112,7 @@ class Sweep:
         """
         for event in events:
             self._handle(event)
-        nodes = [record.node for record in self._scheduler.nodes.values()]
+        nodes = [record.node for record in self._scheduler.nodes]
         if not nodes:
             reasons = "; ".join(f"{one.name}: {one.reason}" for one in self._left_out)
             raise MachineError(f"no node of the cluster can measure ({reasons or 'there is none'})")
@@ -257,7 +257,7 @@ class Sweep:
         missing = scheduler.missing
         return Summary(
             results=tuple(self._results),
-            nodes=tuple(scheduler.nodes.values()),
+            nodes=scheduler.nodes,
             left_out=tuple(self._left_out),
             missing=missing,
             reasons=tuple(scheduler.reasons()) if missing and not is_interrupted else (),

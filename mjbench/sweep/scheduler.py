@@ -7,7 +7,7 @@ nothing, knows no Ray, and reads no clock: it is told what happened, and when.
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.sweep.cells import Cell
 from mjbench.sweep.commands import COMMANDS, Command
@@ -71,7 +71,7 @@ class LostCell:
     detail: str
 
 
-@dataclass
+@dataclass(frozen=True)
 class NodeRecord:
     """What became of a node.
 
@@ -92,23 +92,24 @@ class NodeRecord:
     refused: int = 0
     failed: int = 0
     reason: str = ""
-    _rests_until_s: float = -math.inf
-    _troubles: int = 0
 
-    def rest(self, now_s: float, reason: str) -> None:
-        """Leave the node alone for a while."""
-        self.reason = reason
-        rest_s = min(_LONGEST_REST_S, _REST_S * 2**self._troubles)
-        self._rests_until_s = now_s + rest_s
-        self._troubles += 1
+
+@dataclass
+class _NodeState:
+    """A node's record, and how long it is left alone after troubles in a row."""
+
+    record: NodeRecord
+    rests_until_s: float = -math.inf
+    troubles: int = 0
+
+    def rest(self, now_s: float) -> None:
+        """Leave the node alone for a while; twice as long each further time."""
+        self.rests_until_s = now_s + min(_LONGEST_REST_S, _REST_S * 2**self.troubles)
+        self.troubles += 1
 
     def is_resting(self, now_s: float) -> bool:
         """Return whether it is left alone now."""
-        return now_s < self._rests_until_s
-
-    def recover(self) -> None:
-        """Forget earlier troubles: it has measured something."""
-        self._troubles = 0
+        return now_s < self.rests_until_s
 
 
 @dataclass
@@ -120,11 +121,7 @@ class _Running:
 
 
 class Scheduler:
-    """Hands out cells.
-
-    Attributes:
-      nodes: what became of each node, by its id.
-    """
+    """Hands out cells."""
 
     def __init__(
         self, cells: Iterable[Cell], tries: int = 3, patience_s: float = 600.0, now_s: float = 0.0
@@ -145,7 +142,7 @@ class Scheduler:
         self._on_host: dict[str, list[Assignment]] = {}
         self._count = 0
         self._active_s = now_s
-        self.nodes: dict[str, NodeRecord] = {}
+        self._nodes: dict[str, _NodeState] = {}
 
     # -- what is there to do ---------------------------------------------------------------------
 
@@ -166,6 +163,11 @@ class Scheduler:
         return len(self._waiting) + sum(len(run.missing) for run in self._running.values())
 
     @property
+    def nodes(self) -> tuple[NodeRecord, ...]:
+        """What became of each node."""
+        return tuple(state.record for state in self._nodes.values())
+
+    @property
     def running(self) -> tuple[Assignment, ...]:
         """What is being measured."""
         return tuple(run.assignment for run in self._running.values())
@@ -179,15 +181,11 @@ class Scheduler:
 
     def reasons(self) -> list[str]:
         """Return why nodes did not measure, each in one line."""
-        lines = [
-            f"{record.node.name}: {record.reason}"
-            for record in self.nodes.values()
-            if record.reason
-        ]
+        lines = [f"{record.node.name}: {record.reason}" for record in self.nodes if record.reason]
         labels = self._waiting.labels()
-        there = {record.node.label for record in self.nodes.values() if record.is_there}
+        there = {record.node.label for record in self.nodes if record.is_there}
         lines += [f"no node has the label {label}" for label in sorted(labels - there)]
-        if not any(record.is_there for record in self.nodes.values()):
+        if not any(record.is_there for record in self.nodes):
             lines.append("there is no node")
         return lines
 
@@ -195,13 +193,13 @@ class Scheduler:
 
     def join(self, node: Node) -> None:
         """Take a node into account, also one that was gone."""
-        record = self.nodes.setdefault(node.id, NodeRecord(node))
-        record.node, record.is_there = node, True
+        state = self._nodes.setdefault(node.id, _NodeState(NodeRecord(node)))
+        state.record = replace(state.record, node=node, is_there=True)
 
     def leave(self, node_id: str, reason: str) -> None:
         """Note that a node is gone; what it measures ends by `end` as well."""
-        if record := self.nodes.get(node_id):
-            record.is_there, record.reason = False, reason
+        if state := self._nodes.get(node_id):
+            state.record = replace(state.record, is_there=False, reason=reason)
 
     # -- assignments -----------------------------------------------------------------------------
 
@@ -213,37 +211,37 @@ class Scheduler:
         begun: list[Assignment] = []
         while turn := [
             assignment
-            for record in self.nodes.values()
-            if record.is_there and (assignment := self._assign(record, now_s))
+            for state in self._nodes.values()
+            if state.record.is_there and (assignment := self._assign(state, now_s))
         ]:
             begun += turn
         return begun
 
-    def _assign(self, record: NodeRecord, now_s: float) -> Assignment | None:
+    def _assign(self, state: _NodeState, now_s: float) -> Assignment | None:
         """Have a node begin one command more; None where it is not to."""
-        cells = self._choose(record, now_s)
+        cells = self._choose(state, now_s)
         if not cells:
             return None
-        assignment = Assignment(self._count, record.node, cells)
+        assignment = Assignment(self._count, state.record.node, cells)
         self._count += 1
         self._running[assignment.number] = _Running(assignment, list(cells), now_s)
-        self._on_host.setdefault(record.node.host, []).append(assignment)
+        self._on_host.setdefault(state.record.node.host, []).append(assignment)
         self._waiting.take(cells)
         return assignment
 
-    def _choose(self, record: NodeRecord, now_s: float) -> tuple[Cell, ...]:
+    def _choose(self, state: _NodeState, now_s: float) -> tuple[Cell, ...]:
         """Return what a node is to measure next; nothing while it may not.
 
         A machine that measures time does nothing else. While there is time to be measured on it,
         nothing is begun that would keep it from that.
         """
-        node = record.node
+        node, is_resting = state.record.node, state.is_resting(now_s)
         beside = self._on_host.get(node.host, [])
         if any(assignment.command.needs_quiet for assignment in beside):
             return ()
-        if not record.is_resting(now_s) and self._eligible(node, needs_quiet=True):
+        if not is_resting and self._eligible(node, needs_quiet=True):
             return () if beside else self._together(node, needs_quiet=True)
-        has_failed = record.is_resting(now_s) and record.failed > 0
+        has_failed = is_resting and state.record.failed > 0
         if has_failed or len(beside) >= node.cores:
             return ()
         return self._together(node, needs_quiet=False)
@@ -269,7 +267,7 @@ class Scheduler:
             return True
         others = [
             other
-            for other in self.nodes.values()
+            for other in self.nodes
             if other.is_there
             and other.node.host not in failed_on
             and (not cell.machine or other.node.label == cell.machine)
@@ -286,7 +284,7 @@ class Scheduler:
         if not first:
             return tuple(self._failed(node, needs_quiet)[:1])
         command = COMMANDS[first[0].kind]
-        hosts = len({r.node.host for r in self.nodes.values() if r.is_there})
+        hosts = len({record.node.host for record in self.nodes if record.is_there})
         turns = _TURNS_LEFT * hosts if hosts > 1 else 1
         share = math.ceil(self._eligible(node, needs_quiet) / turns)
         size = min(command.most, max(command.least, share))
@@ -320,17 +318,17 @@ class Scheduler:
         if run is None or cell not in run.missing:
             return False
         run.missing.remove(cell)
-        record = self.nodes[run.assignment.node.id]
-        record.cells += 1
-        record.recover()
+        state = self._nodes[run.assignment.node.id]
+        state.record = replace(state.record, cells=state.record.cells + 1)
+        state.troubles = 0
         return True
 
     def refuse(self, number: int, reason: str, now_s: float) -> None:
         """Put back what a node does not measure now; it is asked again later."""
         if run := self._stop(number):
-            record = self.nodes[run.assignment.node.id]
-            record.refused += 1
-            record.rest(now_s, reason)
+            state = self._nodes[run.assignment.node.id]
+            state.record = replace(state.record, refused=state.record.refused + 1, reason=reason)
+            state.rest(now_s)
             self._put_back(run.missing)
 
     def cancel(self, number: int) -> None:
@@ -352,12 +350,12 @@ class Scheduler:
         run = self._stop(number)
         if run is None:
             return []
-        record = self.nodes[run.assignment.node.id]
-        record.busy_s += now_s - run.begin_s
+        state = self._nodes[run.assignment.node.id]
+        state.record = replace(state.record, busy_s=state.record.busy_s + now_s - run.begin_s)
         self._active_s = now_s
         if problem:
-            record.failed += 1
-            record.rest(now_s, problem)
+            state.record = replace(state.record, failed=state.record.failed + 1, reason=problem)
+            state.rest(now_s)
         lost = []
         for cell in run.missing:
             self._failures[cell] += 1

@@ -92,7 +92,7 @@ def test_a_set_of_one_machine_has_nothing_side_by_side(tmp_path: Path) -> None:
     files = [run_file(tmp_path, labelled("a"), verdict) for verdict in (SAME, SLOWER)]
     done = command("show", set_of(tmp_path / "set.jsonl", files))
     assert done.exit_code == 0
-    assert "together: slower in" not in done.stdout
+    assert "decided together" not in done.stdout
     assert "Run 2 of 2" in done.stdout
 
 

@@ -39,7 +39,7 @@ def test_a_mixed_verdict_is_a_sentence() -> None:
         " intervals, from +0.00 % to +3.00 %"
     )
     assert together == (
-        "All 4 verdicts of 4 machines together: slower in 3, same in 1. Of those named slower, at"
+        "4 verdicts on 4 machines, decided together: 3 slower, 1 same. Of those named slower, at"
         " most 1 % are expected to be false alarms."
     )
 

@@ -1,0 +1,225 @@
+"""What a cell of a sweep takes on the shipped models: a verdict, a count, a comparison.
+
+    python -m benchmarks.cell_cost [MODEL …] [--old RELEASE] [--new RELEASE]
+
+runs `mjbench versions`, `mjbench instructions` and `mjbench compare` on each model, one after the
+other, and writes results/cells.json: seconds, and what the run set of a sweep stores. Named models
+replace their rows. It takes about half an hour, and needs the machine for itself, and valgrind.
+"""
+
+import argparse
+import json
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from benchmarks.scale_tally import CellCost, CellKind, CellTally, load_cells
+from mjbench.errors import InputError, MachineError, MjbenchError
+from mjbench.instrument import machine
+from mjbench.paired.outcomes import Metric
+from mjbench.paths import BASE
+from mjbench.releases import installs
+from mjbench.simulation import models
+from mjbench.status import ExitCode
+from mjbench.sweep.cells import Cell, Kind
+
+ROOT = Path(__file__).resolve().parent.parent
+TALLY = ROOT / "results" / "cells.json"
+OLD, NEW = "3.3.0", "4.0.0"
+# The exit codes of a command that has measured all that it was asked to.
+_MEASURED = (ExitCode.OK, ExitCode.FINDING)
+
+
+@dataclass(frozen=True)
+class _Ran:
+    """A command that was run.
+
+    Attributes:
+      lines: of its run file.
+      code: its exit code.
+      seconds: that it took.
+    """
+
+    lines: Sequence[bytes]
+    code: int
+    seconds: float
+
+
+def measured(model: str, old: str, new: str) -> list[CellCost]:
+    """Return what the cells of one model take.
+
+    Args:
+      model: a shipped one.
+      old: release of the verdict's baseline; counts are of both releases.
+      new: release of its candidate.
+
+    Raises:
+      MachineError: a command failed, or left no result.
+    """
+    compared = _run("compare", model)
+    verdict = _run("versions", "--old", old, "--new", new, model)
+    counts = _run("instructions", "--release", old, "--release", new, model)
+    step_us = _step_us(compared.lines)
+    return [
+        _cost(
+            CellKind.VERDICT,
+            [Cell(Kind.VERSIONS, model, new, old, path=BASE, metric=Metric.TIME)],
+            verdict,
+            step_us,
+        ),
+        _cost(
+            CellKind.COUNT,
+            [Cell(Kind.INSTRUCTIONS, model, release) for release in (old, new)],
+            counts,
+            step_us,
+        ),
+        _cost(CellKind.COMPARISON, [Cell(Kind.COMPARE, model)], compared, step_us),
+    ]
+
+
+def _cost(kind: CellKind, cells: Sequence[Cell], ran: _Ran, step_us: float) -> CellCost:
+    """Return what cells take by their records, and what their command takes beside that.
+
+    Raises:
+      MachineError: a cell has no result.
+    """
+    from mjbench.instrument.run_set import RunSetFile
+    from mjbench.report.documents import RECORD_TYPES
+    from mjbench.sweep.results import Collector
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = RunSetFile.create(Path(folder) / "set.jsonl")
+        begin = time.perf_counter()
+        collector = Collector(cells, RECORD_TYPES)
+        results = [*collector.add(ran.lines), *collector.end(ran.code)]
+        for result in results:
+            file.append(result.section)
+        store_s = (time.perf_counter() - begin) / len(cells)
+        file.close()
+    if len(results) != len(cells):
+        raise MachineError(f"{cells[0].model}: {kind}: {len(results)} of {len(cells)} results")
+    written = [sum(map(len, result.section.lines)) for result in results]
+    # a comparison says of none of its parts how long all of it took
+    seconds = [result.outcome.seconds or ran.seconds for result in results]
+    return CellCost(
+        kind,
+        cells[0].model,
+        step_us,
+        start_s=ran.seconds - sum(seconds),
+        cell_s=statistics.fmean(seconds),
+        cell_bytes=round(statistics.fmean(written)),
+        store_s=store_s,
+    )
+
+
+def _run(*words: str) -> _Ran:
+    """Run a command.
+
+    Raises:
+      MachineError: it failed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        begin = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-m", "mjbench", *words, "--results", folder],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        seconds = time.perf_counter() - begin
+        if done.returncode not in _MEASURED:
+            reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+            raise MachineError(f"mjbench {' '.join(words)}: {reason}")
+        (file,) = Path(folder).glob("*.jsonl")
+        return _Ran(file.read_bytes().splitlines(keepends=True), done.returncode, seconds)
+
+
+def _step_us(lines: Sequence[bytes]) -> float:
+    """Return the microseconds of a step in the plain loop, by the records of a comparison."""
+    records = [json.loads(line) for line in lines]
+    (base,) = (
+        record
+        for record in records
+        if record["type"] == "measurement" and (record["path"], record["options"]) == (BASE, {})
+    )
+    steps = base["nbatch"] * base["nstep"]
+    return 1e6 * statistics.median(base["samples_s"]) / steps
+
+
+def _install_bytes(release: str) -> int:
+    """Return how large an installed release is; it is installed where it is not."""
+    folder = installs.install(installs.parse_release(release))
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+
+
+def run(names: Sequence[str], old: str, new: str) -> CellTally:
+    """Measure models, and write the tally after each.
+
+    Args:
+      names: of models; empty for all.
+      old: release of the verdicts' baseline.
+      new: release of their candidate.
+    """
+    if shutil.which("valgrind") is None:
+        raise MachineError("counts need valgrind")
+    shipped = models.shipped()
+    unknown = sorted({*names} - {*shipped})
+    if unknown:
+        raise InputError(f"no shipped model is named {unknown[0]}; there are {', '.join(shipped)}")
+    cells: dict[str, list[CellCost]] = {}
+    for cell in load_cells(TALLY).cells if names and TALLY.exists() else ():
+        cells.setdefault(cell.model, []).append(cell)
+    install_bytes = round(statistics.fmean(map(_install_bytes, (old, new))))
+    for name in names or shipped:
+        cells[name] = measured(name, old, new)
+        tally = CellTally(
+            date=datetime.now(UTC).date().isoformat(),
+            processor=machine.describe().cpu,
+            usable_cores=machine.usable_cores(),
+            old=old,
+            new=new,
+            install_bytes=install_bytes,
+            cells=[cell for of_model in cells.values() for cell in of_model],
+        )
+        save(tally)
+        for cell in cells[name]:
+            print(f"{name}: {cell.kind}: {cell.start_s:.1f} s and {cell.cell_s:.1f} s", flush=True)
+    return tally
+
+
+def save(tally: CellTally) -> None:
+    """Write the tally."""
+    from mjbench.instrument.runs import to_json
+
+    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> ExitCode:
+    """Run the command; return its exit code."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("models", nargs="*")
+    parser.add_argument("--old", default=OLD, help="release of the baseline")
+    parser.add_argument("--new", default=NEW, help="release of the candidate")
+    options = parser.parse_args(arguments)
+    try:
+        run(options.models, options.old, options.new)
+    except MjbenchError as error:
+        print(f"cell_cost: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("cell_cost: interrupted; the tally has what was measured", file=sys.stderr)
+        return ExitCode.INTERRUPTED
+    return ExitCode.OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,254 @@
+"""The page docs/scale.md, written from the tally of simulated clusters and of what cells take."""
+
+from collections.abc import Iterator
+
+from benchmarks.scale_tally import (
+    CellCost,
+    CellKind,
+    CellTally,
+    ClusterRow,
+    ScaleTally,
+)
+from mjbench.report import markdown
+
+
+def page(tally: ScaleTally, measured: CellTally) -> str:
+    """Return the Markdown page of a tally, with what cells take beside it."""
+    return "\n".join(_lines(tally, measured)) + "\n"
+
+
+def row_line(row: ClusterRow) -> str:
+    """Return how one cluster did in a line, for somebody who waits."""
+    return (
+        f"{row.nodes} nodes: {row.hours:.1f} h, {100 * row.efficiency:.0f} % of their time in"
+        f" commands that ended well, driver busy {100 * row.driver_share:.2f} %"
+    )
+
+
+def _lines(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
+    yield "# What a cluster would do"
+    yield ""
+    yield _conclusion(tally)
+    yield ""
+    yield (
+        "Written by `python -m benchmarks.sweep_simulation` from `results/cells.json`,"
+        " `results/sweep.json` and `results/scale.json`; do not edit. What cells take and what"
+        " handing them out takes is measured; how a cluster does is simulated."
+    )
+    yield ""
+    yield from _measured(measured)
+    yield ""
+    yield from _matrix(tally)
+    yield ""
+    yield from _clusters(tally)
+    yield ""
+    yield from _driver(tally, measured)
+    yield from _tasks(tally)
+    yield ""
+    yield from _storage(tally, measured)
+    yield ""
+    yield from _assumptions(tally)
+    yield from _HOW
+
+
+def _conclusion(tally: ScaleTally) -> str:
+    size, most = tally.size, max(tally.rows, key=lambda row: row.nodes)
+    hours = sum(kind.node_hours for kind in tally.kinds)
+    cells = sum(kind.cells for kind in tally.kinds)
+    text = (
+        f"{size.models} models × {size.releases} releases × {size.processors} processors are"
+        f" {cells:,} results, which take {hours:,.0f} node hours. Simulated, a cluster of"
+        f" {most.nodes} nodes, {most.nodes // most.processors} of each processor, has all of them"
+        f" after {_hours(most.hours)}."
+    )
+    whole = [row for row in tally.rows if row.processors == size.processors]
+    night = [row for row in whole if row.night_cells < row.cells]
+    if night:
+        largest = max(night, key=lambda row: row.nodes)
+        text += (
+            f" {largest.nodes} nodes have {_percent(largest.night_cells / largest.cells)} of them"
+            " after a night of eight hours."
+        )
+    return text
+
+
+def _measured(measured: CellTally) -> Iterator[str]:
+    yield "## What a cell takes"
+    yield ""
+    yield (
+        f"Measured on {measured.date} on {measured.usable_cores} cores of {measured.processor}, by"
+        f" `python -m benchmarks.cell_cost`: seconds of one verdict by time of {measured.old} →"
+        f" {measured.new}, of counting the instructions of a step in one release, and of comparing"
+        " the paths. In brackets, what the command takes beside its cells."
+    )
+    yield ""
+    by_model: dict[str, dict[CellKind, CellCost]] = {}
+    for cell in sorted(measured.cells, key=lambda cell: cell.step_us):
+        by_model.setdefault(cell.model, {})[cell.kind] = cell
+    headings = ["model", "µs a step", *(f"{kind}, s" for kind in CellKind)]
+    rows = (
+        [
+            f"`{model}`",
+            f"{next(iter(costs.values())).step_us:,.3g}",
+            *(_cell(costs[kind]) for kind in CellKind),
+        ]
+        for model, costs in by_model.items()
+    )
+    yield from markdown.table(headings, rows, headings[1:])
+
+
+def _cell(cost: CellCost) -> str:
+    return f"{cost.cell_s:.0f}" + (f" ({cost.start_s:.0f})" if cost.start_s else "")
+
+
+def _matrix(tally: ScaleTally) -> Iterator[str]:
+    size = tally.size
+    yield "## What the matrix costs"
+    yield ""
+    yield (
+        f"Every processor has its own copy of every result: {size.releases - 1} verdicts of a"
+        f" release against the newest for each model, {size.releases} counts, and one comparison of"
+        " the paths. Each model is like one of those above, drawn at random: what other models take"
+        " was not measured. A node runs as many counts at once as it has cores, and verdicts and"
+        " comparisons alone."
+    )
+    yield ""
+    headings = ["", "results", "node hours", "node hours of one processor"]
+    rows = [
+        [
+            kind.kind.value,
+            f"{kind.cells:,}",
+            f"{kind.node_hours:,.0f}",
+            f"{kind.node_hours / size.processors:,.0f}",
+        ]
+        for kind in tally.kinds
+    ]
+    hours = sum(kind.node_hours for kind in tally.kinds)
+    cells = sum(kind.cells for kind in tally.kinds)
+    rows.append(["all", f"{cells:,}", f"{hours:,.0f}", f"{hours / size.processors:,.0f}"])
+    yield from markdown.table(headings, rows, headings[1:])
+
+
+def _clusters(tally: ScaleTally) -> Iterator[str]:
+    size = tally.size
+    yield "## What a cluster does in a night"
+    yield ""
+    yield (
+        "Simulated event by event, with the scheduler of `mjbench sweep` itself, and the"
+        " [assumptions](#what-is-assumed) below. *Efficiency* is the share of all nodes' time in"
+        " commands that ended well; the rest is handing out, calibrations, refusals, lost work, and"
+        " nodes that wait for others at the end. *Lost* is the nodes' time in commands that died"
+        f" with their node. One node has one processor, and measures {1 / size.processors:.0%} of"
+        " the matrix."
+    )
+    yield ""
+    headings = [
+        "nodes",
+        "results",
+        "hours",
+        "in a night",
+        "efficiency",
+        "lost, node hours",
+        "commands that died",
+        "refusals",
+        "without a result",
+    ]
+    rows = (
+        [
+            f"{row.nodes:,}",
+            f"{row.cells:,}",
+            f"{row.hours:,.1f}",
+            f"{row.night_cells:,} ({_percent(row.night_cells / row.cells)})",
+            _percent(row.efficiency),
+            f"{row.lost_hours:,.1f}",
+            f"{row.deaths:,}",
+            f"{row.refusals:,}",
+            f"{row.given_up:,}",
+        ]
+        for row in tally.rows
+    )
+    yield from markdown.table(headings, rows, headings)
+
+
+def _driver(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
+    stored_ms = [1e3 * cell.store_s for cell in measured.cells]
+    low, high = min(stored_ms), max(stored_ms)
+    cost = tally.scheduling
+    most = max(tally.rows, key=lambda row: row.nodes)
+    yield "## One driver"
+    yield ""
+    yield (
+        f"One process hands out all commands and stores all results. Measured, it is busy for"
+        f" {1e3 * cost.command_s:.1f} ms with each command, and for {low:.1f} to {high:.1f} ms with"
+        f" each result; a node starts a command {cost.handover_s:.2f} s after it was handed out,"
+        f" and {cost.calibration_s:.1f} s later where it calibrates first. Simulated with"
+        f" {most.nodes} nodes, the driver is busy {100 * most.driver_share:.2f} % of the time, and"
+        f" nothing waits for it longer than {most.longest_wait_s:.1f} s. It would be busy all the"
+        f" time with about {_two_digits(most.nodes_of_a_busy_driver)} such nodes: there it becomes"
+        " the bottleneck."
+    )
+
+
+def _tasks(tally: ScaleTally) -> Iterator[str]:
+    headings = ["local Ray nodes", "ms until a node has answered", "ms of the driver"]
+    rows = (
+        [f"{task.nodes}", f"{1e3 * task.latency_s:.1f}", f"{1e3 * task.driver_s:.1f}"]
+        for task in tally.scheduling.tasks
+    )
+    yield ""
+    yield "A command that does nothing took this, beside itself:"
+    yield ""
+    yield from markdown.table(headings, rows, headings)
+
+
+def _storage(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
+    written = sum(kind.result_bytes for kind in tally.kinds)
+    installs = tally.size.releases * measured.install_bytes
+    yield "## Storage"
+    yield ""
+    yield (
+        f"The run set of the whole matrix has {written / 2**30:.1f} GiB, by the sizes of measured"
+        f" records. Each node installs {tally.size.releases} releases:"
+        f" {installs / 2**30:.1f} GiB, at {measured.install_bytes / 2**20:.0f} MiB for each, the"
+        " mean of the two that were measured."
+    )
+
+
+def _assumptions(tally: ScaleTally) -> Iterator[str]:
+    assumed = tally.assumptions
+    yield "## What is assumed"
+    yield ""
+    yield "Nobody measured these:"
+    yield ""
+    yield (
+        f"- The time that nodes take differs by {_percent(assumed.slowness_deviation)} (standard"
+        " deviation of its logarithm)."
+    )
+    yield f"- A node refuses {_percent(assumed.refusals)} of the commands that need it quiet."
+    yield (
+        f"- A node dies every {assumed.hours_between_deaths:g} hours, in the mean, at random. The"
+        f" driver knows after {assumed.detection_s:g} s, and the node is there again after"
+        f" {assumed.outage_s / 60:g} minutes."
+    )
+    yield "- The releases are installed before the sweep begins."
+    yield f"- All is drawn with seed {tally.seed}: the same seed gives the same page."
+
+
+def _hours(hours: float) -> str:
+    return f"{hours:.1f} hours"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):,.0f}"
+
+
+_HOW = """
+## Run it again
+
+`python -m benchmarks.sweep_simulation` takes a few minutes. What it starts from comes from
+`python -m benchmarks.cell_cost` and `python -m benchmarks.sweep_cost`, each of which needs the
+machine for itself.""".splitlines()
