@@ -119,7 +119,7 @@ def _cost(kind: CellKind, cells: Sequence[Cell], ran: _Ran, step_us: float) -> C
     )
 
 
-def _run(*words: str) -> _Ran:
+def _run(*arguments: str) -> _Ran:
     """Run a command.
 
     Raises:
@@ -128,7 +128,7 @@ def _run(*words: str) -> _Ran:
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         done = subprocess.run(
-            [sys.executable, "-m", "mjbench", *words, "--results", folder],
+            [sys.executable, "-m", "mjbench", *arguments, "--results", folder],
             cwd=folder,
             capture_output=True,
             text=True,
@@ -137,7 +137,7 @@ def _run(*words: str) -> _Ran:
         seconds = time.perf_counter() - begin
         if done.returncode not in _MEASURED:
             reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-            raise MachineError(f"mjbench {' '.join(words)}: {reason}")
+            raise MachineError(f"mjbench {' '.join(arguments)}: {reason}")
         (file,) = Path(folder).glob("*.jsonl")
         return _Ran(file.read_bytes().splitlines(keepends=True), done.returncode, seconds)
 

@@ -182,7 +182,7 @@ def by_hand(of: "Matrix") -> float:
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         for line in command_lines(of):
-            words = [*line.words, "--results", folder, "--wait", "--", *line.operands]
+            words = [*line.arguments, "--results", folder, "--wait", "--", *line.operands]
             subprocess.run(
                 [sys.executable, "-m", "mjbench", *words], check=True, stdout=subprocess.DEVNULL
             )

@@ -132,7 +132,9 @@ class Matrix:
             together: dict[tuple[str, ...], list[Cell]] = {}
             for cell in cells:
                 together.setdefault(command.together(cell), []).append(cell)
-            first = [group[i] for group in together.values() for i in range(0, len(group), command.most)]
+            first = [
+                group[i] for group in together.values() for i in range(0, len(group), command.most)
+            ]
             seconds = sum(map(self.start_s, first)) + sum(self.cost(cell).cell_s for cell in cells)
             written = sum(self.cost(cell).cell_bytes for cell in cells)
             share = 1 if command.needs_quiet else cores

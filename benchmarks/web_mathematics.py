@@ -59,10 +59,10 @@ def archive() -> Path:
     Raises:
       MachineError: it is not installed.
     """
-    found = sorted(Path("/").glob(_ARCHIVES.lstrip("/")))
-    if not found:
+    archives = sorted(Path("/").glob(_ARCHIVES.lstrip("/")))
+    if not archives:
         raise MachineError("musl's libc.a is missing: apt-get install musl-dev")
-    return found[0]
+    return archives[0]
 
 
 def build(folder: Path) -> Path:
@@ -112,8 +112,8 @@ def _check(row: Mapping[str, Any]) -> Mapping[str, Any]:
     checks = [path["check"] for path in row["paths"] if path["check"] is not None]
     if not checks:
         raise MachineError(f"{row['model']} was not compared: {row['detail']}")
-    found: Mapping[str, Any] = checks[0]
-    return found
+    check: Mapping[str, Any] = checks[0]
+    return check
 
 
 def _measure(names: Sequence[str], folder: Path, environment: Mapping[str, str]) -> Any:

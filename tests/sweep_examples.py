@@ -147,7 +147,7 @@ class FakeCluster:
 
     def cells_of(self, request: Request) -> list[Cell]:
         """Return the cells that a request of `versions` or `instructions` is for."""
-        words = request.line.words
+        words = request.line.arguments
         option = "--new" if words[0] == "versions" else "--release"
         releases = [words[i + 1] for i, word in enumerate(words) if word == option]
         make = verdict_cell if words[0] == "versions" else count_cell

@@ -71,10 +71,10 @@ class Cli(click.Group):
 
 
 def command_line() -> tuple[str, ...]:
-    """Return the words after `mjbench`, as they were typed; none outside of a command."""
+    """Return the arguments after `mjbench`, as they were typed; none outside of a command."""
     context = click.get_current_context(silent=True)
-    words: tuple[str, ...] = context.meta.get(_COMMAND_LINE, ()) if context else ()
-    return words
+    arguments: tuple[str, ...] = context.meta.get(_COMMAND_LINE, ()) if context else ()
+    return arguments
 
 
 @contextlib.contextmanager

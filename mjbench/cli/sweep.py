@@ -92,18 +92,18 @@ def sweep(plan: Path, output: Path | None, **options: object) -> None:
         _sweep(run, cells, target, chosen)
 
 
-def check_command(words: Sequence[str]) -> None:
+def check_command(arguments: Sequence[str]) -> None:
     """Parse a command line of mjbench without running it.
 
     Raises:
       InputError: an option has a value that its command does not take.
     """
     command: click.Command = cli
-    rest = list(words)
+    rest = list(arguments)
     while isinstance(command, click.Group):
-        name, found, rest = command.resolve_command(click.Context(command), rest)
-        assert found is not None, name
-        command = found
+        name, subcommand, rest = command.resolve_command(click.Context(command), rest)
+        assert subcommand is not None, name
+        command = subcommand
     try:
         with command.make_context(command.name, rest) as context:
             values = context.params

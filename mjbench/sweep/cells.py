@@ -64,8 +64,8 @@ class Cell:
             releases = f"{self.baseline} → {self.release}"
         metric = "" if self.metric in (None, Metric.TIME) else self.metric
         machine = f"on {self.machine}" if self.machine else ""
-        words = (self.kind, self.model, releases, self.path, metric or "", machine)
-        return " ".join(filter(None, words))
+        parts = (self.kind, self.model, releases, self.path, metric or "", machine)
+        return " ".join(filter(None, parts))
 
     @property
     def key(self) -> str:

@@ -29,11 +29,11 @@ class CommandLine:
     """A command line without the options that say where results go.
 
     Attributes:
-      words: the command and its options.
+      arguments: the command and its options.
       operands: what follows the options.
     """
 
-    words: tuple[str, ...]
+    arguments: tuple[str, ...]
     operands: tuple[str, ...]
 
 
@@ -43,7 +43,7 @@ class Command:
 
     Attributes:
       options: that the plan can set.
-      words: the words that name the command.
+      name: of the command, and of its group before it.
       needs_quiet: whether anything else on the machine would spoil the result.
       together: what cells must have in common to be measured by one command line.
       least: as many are measured at once where there are as many, also if nodes are idle.
@@ -52,7 +52,7 @@ class Command:
     """
 
     options: tuple[Option, ...]
-    words: tuple[str, ...]
+    name: tuple[str, ...]
     needs_quiet: bool
     together: Callable[[Cell], tuple[str, ...]]
     least: int
@@ -64,8 +64,8 @@ def _options(*names: str) -> tuple[Option, ...]:
     return tuple(Option(name) for name in names)
 
 
-def _word(cell: Cell, version: str) -> str:
-    """Return the word by which a command line names a release."""
+def _version_argument(cell: Cell, version: str) -> str:
+    """Return the argument by which a command line names a release."""
     return INSTALLED if version == cell.installed else version
 
 
@@ -73,9 +73,14 @@ def _versions(cells: Sequence[Cell]) -> CommandLine:
     """Compare two releases on several models, by one path and metric."""
     first = cells[0]
     assert first.metric is not None
-    words = ["--old", _word(first, first.baseline), "--new", _word(first, first.release)]
-    words += ["--paths", first.path, "--metric", first.metric.value]
-    return CommandLine(("versions", *words), tuple(cell.model for cell in cells))
+    options = [
+        "--old",
+        _version_argument(first, first.baseline),
+        "--new",
+        _version_argument(first, first.release),
+    ]
+    options += ["--paths", first.path, "--metric", first.metric.value]
+    return CommandLine(("versions", *options), tuple(cell.model for cell in cells))
 
 
 def _compare(cells: Sequence[Cell]) -> CommandLine:
@@ -87,15 +92,20 @@ def _instructions(cells: Sequence[Cell]) -> CommandLine:
     """Count one model in several releases, all with what the first release of the plan draws."""
     first = cells[0]
     releases = dict.fromkeys([first.baseline, *(cell.release for cell in cells)])
-    words = [word for version in releases for word in ("--release", _word(first, version))]
-    return CommandLine(("instructions", *words), (first.model,))
+    options = [
+        argument
+        for version in releases
+        for argument in ("--release", _version_argument(first, version))
+    ]
+    return CommandLine(("instructions", *options), (first.model,))
 
 
 def _history(cells: Sequence[Cell]) -> CommandLine:
     """Time several models in one release; they share its launches."""
-    models = [word for cell in cells for word in ("--model", cell.model)]
+    models = [argument for cell in cells for argument in ("--model", cell.model)]
     return CommandLine(
-        ("history", "measure", "--no-operations", *models), (_word(cells[0], cells[0].release),)
+        ("history", "measure", "--no-operations", *models),
+        (_version_argument(cells[0], cells[0].release),),
     )
 
 
@@ -107,7 +117,7 @@ COMMANDS: Mapping[Kind, Command] = {
             Option("as-shipped", is_switch=True),
             *_options(*_SIZES),
         ),
-        words=("versions",),
+        name=("versions",),
         needs_quiet=True,
         together=lambda c: (c.baseline, c.release, c.path, c.metric or ""),
         least=1,
@@ -120,7 +130,7 @@ COMMANDS: Mapping[Kind, Command] = {
             Option("confirm", is_switch=True),
             *_options("time-limit", *_SIZES),
         ),
-        words=("compare",),
+        name=("compare",),
         needs_quiet=True,
         together=lambda c: (c.model,),
         least=1,
@@ -129,7 +139,7 @@ COMMANDS: Mapping[Kind, Command] = {
     ),
     Kind.INSTRUCTIONS: Command(
         options=_options("time-limit", *_SIZES),
-        words=("instructions",),
+        name=("instructions",),
         needs_quiet=False,
         together=lambda c: (c.model,),
         least=4,  # the release that draws start states is counted again in each command
@@ -138,7 +148,7 @@ COMMANDS: Mapping[Kind, Command] = {
     ),
     Kind.HISTORY: Command(
         options=(),
-        words=("history", "measure"),
+        name=("history", "measure"),
         needs_quiet=True,
         together=lambda c: (c.release,),
         least=1,

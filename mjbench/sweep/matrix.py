@@ -41,10 +41,10 @@ class Matrix:
         kind = cells[0].kind
         line = COMMANDS[kind].line(cells)
         (part,) = (part for part in self.plan.parts if part.kind == kind)
-        words = [*line.words, *part.options]
+        arguments = [*line.arguments, *part.options]
         if kind == Kind.VERSIONS:
-            words += ["--family", str(self.comparisons)]
-        return CommandLine(tuple(words), line.operands)
+            arguments += ["--family", str(self.comparisons)]
+        return CommandLine(tuple(arguments), line.operands)
 
     def models_of(self, cells: Sequence[Cell]) -> list[CarriedModel]:
         """Return the models that must travel with cells."""

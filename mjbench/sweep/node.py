@@ -89,7 +89,7 @@ def _run(
     command_begin = time.perf_counter()
     with log.open("wb") as errors, (folder / "output.txt").open("wb") as output:
         process = child.Child(
-            [*program, *request.line.words, *storing, "--", *request.line.operands],
+            [*program, *request.line.arguments, *storing, "--", *request.line.operands],
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=errors,

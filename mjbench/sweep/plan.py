@@ -200,34 +200,34 @@ def _machines(file: PlanFile) -> tuple[str, ...]:
 
 
 def _part_options(file: PlanFile, kind: Kind, check: CheckCommand) -> tuple[str, ...]:
-    """Return the words that the keys of a table stand for.
+    """Return the options that the keys of a table stand for.
 
     Raises:
       InputError: the command does not take one of them.
     """
     command = COMMANDS[kind]
-    words: list[str] = []
+    options: list[str] = []
     for option in command.options:
         value = file.get(kind, option.name)
         if value is None:
             continue
         try:
-            own = _option_words(option, value)
-            check([*command.words, *own])
+            own = _option_arguments(option, value)
+            check([*command.name, *own])
             if kind == Kind.COMPARE and option.name == "paths":
                 _check_compared(own[1].split(","))
         except InputError as error:
             raise file.error(str(error), kind, option.name) from None
-        words += own
+        options += own
     try:
-        check([*command.words, *words])  # values that do not fit together
+        check([*command.name, *options])  # values that do not fit together
     except InputError as error:
         raise file.error(str(error), kind) from None
-    return tuple(words)
+    return tuple(options)
 
 
-def _option_words(option: Option, value: Any) -> list[str]:
-    """Return the words by which a command line has a value.
+def _option_arguments(option: Option, value: Any) -> list[str]:
+    """Return the arguments by which a command line has a value.
 
     Raises:
       InputError: it is of another type.

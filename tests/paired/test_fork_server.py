@@ -161,19 +161,19 @@ def test_a_worker_that_dies_is_named_with_the_signal() -> None:
 
 def test_a_worker_that_raises_ends_and_does_not_go_on_as_its_server() -> None:
     """In a program of its own, where pytest's other threads and files are not forked."""
-    code = """
+    code = r"""
 import os, socket, sys
 from mjbench.paired import fork_server
 def fail(*arguments):
-    print("a worker")
+    os.write(1, b"a worker\n")
     raise SystemExit(7)
 fork_server._work = fail
 ours, theirs = socket.socketpair()
 try:
     fork_server._fork("mark", [0, 1], theirs, os.getpid())
-    print("the server")
+    os.write(1, b"the server\n")
 except BaseException:
-    print("a worker that goes on")
+    os.write(1, b"a worker that goes on\n")
 """
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

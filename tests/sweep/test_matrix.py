@@ -110,8 +110,8 @@ def test_what_belongs_together_is_one_command_line(kind: Kind, expected: str) ->
     command = COMMANDS[kind]
     together = [c for c in of_kind if command.together(c) == command.together(of_kind[0])]
     line = whole.command_line(together[: command.most])
-    assert " ".join([*line.words, "--", *line.operands]) == expected
-    check_command([*line.words, "--", *line.operands])  # mjbench takes it
+    assert " ".join([*line.arguments, "--", *line.operands]) == expected
+    check_command([*line.arguments, "--", *line.operands])  # mjbench takes it
 
 
 def test_the_release_installed_beside_mjbench_is_named_so() -> None:
@@ -122,13 +122,13 @@ def test_the_release_installed_beside_mjbench_is_named_so() -> None:
     )
     (cell,) = whole.cells
     assert cell.release == HERE.mujoco
-    assert "--new installed" in " ".join(whole.command_line([cell]).words)
+    assert "--new installed" in " ".join(whole.command_line([cell]).arguments)
 
 
 def test_counts_of_a_part_of_the_releases_are_of_the_same_work() -> None:
     whole = matrix.build(EVERYTHING, HERE)
     last = next(c for c in whole.cells if (c.kind, c.release) == (Kind.INSTRUCTIONS, "4.0.0"))
-    assert whole.command_line([last]).words == (
+    assert whole.command_line([last]).arguments == (
         *("instructions", "--release", "3.3.0", "--release", "4.0.0"),
     )
 
@@ -149,5 +149,5 @@ def test_every_option_that_a_plan_can_set_is_one_of_its_command() -> None:
             flags = [f"--{option.name}"] + [f"--no-{option.name}"] * option.is_switch
             from mjbench.cli import cli
 
-            page = CliRunner().invoke(cli, [*command.words, "--help"]).output
+            page = CliRunner().invoke(cli, [*command.name, "--help"]).output
             assert any(flag in page for flag in flags), option.name

@@ -64,13 +64,13 @@ def test_what_is_done_is_not_measured_again() -> None:
     _, stored = measure(matrix(CELLS), cluster, done=CELLS[:5])
     assert {result.cell for result in stored} == set(CELLS[5:])
     first, *_ = cluster.began
-    assert first.request.line.words[:3] == ("versions", "--old", "3.3.0")
+    assert first.request.line.arguments[:3] == ("versions", "--old", "3.3.0")
 
 
 def test_a_command_knows_with_how_many_verdicts_its_own_are_decided() -> None:
     cluster = FakeCluster([node("one")], steady)
     measure(matrix(CELLS), cluster)
-    words = cluster.began[0].request.line.words
+    words = cluster.began[0].request.line.arguments
     assert words[words.index("--family") + 1] == "9"
 
 
