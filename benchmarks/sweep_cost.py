@@ -235,7 +235,8 @@ def task_cost(node_count: int, tasks: int) -> TaskCost:
     from ray.cluster_utils import Cluster
 
     from mjbench.sweep.executor import Joined
-    from mjbench.sweep.ray_cluster import RESOURCE, RayCluster
+    from mjbench.sweep.ray_cluster import RayCluster
+    from mjbench.sweep.ray_session import RESOURCE
 
     ray_nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     for _ in range(node_count):

@@ -65,6 +65,7 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
         ("[compare]", ["-o", "plan.toml"], 2, "not a run set"),
         ("[compare]", ["-o", "notes.txt"], 2, "not a run set"),
         ("[compare]", ["-o", "/proc/set.jsonl"], 3, "cannot write /proc/set.jsonl"),
+        ("[compare]", ["-o", "x" * 300], 3, f"cannot write {'x' * 300}: File name too long"),
         ("[compare]", ["--address", "ray://a:1"], 2, "run mjbench on a machine of the cluster"),
         ("[compare]", ["--address", "127.0.0.1:1"], 3, "no cluster of Ray at 127.0.0.1:1: Connec"),
         ("[compare]", ["--address", "nowhere"], 3, "no cluster of Ray at nowhere: "),

@@ -143,6 +143,21 @@ def test_a_node_that_sends_something_else_is_stopped_and_counts_as_failed() -> N
     assert "not JSON" in summary.nodes[0].reason
 
 
+def test_what_a_node_says_after_it_was_stopped_is_left_out() -> None:
+    def act(cluster: FakeCluster) -> Sequence[Event]:
+        for number, work in list(cluster.running.items()):
+            if work.node.id == "one":
+                bad = Reported(number, Lines((b"not a run file\n", b"at all\n")))
+                return [bad, *cluster.finishes(number, 2)]
+        return steady(cluster)
+
+    cluster = FakeCluster([node("one"), node("two")], act)
+    summary, stored = measure(matrix(CELLS[:3]), cluster)
+    assert set(statuses(stored).values()) == {Status.OK}
+    assert summary.nodes[0].cells == 0
+    assert summary.outcomes == {result.cell: result.outcome for result in stored}
+
+
 def test_what_a_node_does_not_begin_goes_elsewhere() -> None:
     def act(cluster: FakeCluster) -> Sequence[Event]:
         return [
