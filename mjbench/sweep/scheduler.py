@@ -331,11 +331,6 @@ class Scheduler:
             state.rest(now_s)
             self._put_back(run.missing)
 
-    def cancel(self, number: int) -> None:
-        """Put back what was stopped without a fault of the node."""
-        if run := self._stop(number):
-            self._put_back(run.missing)
-
     def end(self, number: int, problem: str, now_s: float) -> list[LostCell]:
         """Note that an assignment has ended.
 
