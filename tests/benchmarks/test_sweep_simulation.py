@@ -232,7 +232,7 @@ def test_a_model_cannot_be_measured_in_other_releases_than_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cell_cost, "TALLY", tmp_path / "cells.json")
-    monkeypatch.setattr(cell_cost.shutil, "which", lambda name: name)
+    monkeypatch.setattr("shutil.which", lambda name: name)
     cell_cost.save(MEASURED)
     with pytest.raises(InputError, match=r"cells\.json is of 3\.3\.0 and 4\.0\.0"):
         cell_cost.run(["cartpole"], "3.5.0", "4.0.0")
