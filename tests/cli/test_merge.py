@@ -19,8 +19,8 @@ from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.documents import RECORD_TYPES
 
 
-def merge(*words: str | Path) -> Result:
-    return CliRunner().invoke(cli, ["merge", *map(str, words)])
+def merge(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(cli, ["merge", *map(str, arguments)])
 
 
 def stored(folder: Path, name: str, models: str = "m") -> Path:
@@ -162,8 +162,8 @@ def test_a_section_that_was_edited_is_refused_with_its_line(tmp_path: Path) -> N
     merge(stored(tmp_path, "a"), stored(tmp_path, "b"), "-o", "all.jsonl")
     edited = Path("all.jsonl").read_text().replace('"model": "m"', '"model": "x"')
     Path("all.jsonl").write_text(edited)
-    for words in (["all.jsonl", "-o", "new.jsonl"], [stored(tmp_path, "c"), "-o", "all.jsonl"]):
-        done = merge(*words)
+    for arguments in (["all.jsonl", "-o", "new.jsonl"], [stored(tmp_path, "c"), "-o", "all.jsonl"]):
+        done = merge(*arguments)
         assert done.exit_code == 2
         assert "all.jsonl, line 2: the section is not as it was written" in done.stderr
     assert Path("all.jsonl").read_text() == edited

@@ -70,8 +70,8 @@ def test_what_is_done_is_not_measured_again() -> None:
 def test_a_command_knows_with_how_many_verdicts_its_own_are_decided() -> None:
     cluster = FakeCluster([node("one")], steady)
     measure(matrix(CELLS), cluster)
-    words = cluster.began[0].request.line.arguments
-    assert words[words.index("--family") + 1] == "9"
+    arguments = cluster.began[0].request.line.arguments
+    assert arguments[arguments.index("--family") + 1] == "9"
 
 
 def test_a_killed_node_loses_only_what_it_had_not_delivered() -> None:
