@@ -209,7 +209,9 @@ def save(tally: CellTally) -> None:
     """Write the tally."""
     from mjbench.instrument.runs import to_json
 
-    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    TALLY.write_text(
+        json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

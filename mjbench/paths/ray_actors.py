@@ -225,7 +225,9 @@ class _ActorPool:
             engines = _answers([actor.engine.remote() for actor in self._actors], _START_LIMIT_S)
             for engine in engines:
                 if engine != _engine():
-                    raise MachineError(f"an actor imports MuJoCo {engine}, this process {_engine()}")
+                    raise MachineError(
+                        f"an actor imports MuJoCo {engine}, this process {_engine()}"
+                    )
         except BaseException:
             self.close()
             raise

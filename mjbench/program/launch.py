@@ -34,6 +34,7 @@ _END_S = 10.0
 _CALM_S = 1.0
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 _HOOK = Path(__file__).with_name("hook")
+_USUAL_SAMPLING = Sampling()
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def check(program: Program) -> None:
 
 
 def run(
-    program: Program, seconds: float | None = None, sampling: Sampling = Sampling()
+    program: Program, seconds: float | None = None, sampling: Sampling = _USUAL_SAMPLING
 ) -> Observation:
     """Run a program to its end, and return what was seen.
 
@@ -132,7 +133,7 @@ def run(
         return _run(program, Path(name), seconds, sampling)
 
 
-def attach(pid: int, seconds: float, sampling: Sampling = Sampling()) -> Observation:
+def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Observation:
     """Sample a program that runs already; it runs on afterwards.
 
     Args:

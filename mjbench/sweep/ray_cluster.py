@@ -300,9 +300,7 @@ def _not_ended(generators: Sequence[Any]) -> list[Any]:
 
     with contextlib.suppress(Exception):
         ends = {generator.completed(): generator for generator in generators}
-        _, missing = ray.wait(
-            list(ends), num_returns=len(ends), timeout=_END_S, fetch_local=False
-        )
+        _, missing = ray.wait(list(ends), num_returns=len(ends), timeout=_END_S, fetch_local=False)
         return [ends[reference] for reference in missing]
     return []
 

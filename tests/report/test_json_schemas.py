@@ -19,7 +19,8 @@ def validator(name: str) -> jsonschema.Draft202012Validator:
 
 def test_the_shipped_schemas_are_those_of_the_types() -> None:
     shipped = {
-        file.stem: json.loads(file.read_text()) for file in json_schemas.SCHEMA_FOLDER.glob("*.json")
+        file.stem: json.loads(file.read_text())
+        for file in json_schemas.SCHEMA_FOLDER.glob("*.json")
     }
     generated = json.loads(json.dumps(json_schemas.json_schemas()))  # with lists for tuples
     assert shipped == generated, "python -m mjbench.report.json_schemas"
