@@ -167,6 +167,10 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
       names: of models; empty for all.
       old: release of the verdicts' baseline.
       new: release of their candidate.
+
+    Raises:
+      InputError: a model is not shipped, or the others were measured in other releases.
+      MachineError: valgrind is missing, or a command failed.
     """
     if shutil.which("valgrind") is None:
         raise MachineError("counts need valgrind")
@@ -175,8 +179,14 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
     if unknown:
         raise InputError(f"no shipped model is named {unknown[0]}; there are {', '.join(shipped)}")
     cells: dict[str, list[CellCost]] = {}
-    for cell in load_cells(TALLY).cells if names and TALLY.exists() else ():
-        cells.setdefault(cell.model, []).append(cell)
+    if names and TALLY.exists():
+        earlier = load_cells(TALLY)
+        if (earlier.old, earlier.new) != (old, new):
+            raise InputError(
+                f"{TALLY.name} is of {earlier.old} and {earlier.new}: give these, or no model"
+            )
+        for cell in earlier.cells:
+            cells.setdefault(cell.model, []).append(cell)
     install_bytes = round(statistics.fmean(map(_install_bytes, (old, new))))
     for name in names or shipped:
         cells[name] = measured(name, old, new)
@@ -199,7 +209,9 @@ def save(tally: CellTally) -> None:
     """Write the tally."""
     from mjbench.instrument.runs import to_json
 
-    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
+    TALLY.write_text(
+        json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

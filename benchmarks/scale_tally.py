@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TypeVar
 
+from benchmarks.sweep_tally import SweepCost
 from mjbench.errors import InputError, one_line
 
 _Tally = TypeVar("_Tally")
@@ -243,26 +244,6 @@ def load_cells(file: Path) -> CellTally:
     return _load(file, CellTally, "what cells take")
 
 
-@dataclass(frozen=True)
-class _SweepTimes:
-    calibration_s: float
-    tasks: int
-
-
-@dataclass(frozen=True)
-class _ChoiceCost:
-    choice_s: float
-
-
-@dataclass(frozen=True)
-class _SweepCost:
-    """What is used of a `benchmarks.sweep_cost.SweepCost`."""
-
-    sweeps: Sequence[_SweepTimes]
-    tasks: Sequence[TaskCost]
-    choice: _ChoiceCost
-
-
 def load_scheduling(file: Path) -> SchedulingCost:
     """Return what handing out commands takes, as `benchmarks.sweep_cost` measured it.
 
@@ -271,14 +252,14 @@ def load_scheduling(file: Path) -> SchedulingCost:
     Raises:
       InputError: the file does not say.
     """
-    cost = _load(file, _SweepCost, "what a sweep costs")
+    cost = _load(file, SweepCost, "what a sweep costs")
     tasks = max(cost.tasks, key=lambda task: task.nodes)
     calibration_s = sum(times.calibration_s for times in cost.sweeps)
     return SchedulingCost(
         handover_s=tasks.latency_s,
         calibration_s=calibration_s / sum(times.tasks for times in cost.sweeps),
         command_s=tasks.driver_s + cost.choice.choice_s,
-        tasks=cost.tasks,
+        tasks=[TaskCost(task.nodes, task.latency_s, task.driver_s) for task in cost.tasks],
     )
 
 

@@ -5,7 +5,7 @@
 measures the ten shipped models in four releases twice in each round: by hand, one command of
 mjbench after the other, and by a sweep on one node of Ray that is started for it. The order changes
 from round to round. Every verdict takes all of its time limit, so that both do equally much. The
-overhead is by how much longer the sweep takes; beside it stands what it is made up of.
+overhead is by how much longer the sweep takes; beside it stand its parts.
 
 Then it has one and two nodes of Ray, both on this machine, run commands that do nothing: how long a
 task takes beside its command, and how much processor time the sweep needs for it. Last, it times
@@ -22,14 +22,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks.sweep_tally import ChoiceCost, SweepCost, SweepTimes, TaskCost
 from mjbench.simulation import models
 
 if TYPE_CHECKING:
-    from mjbench.instrument.machine import Machine
     from mjbench.sweep.commands import CommandLine
     from mjbench.sweep.matrix import Matrix
     from mjbench.sweep.plan import Plan
@@ -44,98 +44,6 @@ TASKS, QUICK_TASKS = 100, 10
 # The matrix of which the choice of the next cells is timed, and the nodes that ask for them.
 LARGE_MODELS, LARGE_RELEASES, LARGE_NODES = 331, 42, 100
 RESULT = Path("results/sweep.json")
-
-
-@dataclass(frozen=True)
-class SweepTimes:
-    """Seconds of a sweep on one node.
-
-    Attributes:
-      plan_s: until its cells were known.
-      start_s: until Ray ran, and the node had said what it is.
-      command_s: in which commands ran.
-      calibration_s: in which the node looked whether it is quiet, and unpacked what it was sent.
-      scheduling_s: from the end of one task to the beginning of the next, in which nothing ran.
-      stop_s: until Ray had ended.
-      tasks: commands that were run.
-    """
-
-    plan_s: float
-    start_s: float
-    command_s: float
-    calibration_s: float
-    scheduling_s: float
-    stop_s: float
-    tasks: int
-
-    @property
-    def total_s(self) -> float:
-        """Seconds of all of it."""
-        ray_s = self.start_s + self.calibration_s + self.scheduling_s + self.stop_s
-        return self.plan_s + ray_s + self.command_s
-
-
-@dataclass(frozen=True)
-class TaskCost:
-    """What a task costs that does nothing.
-
-    Attributes:
-      nodes: of Ray, all on this machine.
-      tasks: that were run.
-      latency_s: the median from when a node is asked until it has answered, without what ran there.
-      tasks_per_s: of all nodes together.
-      driver_s: processor time of the process that hands tasks out, a task.
-    """
-
-    nodes: int
-    tasks: int
-    latency_s: float
-    tasks_per_s: float
-    driver_s: float
-
-
-@dataclass(frozen=True)
-class ChoiceCost:
-    """What it costs to choose what is measured next.
-
-    Attributes:
-      cells: of the matrix.
-      nodes: that ask.
-      assignments: that all cells became.
-      choice_s: mean seconds of one.
-    """
-
-    cells: int
-    nodes: int
-    assignments: int
-    choice_s: float
-
-
-@dataclass(frozen=True)
-class SweepCost:
-    """All that was measured.
-
-    Attributes:
-      machine: on which.
-      models: names.
-      releases: versions.
-      time_limit_s: of each verdict.
-      by_hand_s: seconds of all commands, by round.
-      sweeps: the same by a sweep, by round.
-      overhead: by which share the sweeps take longer, over all rounds.
-      tasks: what tasks cost.
-      choice: what choosing costs.
-    """
-
-    machine: "Machine"
-    models: Sequence[str]
-    releases: Sequence[str]
-    time_limit_s: float
-    by_hand_s: Sequence[float]
-    sweeps: Sequence[SweepTimes]
-    overhead: float
-    tasks: Sequence[TaskCost]
-    choice: ChoiceCost
 
 
 def plan_of(model_names: Sequence[str], versions: Sequence[str], time_limit_s: float) -> "Plan":
@@ -182,9 +90,9 @@ def by_hand(of: "Matrix") -> float:
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         for line in command_lines(of):
-            words = [*line.arguments, "--results", folder, "--wait", "--", *line.operands]
+            arguments = [*line.arguments, "--results", folder, "--wait", "--", *line.operands]
             subprocess.run(
-                [sys.executable, "-m", "mjbench", *words], check=True, stdout=subprocess.DEVNULL
+                [sys.executable, "-m", "mjbench", *arguments], check=True, stdout=subprocess.DEVNULL
             )
         return time.perf_counter() - begin
 
@@ -235,7 +143,8 @@ def task_cost(node_count: int, tasks: int) -> TaskCost:
     from ray.cluster_utils import Cluster
 
     from mjbench.sweep.executor import Joined
-    from mjbench.sweep.ray_cluster import RESOURCE, RayCluster
+    from mjbench.sweep.ray_cluster import RayCluster
+    from mjbench.sweep.ray_session import RESOURCE
 
     ray_nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
     for _ in range(node_count):
@@ -348,7 +257,7 @@ def measure(
 
 
 def print_cost(cost: SweepCost) -> None:
-    """Print what a sweep costs, and what that is made up of."""
+    """Print what a sweep costs, and what its parts are."""
     hand_s = statistics.fmean(cost.by_hand_s)
     count = len(cost.models) * (len(cost.releases) - 1)
     print(f"{count} verdicts of {cost.time_limit_s:g} s by hand: {hand_s:.1f} s")

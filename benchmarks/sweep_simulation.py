@@ -220,8 +220,10 @@ def save(tally: ScaleTally, measured: CellTally) -> None:
     """Write the tally and the page."""
     from mjbench.instrument.runs import to_json
 
-    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
-    PAGE.write_text(scale_page.page(tally, measured))
+    TALLY.write_text(
+        json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+    PAGE.write_text(scale_page.page(tally, measured), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:

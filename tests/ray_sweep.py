@@ -18,7 +18,8 @@ from sweep_examples import count_cell, matrix
 
 from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.documents import RECORD_TYPES
-from mjbench.sweep.ray_cluster import RESOURCE, RayCluster
+from mjbench.sweep.ray_cluster import RayCluster
+from mjbench.sweep.ray_session import RESOURCE
 from mjbench.sweep.results import CellResult
 from mjbench.sweep.run import Sweep
 
@@ -52,7 +53,7 @@ def main() -> None:
     cluster.shutdown()
     answer = {
         "keys": [cell.key for cell in cells],
-        "statuses": sorted({result.outcome.status for result in summary.results}),
+        "statuses": sorted({outcome.status for outcome in summary.outcomes.values()}),
         "delivered": sorted(record.cells for record in summary.nodes),
         "killed": (folder / "killed").exists(),
     }

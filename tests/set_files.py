@@ -1,6 +1,6 @@
 """Run files and run sets of invented machines, for tests of what reads them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 from mjbench.instrument import run_set, runs
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.run_file import RunFile
-from mjbench.instrument.run_set import RunSetFile
+from mjbench.instrument.run_set import RunSetFile, Section
 from mjbench.instrument.runs import Record, RunHeader
 from mjbench.report.documents import RECORD_TYPES
 
@@ -52,10 +52,18 @@ def run_file(
     return file.path
 
 
+def section_of(
+    path: Path, record_types: Mapping[str, type] = RECORD_TYPES, cell: str = ""
+) -> Section:
+    """Return a run file as a section."""
+    (section,) = run_set.read(path, record_types).sections
+    return replace(section, cell=cell)
+
+
 def set_of(path: Path, files: Sequence[Path]) -> Path:
     """Return a run set of run files."""
     file = RunSetFile.create(path)
     for one in files:
-        file.append(run_set.section_of(one, RECORD_TYPES))
+        file.append(section_of(one))
     file.close()
     return path

@@ -16,11 +16,11 @@ from mjbench.instrument.runs import RunHeader
 
 
 def main() -> None:
-    folder, words = Path(sys.argv[1]), sys.argv[2:]
-    releases = [words[i + 1] for i, word in enumerate(words) if word == "--release"]
-    results, model = Path(words[words.index("--results") + 1]), words[-1]
+    folder, arguments = Path(sys.argv[1]), sys.argv[2:]
+    releases = [arguments[i + 1] for i, argument in enumerate(arguments) if argument == "--release"]
+    results, model = Path(arguments[arguments.index("--results") + 1]), arguments[-1]
     hangs = folder / f"hang-{model}"
-    header = RunHeader(runs.SCHEMA, words[0], machine.describe(), {})
+    header = RunHeader(runs.SCHEMA, arguments[0], machine.describe(), {})
     file = RunFile.create(results, header)
     for release in releases:
         if release == releases[-1] and hangs.exists():

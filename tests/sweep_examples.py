@@ -1,7 +1,7 @@
 """Plans, cells, run file lines and a cluster without Ray, for tests of sweeps."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.instrument import run_file, runs
@@ -110,13 +110,14 @@ class Work:
       node: that measures it.
       request: what it is asked for.
       cells: of the request, in the order in which their lines come.
+      has_begun: whether the first line has been sent.
     """
 
     number: int
     node: Node
     request: Request
     cells: list[Cell]
-    said: list[str] = field(default_factory=list)
+    has_begun: bool = False
 
 
 class FakeCluster:
@@ -147,10 +148,10 @@ class FakeCluster:
 
     def cells_of(self, request: Request) -> list[Cell]:
         """Return the cells that a request of `versions` or `instructions` is for."""
-        words = request.line.arguments
-        option = "--new" if words[0] == "versions" else "--release"
-        releases = [words[i + 1] for i, word in enumerate(words) if word == option]
-        make = verdict_cell if words[0] == "versions" else count_cell
+        arguments = request.line.arguments
+        option = "--new" if arguments[0] == "versions" else "--release"
+        releases = [arguments[i + 1] for i, argument in enumerate(arguments) if argument == option]
+        make = verdict_cell if arguments[0] == "versions" else count_cell
         return [make(model, release) for model in request.line.operands for release in releases]
 
     def start(
@@ -175,8 +176,8 @@ class FakeCluster:
         """A node measures the next of its cells; the last one ends its command."""
         work = self.running[number]
         events: list[Event] = []
-        if not work.said:
-            work.said.append("header")
+        if not work.has_begun:
+            work.has_begun = True
             events += [Reported(number, Began()), Reported(number, Lines((header(),)))]
         if work.cells:
             events.append(Reported(number, Lines((line(verdict(work.cells.pop(0))),))))

@@ -128,6 +128,7 @@ def run(
       mjbench run --attach 4242
     """
     from mjbench.program import launch
+    from mjbench.program.profiling import Sampling
     from mjbench.program.records import ProgramRow
     from mjbench.report.documents import ProgramDocument
     from mjbench.report.program import print_program
@@ -141,7 +142,7 @@ def run(
         launch.check(of_program)
     if confirm and of_program is None:
         raise InputError("--confirm runs the program again, which --attach cannot")
-    sampling = launch.Sampling(rate_hz, has_native)
+    sampling = Sampling(rate_hz, has_native)
     arguments = {
         "program": program,
         "seconds": seconds,

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -138,7 +139,7 @@ def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -
         else:
             summary = _measure(run, matrix, done, file, options.address)
             on_error.pop_all()
-            stored |= {result.cell: result.outcome for result in summary.results}
+            stored |= summary.outcomes
             report.print_summary(run.out, summary, stored)
     run.out.print(f"\nRun set: {target}", soft_wrap=True)
     run.out.print(f"Report: mjbench report {target}", soft_wrap=True)
@@ -203,7 +204,8 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
     from mjbench.errors import writing
     from mjbench.instrument.run_set import RunSetFile
 
-    if target.exists():
+    # not Path.exists, which fails where a name is too long; create has a message for that
+    if os.path.lexists(target):
         return RunSetFile.open(target)
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -231,7 +233,7 @@ def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
     from mjbench.report.documents import RECORD_TYPES
     from mjbench.sweep import results
 
-    if not target.exists():
+    if not os.path.lexists(target):
         return {}
     sections = run_set.read(target, RECORD_TYPES).sections
     by_key = {section.cell: section.run for section in sections if section.cell}

@@ -205,20 +205,6 @@ class RunSetFile:
             self._file.close()
 
 
-def section_of(path: Path, record_types: Mapping[str, type], cell: str = "") -> Section:
-    """Return a run file as a section, without a last line that was cut short.
-
-    Args:
-      path: of the run file.
-      record_types: the class of each record by its `type`.
-      cell: what of a sweep it is; empty otherwise.
-
-    Raises:
-      InputError: not a run file, one of another format, or a record that does not fit its type.
-    """
-    return _section(path, read_lines(path), record_types, cell)
-
-
 def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
     """Read a run set, or a run file as a set of one section.
 
@@ -244,19 +230,6 @@ def read(path: Path, record_types: Mapping[str, type]) -> RunSet:
         for span in spans
     ]
     return RunSet(tuple(sections), end < len(lines))
-
-
-def load_runs(path: Path, record_types: Mapping[str, type]) -> tuple[Run, ...]:
-    """Read a run file, or the distinct runs of a run set.
-
-    Args:
-      path: of the file.
-      record_types: the class of each record by its `type`.
-
-    Raises:
-      InputError: as `read` does.
-    """
-    return read(path, record_types).runs
 
 
 def load_files(
@@ -287,13 +260,12 @@ class _Span:
     end: int
 
 
-def _section(
-    path: Path, lines: Sequence[bytes], record_types: Mapping[str, type], cell: str = ""
-) -> Section:
+def _section(path: Path, lines: Sequence[bytes], record_types: Mapping[str, type]) -> Section:
+    """Return a run file as a section, without a last line that was cut short."""
     run = parse(path, lines, record_types)
     whole = lines[: 1 + len(run.records)]
     # the last line break may be missing: the writer was killed before it, or an editor left it out
-    return Section(cell, run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
+    return Section("", run, tuple(line.rstrip(b"\n") + b"\n" for line in whole))
 
 
 def _open(path: Path, flags: int = 0) -> FileIO:

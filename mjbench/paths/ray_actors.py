@@ -223,8 +223,11 @@ class _ActorPool:
             create = ray.remote(num_cpus=0)(kind)
             self._actors += [create.remote(*arguments) for _ in self._rows]
             engines = _answers([actor.engine.remote() for actor in self._actors], _START_LIMIT_S)
-            if {*engines} != {_engine()}:
-                raise MachineError(f"actors import MuJoCo {engines[0]}, this process {_engine()}")
+            for engine in engines:
+                if engine != _engine():
+                    raise MachineError(
+                        f"an actor imports MuJoCo {engine}, this process {_engine()}"
+                    )
         except BaseException:
             self.close()
             raise

@@ -18,8 +18,9 @@ from pathlib import Path
 from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
-from mjbench.program import sampler, samples, step_times
+from mjbench.program import sampler, step_times
 from mjbench.program.hook import step_clock
+from mjbench.program.profiling import MANY_CHILDREN, Profiling, Sampling
 from mjbench.program.samples import ThreadSamples
 from mjbench.program.step_times import Header, StepTimes
 
@@ -29,19 +30,11 @@ _LOOK_S = 0.01
 _START_S = 10.0
 # Seconds for the program to end after Ctrl-C, and again after SIGTERM.
 _END_S = 10.0
-# Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
-LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
-# From so many child processes on, stacks of libraries are not read unless the user asks for them:
-# reading them stops each process, and takes time from a core that the others need.
-MANY_CHILDREN = 2
-# Fewer samples per second tell too little, whatever they cost.
-LEAST_RATE_HZ = 3
 # Seconds after the first step from which its pauses count: before, the profiler reads libraries.
 _CALM_S = 1.0
-# The state of a process that a profiler has stopped.
-_TRACED = b"t"
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 _HOOK = Path(__file__).with_name("hook")
+_USUAL_SAMPLING = Sampling()
 
 
 @dataclass(frozen=True)
@@ -92,138 +85,6 @@ class Observation:
     problem: str = ""
 
 
-@dataclass(frozen=True)
-class Sampling:
-    """How a program is to be sampled.
-
-    Attributes:
-      rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
-      has_native: whether stacks of libraries are read; None where the program has few processes.
-    """
-
-    rate_hz: int | None = None
-    has_native: bool | None = None
-
-
-@dataclass
-class Profiling:
-    """The profiler beside a program, and what it costs.
-
-    The profiler stops the program for each sample, for the longer the more threads and libraries
-    the program has. Where that costs too much, it starts again at a lower rate.
-
-    Attributes:
-      pid: the program's process.
-      folder: for the profiler's files.
-      rate_hz: samples per second.
-      has_native: whether stacks of libraries are read.
-      adapts: whether the rate may be lowered.
-      drops_native: whether stacks of libraries may be left out once there are many processes.
-      sampler: the profiler.
-      looks: how often the program was looked at.
-      paused: how often the profiler had stopped it, or one of its child processes, then.
-      begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
-        before that.
-      earlier: samples at the first rate.
-      problem: why samples could not be read; "" where they could.
-    """
-
-    pid: int
-    folder: Path
-    rate_hz: int
-    has_native: bool
-    adapts: bool
-    drops_native: bool
-    sampler: sampler.Sampler
-    looks: int = 0
-    paused: int = 0
-    begin_s: float | None = None
-    earlier: Sequence[ThreadSamples] = ()
-    problem: str = ""
-
-    @classmethod
-    def begin(
-        cls, pid: int, folder: Path, sampling: "Sampling", seconds: float | None = None
-    ) -> "Profiling":
-        """Start the profiler; without a rate, at the usual one, which may be lowered.
-
-        It ends with the program, or after so many seconds.
-        """
-        rate = sampling.rate_hz or sampler.DEFAULT_RATE_HZ
-        has_native = True if sampling.has_native is None else sampling.has_native
-        return cls(
-            pid,
-            folder,
-            rate,
-            has_native,
-            adapts=sampling.rate_hz is None and seconds is None,
-            drops_native=sampling.has_native is None and seconds is None,
-            sampler=sampler.start(pid, folder, rate, has_native, seconds),
-        )
-
-    def look(self) -> None:
-        """See whether the profiler has begun, and whether there are many processes by now."""
-        if self.begin_s is None and self.sampler.has_begun:
-            self.begin_s = time.monotonic()
-        is_sampling = self.begin_s is not None and self.sampler.is_running
-        if self.drops_native and is_sampling and self._has_many_children():
-            self.drops_native = self.has_native = False
-            self._restart(self.rate_hz)
-
-    def _has_many_children(self) -> bool:
-        return len(_children(self.folder, self.pid)) >= MANY_CHILDREN
-
-    def look_for_pause(self) -> None:
-        """See whether the profiler has stopped the program at this moment (Linux)."""
-        states = [process_state(pid) for pid in (self.pid, *_children(self.folder, self.pid))]
-        if states[0] is None:
-            return
-        self.looks += 1
-        self.paused += states.count(_TRACED)
-        if self.adapts and self.looks == LOOKS_TO_ADAPT:
-            self._adapt()
-
-    def _adapt(self) -> None:
-        """Start again at a lower rate where the profiler costs too much."""
-        self.adapts = False
-        share = self.paused / self.looks
-        if share > MAX_PAUSED_SHARE and self.sampler.is_running:
-            self._restart(max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share)))
-
-    def _restart(self, rate_hz: int) -> None:
-        """Start the profiler again; what it has seen is not lost."""
-        end_s = time.monotonic()
-        self.sampler.stop()
-        self.earlier = [*self.earlier, *self._read(end_s)]
-        self.begin_s = None
-        self.rate_hz = rate_hz
-        self.sampler = sampler.start(self.pid, self.folder, rate_hz, self.has_native)
-        self.looks = self.paused = 0
-
-    @property
-    def paused_share(self) -> float | None:
-        """Share of time for which a process was stopped, summed over processes; None if unseen."""
-        return self.paused / self.looks if self.looks else None
-
-    def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:
-        """Return the samples until `end_s`; or why there are none."""
-        seen = [*self.earlier, *self._read(end_s)]
-        return seen, "" if seen else self.problem or self.sampler.problem()
-
-    def _read(self, end_s: float) -> Sequence[ThreadSamples]:
-        """Return the samples of the profiler that ran last; none where it wrote no file."""
-        file = self.sampler.file
-        if not file.is_file():
-            return []
-        try:
-            seen = samples.read(file)
-        except InputError as error:  # the disk is full, or it was killed
-            self.problem = str(error)
-            return []
-        file.unlink()
-        return seen if self.begin_s is None else samples.spread_over(seen, end_s - self.begin_s)
-
-
 @dataclass
 class _Signals:
     """Signals that came for mjbench while the program ran."""
@@ -255,7 +116,7 @@ def check(program: Program) -> None:
 
 
 def run(
-    program: Program, seconds: float | None = None, sampling: Sampling = Sampling()
+    program: Program, seconds: float | None = None, sampling: Sampling = _USUAL_SAMPLING
 ) -> Observation:
     """Run a program to its end, and return what was seen.
 
@@ -272,7 +133,7 @@ def run(
         return _run(program, Path(name), seconds, sampling)
 
 
-def attach(pid: int, seconds: float, sampling: Sampling = Sampling()) -> Observation:
+def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Observation:
     """Sample a program that runs already; it runs on afterwards.
 
     Args:
@@ -319,16 +180,17 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
         process = _start(program, folder)
         signals.forward = process.send_signal
         was_ended = has_begun = False
-        profiling = _start_profiler(process, folder, sampling)
-        while process.poll() is None:
-            time.sleep(_LOOK_S)
-            if profiling is not None:
-                profiling.look()
-                if has_begun := has_begun or _has_stepped(folder, _CALM_S):
-                    profiling.look_for_pause()
-            if seconds is not None and not was_ended and _has_stepped(folder, seconds):
-                was_ended = True
-                _end(process)
+        with _ended_on_error(process):
+            profiling = _start_profiler(process, folder, sampling)
+            while process.poll() is None:
+                time.sleep(_LOOK_S)
+                if profiling is not None:
+                    profiling.look()
+                    if has_begun := has_begun or _has_stepped(folder, _CALM_S):
+                        profiling.look_for_pause()
+                if seconds is not None and not was_ended and _has_stepped(folder, seconds):
+                    was_ended = True
+                    _end(process)
     end_s = time.monotonic()
     if profiling is not None:
         profiling.sampler.finish()
@@ -372,7 +234,7 @@ def time_steps(
                 if _has_stepped(folder, seconds):
                     _end(process)
         finally:
-            _send(process, signal.SIGKILL)
+            _kill(process)
         steps = [each for each in step_times.read_all(folder) if each.step is not None]
         if not steps:
             raise MachineError("the program did not step when it ran again")
@@ -441,7 +303,13 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(seconds)
             return
+    _kill(process)
+
+
+def _kill(process: "subprocess.Popen[bytes]") -> None:
+    """End the program and what it started by force."""
     _send(process, signal.SIGKILL)
+    process.wait()
 
 
 def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
@@ -450,10 +318,20 @@ def _send(process: "subprocess.Popen[bytes]", number: int) -> None:
 
     with contextlib.suppress(psutil.NoSuchProcess):
         for child in psutil.Process(process.pid).children(recursive=True):
-            with contextlib.suppress(psutil.NoSuchProcess):
+            with contextlib.suppress(psutil.Error):
                 child.send_signal(number)
     with contextlib.suppress(ProcessLookupError):
         process.send_signal(number)
+
+
+@contextlib.contextmanager
+def _ended_on_error(process: "subprocess.Popen[bytes]") -> Iterator[None]:
+    """End the program where the block fails: nobody would wait for it any more."""
+    try:
+        yield
+    except BaseException:
+        _end(process)
+        raise
 
 
 @contextlib.contextmanager
@@ -479,27 +357,12 @@ def _is_foreground() -> bool:
     return False
 
 
-def _children(folder: Path, pid: int) -> list[int]:
-    """Return the processes whose step clock has begun, but the first."""
-    stems = (file.stem for file in folder.glob("*.steps"))
-    return [int(stem) for stem in stems if stem != str(pid)]
-
-
 def _has_many_children(pid: int) -> bool:
     import psutil
 
     with contextlib.suppress(psutil.Error):
         return len(psutil.Process(pid).children(recursive=True)) >= MANY_CHILDREN
     return False
-
-
-def process_state(pid: int) -> bytes | None:
-    """Return the letter of a process's state, as in proc(5); None where there is none to read."""
-    try:
-        with open(f"/proc/{pid}/stat", "rb") as file:  # noqa: PTH123 - cheaper
-            return file.read().rpartition(b")")[2][1:2]
-    except OSError:
-        return None
 
 
 def _exists(pid: int) -> bool:

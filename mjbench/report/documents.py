@@ -1,18 +1,7 @@
-"""The documents that `--json` writes, the records of run files, and their JSON Schemas.
+"""The documents that `--json` writes, and the records of run files."""
 
-    python -m mjbench.report.documents
-
-writes `mjbench/schemas/NAME.json` for each of them, generated from the types. Do it again when a
-type changed; a test compares.
-"""
-
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
-import msgspec
 
 from mjbench.comparison import records as comparison_records
 from mjbench.comparison.listing import ListedModel
@@ -27,8 +16,7 @@ from mjbench.counts.records import (
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.instrument.conditions import Condition
 from mjbench.instrument.machine import Machine
-from mjbench.instrument.run_set import SectionHeader, SetHeader
-from mjbench.instrument.runs import SCHEMA, RunHeader
+from mjbench.instrument.runs import SCHEMA
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
 from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
@@ -49,7 +37,6 @@ from mjbench.report.lint import LintDocument
 from mjbench.report.listings import PathRow
 from mjbench.report.results import ModelResults, PathResult, derive
 from mjbench.report.run_differences import RunDifference
-from mjbench.report.set_document import RunSetDocument
 from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvice
 from mjbench.report.web_results import WebRow
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
@@ -57,8 +44,6 @@ from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebExperimentsRecord, WebRecord
-
-SCHEMA_FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {
@@ -388,56 +373,3 @@ DOCUMENTS: Mapping[str, type] = {
     "lint": LintDocument,
     "releases": ReleasesDocument,
 }
-
-
-def json_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas by file name without its suffix.
-
-    There is one a document, `run-file` for a line of a run file, `run-set` for a line of a set that
-    is none of a run file, and `show-run-set` for what `show` writes of one.
-    """
-    schemas = {name: _schema(kind, f"mjbench {name} --json") for name, kind in DOCUMENTS.items()}
-    schemas["show-run-set"] = _schema(RunSetDocument, "mjbench show --json, of a run set")
-    title = "one line of a run file of mjbench"
-    schemas["run-file"] = _lines_schema([RunHeader, *RECORD_TYPES.values()], title)
-    title = "one line of a run set of mjbench that is none of a run file"
-    schemas["run-set"] = _lines_schema([SetHeader, SectionHeader], title)
-    return schemas
-
-
-def _lines_schema(kinds: Sequence[type], title: str) -> dict[str, Any]:
-    """Return the schema of a line that is one of several records."""
-    lines = [_record_schema(kind) for kind in kinds]
-    definitions = {name: d for line in lines for name, d in line.pop("$defs").items()}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": title,
-        "anyOf": lines,
-        "$defs": definitions,
-    }
-
-
-def _schema(kind: type, title: str) -> dict[str, Any]:
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
-    return {**head, **msgspec.json.schema(kind)}
-
-
-def _record_schema(kind: Any) -> dict[str, Any]:
-    """Return the schema of a record, which a run file stores with its type."""
-    schema = msgspec.json.schema(kind)
-    definition = schema["$defs"][kind.__name__]
-    definition["properties"] = {"type": {"const": kind.record_type}, **definition["properties"]}
-    definition["required"] = ["type", *definition.get("required", [])]
-    return schema
-
-
-def main() -> None:
-    """Write the schema files."""
-    SCHEMA_FOLDER.mkdir(exist_ok=True)
-    for name, schema in json_schemas().items():
-        text = json.dumps(schema, indent=1) + "\n"
-        (SCHEMA_FOLDER / f"{name}.json").write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

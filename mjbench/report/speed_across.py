@@ -72,7 +72,7 @@ class ChangeAcross:
         """On how many machines it is listed, such as `slower on 3 of 4`."""
         slower = sum(listed.point.change > 0 for listed in self.listing)
         counts = {"slower": slower, "faster": len(self.listing) - slower}
-        parts = [f"{word} on {number}" for word, number in counts.items() if number]
+        parts = [f"{outcome} on {number}" for outcome, number in counts.items() if number]
         return f"{', '.join(parts)} of {len(self.machines)}"
 
 

@@ -1,6 +1,6 @@
 """What `mjbench sweep` prints: the plan's cells, what became of nodes, and what failed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
@@ -13,8 +13,8 @@ from mjbench.sweep.run import Progress, Summary
 
 # Cells that are named one by one, and assignments that the line of progress has, at most.
 _MOST_CELLS, _MOST_RUNNING = 50, 3
-# Outcomes that are named at the end.
-_NAMED = frozenset({Status.CRASHED, Status.TIMEOUT, Status.FAILED, Status.INPUT, Status.DISAGREES})
+# How cells that did not end well ended.
+_FAILED = frozenset({Status.CRASHED, Status.TIMEOUT, Status.FAILED, Status.INPUT, Status.DISAGREES})
 
 
 def print_estimates(out: Console, parts: Sequence[PartEstimate]) -> None:
@@ -64,8 +64,9 @@ def describe_progress(progress: Progress) -> str:
         f"{assignment.node.name}: {assignment.cells[0].name}"
         for assignment in progress.running[:_MOST_RUNNING]
     ]
-    if further := len(progress.running) - _MOST_RUNNING:
-        parts += [f"{further} more"] if further > 0 else []
+    further = len(progress.running) - _MOST_RUNNING
+    if further > 0:
+        parts.append(f"{further} more")
     return f"{progress.done} of {progress.count} cells; {', '.join(parts) or 'waiting for nodes'}"
 
 
@@ -88,8 +89,12 @@ def print_summary(out: Console, summary: Summary, outcomes: Mapping[Cell, Outcom
 
 def print_failures(out: Console, outcomes: Mapping[Cell, Outcome]) -> None:
     """Print which cells did not end well, and how."""
-    for cell, outcome in _named(outcomes.items()):
+    failed = [item for item in outcomes.items() if item[1].status in _FAILED]
+    for cell, outcome in failed[:_MOST_CELLS]:
         out.print(tables.headed(cell.name, f": {outcome.status}, {outcome.detail}"), soft_wrap=True)
+    if len(failed) > _MOST_CELLS:
+        further = tables.count_of(len(failed) - _MOST_CELLS, "further cell")
+        out.print(f"{further} did not end well.")
 
 
 def _print_nodes(out: Console, summary: Summary) -> None:
@@ -108,8 +113,3 @@ def _print_nodes(out: Console, summary: Summary) -> None:
     for left_out in summary.left_out:
         table.add_row(left_out.name, "", "", "", "", "", f"left out: {left_out.reason}")
     out.print(table)
-
-
-def _named(outcomes: Iterable[tuple[Cell, Outcome]]) -> list[tuple[Cell, Outcome]]:
-    """Return the cells that did not end well, some if there are many."""
-    return [item for item in outcomes if item[1].status in _NAMED][:_MOST_CELLS]

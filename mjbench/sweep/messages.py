@@ -15,12 +15,10 @@ class NodeAnswer:
     Attributes:
       software: that it would measure with.
       machine: that it is.
-      niceness: of what it runs; above 0, others' processes come first.
     """
 
     software: Software
     machine: Machine
-    niceness: int = 0
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,8 @@ def carry(source: ModelSource, limit_s: float = TIME_LIMIT_S) -> CarriedModel:
       MachineError: the process that loads it crashed or hung.
     """
     listed: list[_FileList] = []
-    source = ModelSource(source.name, source.path.absolute())
+    # without `..`, as the files that it refers to are listed
+    source = ModelSource(source.name, Path(os.path.normpath(source.path.absolute())))
     isolate.run("mjbench.sweep.model_files:list_files", source, listed.append, limit_s).check()
     if not listed:
         raise MachineError(f"{source.name}: the files that it refers to are not known")

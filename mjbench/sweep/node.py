@@ -38,7 +38,7 @@ _FOREIGN_PREFIX = "RAY_"
 
 def describe() -> NodeAnswer:
     """Return what this node is."""
-    return NodeAnswer(software.installed(), machine.describe(), os.nice(0))
+    return NodeAnswer(software.installed(), machine.describe())
 
 
 def measure(
@@ -143,10 +143,10 @@ class _Tail:
     def read(self) -> tuple[bytes, ...]:
         """Return the lines that are complete since the last call."""
         if self._file is None:
-            for path in self._folder.glob("*.jsonl"):
-                self._file = path.open("rb")
-        if self._file is None:
-            return ()
+            path = next(self._folder.glob("*.jsonl"), None)
+            if path is None:
+                return ()
+            self._file = path.open("rb")
         *lines, self._rest = (self._rest + self._file.read()).split(b"\n")
         return tuple(line + b"\n" for line in lines)
 

@@ -39,7 +39,7 @@ class Part:
 
     Attributes:
       kind: of its cells.
-      options: words of the command line that its keys stand for.
+      options: arguments of the command line that its keys stand for.
     """
 
     kind: Kind
@@ -104,9 +104,6 @@ def load(
     """
     file = PlanFile(path)
     file.check_keys(_known_keys())
-    for table in file.values:
-        if table and not isinstance(file.values[table], dict):
-            raise file.error("not a table", table)
     kinds = [kind for kind in Kind if file.has(kind)] or [Kind.VERSIONS]
     releases = plan_releases.releases(file, known)
     for kind in kinds:
@@ -146,10 +143,13 @@ def _models(file: PlanFile) -> tuple[ModelSource, ...]:
     """Return the models; paths are relative to the plan's folder.
 
     Raises:
-      InputError: there is no such model.
+      InputError: there is no such model, or its name cannot be printed.
     """
     sources: dict[Path, ModelSource] = {}
     for name in file.texts("models", models.shipped()):
+        if not name.isprintable():
+            text = f"{shown(name)}: a name that cannot be printed; give the file another one"
+            raise file.error(text, "", "models", name)
         beside = file.path.parent / Path(name)
         try:
             is_beside = name not in models.shipped() and beside.exists()

@@ -1,4 +1,4 @@
-"""The releases of a plan: which ones its words stand for, and which are compared with which."""
+"""The releases of a plan: which ones its names stand for, and which are compared with which."""
 
 import itertools
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -10,8 +10,8 @@ from mjbench.releases.release import OLDEST, version_key
 from mjbench.sweep.cells import Kind
 from mjbench.sweep.plan_file import PlanFile
 
-# The key that says which release others are compared with, and words for the first of the plan and
-# for the one before.
+# The key that says which release others are compared with, and its values for the first of the plan
+# and for the one before.
 AGAINST, FIRST, BEFORE = "against", "first", "previous"
 
 
@@ -120,7 +120,7 @@ def pairs(
     against = file.get(Kind.VERSIONS, AGAINST, FIRST)
     if against == BEFORE:
         return tuple(itertools.pairwise(specs))
-    named = {word: spec for spec in specs for word in (spec.name, spec.version)}
+    named = {name: spec for spec in specs for name in (spec.name, spec.version)}
     named[FIRST] = specs[0]
     if not isinstance(against, str) or against not in named:
         hint = suggestion(str(against), [FIRST, BEFORE, *named])

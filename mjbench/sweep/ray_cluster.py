@@ -1,47 +1,33 @@
-"""The executor on Ray: the only module that imports it.
+"""The executor on Ray: each assignment is a task of it.
 
-Every assignment is a task of Ray that yields what the node says. It is pinned to its node and takes
-all of it: of the custom resource `mjbench` where nodes declare it, of its CPUs where none does.
+A task yields what the node says. It is pinned to its node and takes all of it: of the custom
+resource `mjbench` where nodes declare it, of its CPUs where none does.
 """
 
 import contextlib
-import logging
 import math
-import os
-import signal
-import socket
 import time
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mjbench.errors import InputError, MachineError, one_line, shown
-from mjbench.instrument import extras, scratch
-from mjbench.sweep import ray_worker, software
+from mjbench.errors import one_line
+from mjbench.sweep import ray_session, ray_worker, software
 from mjbench.sweep.executor import Died, Event, Joined, Left, LeftOut, Reported
 from mjbench.sweep.messages import Finished, Message, NodeAnswer, Refused, Request
 from mjbench.sweep.model_files import CarriedModel
+from mjbench.sweep.ray_session import LOCAL, RESOURCE
 from mjbench.sweep.scheduler import Node
 
-# The custom resource by which a node says that it may be taken.
-RESOURCE = "mjbench"
 # The label of a node that names its machine.
 LABEL = "mjbench-machine"
-# Words for a cluster that is started here, and for the one that runs here.
-LOCAL, AUTO = "local", "auto"
 # How long nodes may take to say what they are, how often the list of nodes is read, and how long
 # tasks that were cancelled may take to end, in seconds.
 _ANSWER_S, _NODES_S, _END_S = 120.0, 5.0, 5.0
-# How long the head of a cluster may take to accept a connection, in seconds.
-_CONNECT_S = 10.0
 # Ray counts resources in these.
 _UNIT = 1e-4
 # Ray gives its workers a low priority, and hides accelerators that a task did not ask for.
 _WORKER_ENVIRONMENT = {"RAY_worker_niceness": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-# The longest folder in which Ray's sockets can be: their whole path has 107 bytes at most.
-_LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
 
 
 @dataclass(frozen=True)
@@ -94,18 +80,12 @@ class RayCluster:
           InputError: the address is not one that can be used.
           MachineError: Ray is missing, does not start, or is not there.
         """
-        extras.require("mjbench sweep", "ray", ["ray"])
-        if "://" in self._address:
-            raise InputError(
-                f"--address {shown(self._address)}: run mjbench on a machine of the cluster, and"
-                f" give --address {AUTO}"
-            )
-        _check_reachable(self._address)
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         with contextlib.ExitStack() as closing:
-            closing.enter_context(_quiet())
-            with _own_signals():
-                self._connect(closing)
+            closing.enter_context(ray_session.session(self._address))
+            import ray
+
+            self._measure = ray.remote(ray_worker.measure)
+            self._describe = ray.remote(ray_worker.describe)
             closing.callback(self._cancel_all)
             self._closing = closing.pop_all()
         return self
@@ -113,27 +93,6 @@ class RayCluster:
     def __exit__(self, *exception: object) -> None:
         """Cancel what runs; a cluster that was started here ends."""
         self._closing.close()
-
-    def _connect(self, closing: contextlib.ExitStack) -> None:
-        import ray
-
-        arguments: dict[str, Any] = {"address": self._address}
-        if self._address == LOCAL:
-            arguments |= {"include_dashboard": False, "resources": {RESOURCE: 1}}
-            folder = closing.enter_context(scratch.folder())
-            is_short = len(str(folder)) <= _LONGEST_FOLDER
-            arguments["_temp_dir"] = str(folder) if is_short else _SHORT_FOLDER
-        try:
-            ray.init(log_to_driver=False, logging_level=logging.ERROR, **arguments)
-        except Exception as error:  # which ones Ray raises is not documented
-            closing.callback(ray.shutdown)
-            if self._address == LOCAL:
-                raise MachineError(f"Ray does not start here: {one_line(error)}") from error
-            raise _no_cluster(self._address, one_line(error).rstrip(".")) from error
-        closing.callback(ray.shutdown)
-        closing.enter_context(_unheard())
-        self._measure = ray.remote(ray_worker.measure)
-        self._describe = ray.remote(ray_worker.describe)
 
     # -- nodes -----------------------------------------------------------------------------------
 
@@ -191,6 +150,9 @@ class RayCluster:
         difference = software.difference(software.installed(), answer.software)
         if difference:
             self._events.append(LeftOut(node.name, difference))
+            return
+        if node.id not in self._known:
+            self._events.append(LeftOut(node.name, "it is gone"))
             return
         machine = answer.machine
         label = node.labels.get(LABEL) or machine.label
@@ -262,9 +224,9 @@ class RayCluster:
             import ray
 
             message: Message = ray.get(next(ready))
-        except StopIteration:  # it said its last word before
+        except StopIteration:  # its last message came before
             del self._running[number]
-            self._events.append(Died(number, "it ended without a word"))
+            self._events.append(Died(number, "it ended without a result"))
         except Exception as error:
             del self._running[number]
             self._events.append(Died(number, _cause(error)))
@@ -280,40 +242,15 @@ class RayCluster:
         running = [task.generator for task in self._running.values()]
         self._running = {}
         for is_forced in (False, True):
+            if not running:
+                return
             for generator in running:
                 with contextlib.suppress(Exception):  # it has ended, or its node is gone
                     ray.cancel(generator, force=is_forced)
-            running = [generator for generator in running if not _has_ended(generator)]
-            if not running:
-                return
+            running = _not_ended(running)
 
 
 # -- Ray's own ----------------------------------------------------------------------------------
-
-
-def _no_cluster(address: str, reason: str) -> MachineError:
-    return MachineError(
-        f"no cluster of Ray at {shown(address)}: {reason}; start one by `ray start --head`, or"
-        " leave out --address"
-    )
-
-
-def _check_reachable(address: str) -> None:
-    """Refuse an address where nothing listens: Ray would try for minutes.
-
-    Raises:
-      MachineError: nothing does.
-    """
-    if address == AUTO:
-        address = os.environ.get("RAY_ADDRESS", AUTO)
-    host, colon, port = address.rpartition(":")
-    if not (colon and port.isdecimal()):
-        return  # which Ray resolves, or refuses
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_S).close()
-    except (OSError, OverflowError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or one_line(error)
-        raise _no_cluster(address, reason) from error
 
 
 def _ray_node(listed: Mapping[str, Any]) -> _RayNode | None:
@@ -357,14 +294,15 @@ def _pinned(node: _RayNode) -> dict[str, Any]:
     }
 
 
-def _has_ended(generator: Any) -> bool:
-    """Return whether a task that was cancelled ends within some seconds."""
+def _not_ended(generators: Sequence[Any]) -> list[Any]:
+    """Return those of some cancelled tasks that do not end within some seconds."""
     import ray
 
     with contextlib.suppress(Exception):
-        ready, _ = ray.wait([generator.completed()], timeout=_END_S, fetch_local=False)
-        return bool(ready)
-    return True
+        ends = {generator.completed(): generator for generator in generators}
+        _, missing = ray.wait(list(ends), num_returns=len(ends), timeout=_END_S, fetch_local=False)
+        return [ends[reference] for reference in missing]
+    return []
 
 
 def _cause(error: Exception) -> str:
@@ -380,44 +318,3 @@ def _cause(error: Exception) -> str:
         case ray.exceptions.TaskUnschedulableError() | ray.exceptions.NodeDiedError():
             return "its node is gone"
     return one_line(f"{type(error).__name__}: {error}", 160)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Ray's warnings from the user: they are about Ray's own next releases."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
-@contextlib.contextmanager
-def _unheard() -> Iterator[None]:
-    """Keep Ray's log lines about nodes and workers from standard output, where it prints them."""
-    import ray
-
-    module = ray._private.worker
-    show = getattr(module, "print_to_stdstream", None)
-    if show is None:  # another version of Ray
-        yield
-        return
-    module.print_to_stdstream = lambda *arguments, **options: None
-    try:
-        yield
-    finally:
-        module.print_to_stdstream = show
-
-
-@contextlib.contextmanager
-def _own_signals() -> Iterator[None]:
-    """Keep the handlers of this process, where Ray sets its own."""
-    handlers = {
-        number: signal.getsignal(number)
-        for name in _SIGNALS
-        if (number := getattr(signal, name, None)) is not None
-    }
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            if handler is not None and signal.getsignal(number) != handler:
-                signal.signal(number, handler)

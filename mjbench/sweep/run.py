@@ -13,7 +13,7 @@ from mjbench.sweep.cells import Cell
 from mjbench.sweep.executor import Died, Event, Executor, Joined, Left, LeftOut, Reported
 from mjbench.sweep.matrix import Matrix
 from mjbench.sweep.messages import Began, Finished, Lines, Message, Refused, Request
-from mjbench.sweep.results import CellResult, Collector
+from mjbench.sweep.results import CellResult, Collector, Outcome
 from mjbench.sweep.scheduler import Assignment, LostCell, NodeRecord, Scheduler
 
 # How long to wait for something to happen, in seconds, before looking at the clock again.
@@ -43,7 +43,7 @@ class Summary:
     """What a sweep came to.
 
     Attributes:
-      results: of the cells that were measured now, in the order in which they were complete.
+      outcomes: of the cells that were measured now, in the order in which they were complete.
       nodes: what became of each.
       left_out: nodes that were given no work.
       missing: cells without a result.
@@ -52,7 +52,7 @@ class Summary:
       finished: what the nodes said of each command that ended.
     """
 
-    results: tuple[CellResult, ...]
+    outcomes: Mapping[Cell, Outcome]
     nodes: tuple[NodeRecord, ...]
     left_out: tuple[LeftOut, ...]
     missing: tuple[Cell, ...]
@@ -99,7 +99,7 @@ class Sweep:
         self._collectors: dict[int, Collector] = {}
         self._assignments: dict[int, Assignment] = {}
         self._machines: dict[str, Machine] = {}
-        self._results: list[CellResult] = []
+        self._outcomes: dict[Cell, Outcome] = {}
         self._left_out: list[LeftOut] = []
         self._finished: list[Finished] = []
 
@@ -190,6 +190,8 @@ class Sweep:
                 self._end(number, Failure(Status.CRASHED, reason))
 
     def _handle_message(self, number: int, message: Message) -> None:
+        if number not in self._collectors:  # it was ended by an earlier message
+            return
         match message:
             case Began():
                 self._scheduler.begin(number, self._clock())
@@ -213,7 +215,7 @@ class Sweep:
             self._deliver(number, self._collectors[number].end(code))
         except InputError as error:
             detail = str(error)
-        if code == ExitCode.USAGE:  # the same words would end the same way anywhere
+        if code == ExitCode.USAGE:  # the command line is wrong on every node
             self._deliver(number, self._failed(number, Failure(Status.INPUT, detail)))
         is_killed = code < 0 or code == ExitCode.INTERRUPTED
         self._end(number, Failure(Status.CRASHED if is_killed else Status.FAILED, detail))
@@ -225,6 +227,7 @@ class Sweep:
             return
         is_whole = not self._scheduler.open_cells(number)
         problem = "" if is_whole else failure.detail
+        self._collectors.pop(number, None)
         lost = self._scheduler.end(number, problem, self._clock())
         for item in lost:
             self._keep(self._failed_result(assignment, item, failure.status))
@@ -246,7 +249,7 @@ class Sweep:
 
     def _keep(self, result: CellResult) -> None:
         self._store(result)
-        self._results.append(result)
+        self._outcomes[result.cell] = result.outcome
 
     def _show_progress(self) -> None:
         count, scheduler = len(self._matrix.cells), self._scheduler
@@ -256,7 +259,7 @@ class Sweep:
         scheduler = self._scheduler
         missing = scheduler.missing
         return Summary(
-            results=tuple(self._results),
+            outcomes=dict(self._outcomes),
             nodes=scheduler.nodes,
             left_out=tuple(self._left_out),
             missing=missing,

@@ -1,7 +1,7 @@
 """Which node measures which cells next, and what becomes of cells whose node fails.
 
 Every cell is in one place: missing, on a node, or done; a result counts once. The scheduler starts
-nothing, knows no Ray, and reads no clock: it is told what happened, and when.
+nothing, knows no Ray, and reads no clock: its caller says what happened, and when.
 """
 
 import math
@@ -100,12 +100,12 @@ class _NodeState:
 
     record: NodeRecord
     rests_until_s: float = -math.inf
-    troubles: int = 0
+    next_rest_s: float = _REST_S
 
     def rest(self, now_s: float) -> None:
         """Leave the node alone for a while; twice as long each further time."""
-        self.rests_until_s = now_s + min(_LONGEST_REST_S, _REST_S * 2**self.troubles)
-        self.troubles += 1
+        self.rests_until_s = now_s + self.next_rest_s
+        self.next_rest_s = min(_LONGEST_REST_S, 2 * self.next_rest_s)
 
     def is_resting(self, now_s: float) -> bool:
         """Return whether it is left alone now."""
@@ -320,7 +320,7 @@ class Scheduler:
         run.missing.remove(cell)
         state = self._nodes[run.assignment.node.id]
         state.record = replace(state.record, cells=state.record.cells + 1)
-        state.troubles = 0
+        state.next_rest_s = _REST_S
         return True
 
     def refuse(self, number: int, reason: str, now_s: float) -> None:
@@ -329,11 +329,6 @@ class Scheduler:
             state = self._nodes[run.assignment.node.id]
             state.record = replace(state.record, refused=state.record.refused + 1, reason=reason)
             state.rest(now_s)
-            self._put_back(run.missing)
-
-    def cancel(self, number: int) -> None:
-        """Put back what was stopped without a fault of the node."""
-        if run := self._stop(number):
             self._put_back(run.missing)
 
     def end(self, number: int, problem: str, now_s: float) -> list[LostCell]:

@@ -42,20 +42,10 @@ class LoadedModel:
     """A model that the build compiled, and an MjData of it.
 
     Attributes:
-      compile_ms: to compile it, or to read it from an .mjb file.
-      nq: numbers in qpos.
-      nv: degrees of freedom.
-      nu: controls.
-      nstate: numbers in a row of mjSTATE_INTEGRATION.
-      heap_bytes: of the module, with both.
+      compile_ms: to compile the model, or to read it from an .mjb file.
     """
 
     compile_ms: NonNegativeFloat
-    nq: NonNegativeInt
-    nv: NonNegativeInt
-    nu: NonNegativeInt
-    nstate: PositiveInt
-    heap_bytes: NonNegativeInt
 
 
 @dataclass(frozen=True)

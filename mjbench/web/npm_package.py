@@ -20,6 +20,8 @@ from mjbench.releases.release import version_key
 
 # Its name on the registry of npm.
 NAME = "@mujoco/mujoco"
+# Where npm puts its manifest below a folder.
+_MANIFEST = Path("node_modules", NAME, "package.json")
 # Pins the release that is measured unless the user names another.
 _PIN = Path(__file__).with_name("package.json")
 
@@ -76,7 +78,7 @@ def install_command(version: str) -> str:
 
 def installed_versions() -> list[str]:
     """Return the releases in the cache folder, the oldest first."""
-    names = [file.parents[3].name for file in cache_folder().glob(f"*/{_manifest_of('.')}")]
+    names = [file.parents[3].name for file in cache_folder().glob(f"*/{_MANIFEST.as_posix()}")]
     return sorted((name for name in names if installs.is_release(name)), key=version_key)
 
 
@@ -100,7 +102,7 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
             )
         return package
     wanted = version or pinned_version()
-    manifest = cache_folder() / wanted / _manifest_of(".")
+    manifest = cache_folder() / wanted / _MANIFEST
     if not manifest.is_file():
         others = [name for name in installed_versions() if name != wanted]
         hint = f" (installed: {', '.join(others)})" if others else ""
@@ -114,14 +116,9 @@ def find(version: str | None = None, folder: Path | None = None) -> NpmPackage:
     return package
 
 
-def _manifest_of(folder: str) -> str:
-    """Return where npm puts the package's manifest below a folder."""
-    return str(Path(folder) / "node_modules" / NAME / "package.json")
-
-
 def _in_folder(folder: Path) -> NpmPackage:
     """Return the package in a folder that a user named."""
-    for below in (_manifest_of("."), f"{NAME}/package.json", "package.json"):
+    for below in (_MANIFEST, Path(NAME, "package.json"), Path("package.json")):
         manifest = folder / below
         if manifest.is_file() and _manifest(manifest).get("name") == NAME:
             return _read(manifest)

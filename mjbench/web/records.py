@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mjbench.errors import Failure
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -116,18 +115,12 @@ class WebRecord:
         Raises:
           ValueError: it is not.
         """
-        counts = {path.path: len(path.block_ns) for path in self.paths if path.block_ns}
-        if counts and max(counts.values()) > counts.get(C_PATH, 0):
+        rounds = max((len(path.block_ns) for path in self.paths), default=0)
+        of_c = (len(path.block_ns) for path in self.paths if path.path == C_PATH)
+        if rounds > max(of_c, default=0):
             raise ValueError(f"a path has more rounds than {C_PATH}")
-        if counts and (self.block_nbatch is None or self.block_nstep is None):
+        if rounds and (self.block_nbatch is None or self.block_nstep is None):
             raise ValueError("paths were timed, but the size of a block is missing")
-
-    @classmethod
-    def failed(cls, model: str, release: str, node: str, failure: Failure) -> "WebRecord":
-        """Return the record of a model that could not be measured."""
-        return cls(
-            model=model, release=release, node=node, status=failure.status, detail=failure.detail
-        )
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,8 @@ function load(request) {
   data = new mujoco.MjData(model);
   if (request.engine_threads) mujoco.mju_threadpool(data, request.engine_threads);
   integration = mujoco.mjtState.mjSTATE_INTEGRATION.value;
-  const nstate = mujoco.mj_stateSize(model, integration);
-  stateBuffer = new mujoco.DoubleBuffer(nstate);
-  return { compile_ms, nq: model.nq, nv: model.nv, nu: model.nu, nstate, heap_bytes: heapBytes() };
+  stateBuffer = new mujoco.DoubleBuffer(mujoco.mj_stateSize(model, integration));
+  return { compile_ms };
 }
 
 /** Step a workload once, and write the states after some numbers of steps to a file. */

@@ -5,10 +5,11 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from benchmarks import scale_page, sweep_simulation
+from benchmarks import cell_cost, scale_page, sweep_simulation
 from benchmarks.scale_tally import (
     Assumptions,
     CellCost,
@@ -19,9 +20,11 @@ from benchmarks.scale_tally import (
     SchedulingCost,
     load_cells,
     load_scale,
+    load_scheduling,
 )
 from benchmarks.simulated_cluster import Course, SimulatedNode, Work, simulate
 from benchmarks.sweep_simulation import Matrix
+from mjbench.errors import InputError
 from mjbench.instrument.runs import to_json
 from mjbench.paired.outcomes import Metric
 from mjbench.sweep.cells import Cell, Kind
@@ -217,3 +220,19 @@ def test_the_page_is_written_from_the_committed_tallies() -> None:
     assert json.loads(sweep_simulation.TALLY.read_text(encoding="utf-8")) == to_json(tally)
     assert [row.nodes for row in tally.rows] == list(sweep_simulation.NODES)
     assert tally.size == MatrixSize()
+
+
+def test_what_handing_out_takes_is_read_from_the_committed_costs_of_a_sweep() -> None:
+    cost = load_scheduling(sweep_simulation.SCHEDULING)
+    assert cost.handover_s == cost.tasks[-1].latency_s
+    assert cost.command_s > cost.tasks[-1].driver_s
+
+
+def test_a_model_cannot_be_measured_in_other_releases_than_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cell_cost, "TALLY", tmp_path / "cells.json")
+    monkeypatch.setattr("shutil.which", lambda name: name)
+    cell_cost.save(MEASURED)
+    with pytest.raises(InputError, match=r"cells\.json is of 3\.3\.0 and 4\.0\.0"):
+        cell_cost.run(["cartpole"], "3.5.0", "4.0.0")

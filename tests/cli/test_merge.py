@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 from commands import PYTHONPATH, ROOT
 from example_records import measurement, model_record
-from set_files import MACHINE, labelled, run_file, set_of
+from set_files import MACHINE, labelled, run_file, section_of, set_of
 
 from mjbench.cli import cli
 from mjbench.instrument import run_set
@@ -19,8 +19,8 @@ from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.documents import RECORD_TYPES
 
 
-def merge(*words: str | Path) -> Result:
-    return CliRunner().invoke(cli, ["merge", *map(str, words)])
+def merge(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(cli, ["merge", *map(str, arguments)])
 
 
 def stored(folder: Path, name: str, models: str = "m") -> Path:
@@ -91,7 +91,7 @@ def test_an_earlier_state_of_a_run_is_skipped_or_replaced_by_the_later_one(tmp_p
 
 def test_cells_of_a_sweep_keep_their_names(tmp_path: Path) -> None:
     file = RunSetFile.create(tmp_path / "sweep.jsonl")
-    file.append(run_set.section_of(stored(tmp_path, "a"), RECORD_TYPES, "cell 1"))
+    file.append(section_of(stored(tmp_path, "a"), cell="cell 1"))
     file.close()
     merge("sweep.jsonl", "-o", "all.jsonl")
     assert run_set.read(Path("all.jsonl"), RECORD_TYPES).sections[0].cell == "cell 1"
@@ -162,8 +162,8 @@ def test_a_section_that_was_edited_is_refused_with_its_line(tmp_path: Path) -> N
     merge(stored(tmp_path, "a"), stored(tmp_path, "b"), "-o", "all.jsonl")
     edited = Path("all.jsonl").read_text().replace('"model": "m"', '"model": "x"')
     Path("all.jsonl").write_text(edited)
-    for words in (["all.jsonl", "-o", "new.jsonl"], [stored(tmp_path, "c"), "-o", "all.jsonl"]):
-        done = merge(*words)
+    for arguments in (["all.jsonl", "-o", "new.jsonl"], [stored(tmp_path, "c"), "-o", "all.jsonl"]):
+        done = merge(*arguments)
         assert done.exit_code == 2
         assert "all.jsonl, line 2: the section is not as it was written" in done.stderr
     assert Path("all.jsonl").read_text() == edited
@@ -230,7 +230,7 @@ from mjbench.instrument import run_set
 from mjbench.instrument.run_set import RunSetFile
 from mjbench.report.documents import RECORD_TYPES
 
-section = run_set.section_of(Path(sys.argv[1]), RECORD_TYPES)
+(section,) = run_set.read(Path(sys.argv[1]), RECORD_TYPES).sections
 file = RunSetFile.create(Path("all.jsonl"))
 print("begins", flush=True)
 while True:

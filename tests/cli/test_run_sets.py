@@ -11,14 +11,12 @@ from commands import check_document
 from example_records import measurement, model_record
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from set_files import labelled, run_file, set_of
+from set_files import labelled, run_file, section_of, set_of
 from verdict_records import FAILED, OPEN, SAME, SLOWER, of_model
 
 import mjbench
 from mjbench.cli import cli
-from mjbench.instrument import run_set
 from mjbench.instrument.run_set import RunSetFile
-from mjbench.report.documents import RECORD_TYPES
 
 COMPARED = (
     model_record(),
@@ -117,7 +115,7 @@ def test_the_newest_file_may_be_a_set(tmp_path: Path) -> None:
 def test_rows_of_a_set_say_which_machine_they_are_of(tmp_path: Path) -> None:
     file = RunSetFile.open(mixed(tmp_path))
     run = run_file(tmp_path, labelled("c"), SAME, began="2026-01-05")
-    file.append(run_set.section_of(run, RECORD_TYPES, "a cell"))
+    file.append(section_of(run, cell="a cell"))
     file.close()
     rows = mjbench.load(file.path)
     assert list(rows[0])[:3] == ["machine", "cell", "began"]

@@ -58,27 +58,28 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("text", "words", "code", "message"),
+    ("text", "arguments", "code", "message"),
     [
         ("models = 3\n[compare]", [], 2, "plan.toml, line 1: models: give a list of texts"),
         ('models = ["broken.xml"]\n[compare]', [], 2, "broken.xml: MuJoCo cannot load it"),
         ("[compare]", ["-o", "plan.toml"], 2, "not a run set"),
         ("[compare]", ["-o", "notes.txt"], 2, "not a run set"),
         ("[compare]", ["-o", "/proc/set.jsonl"], 3, "cannot write /proc/set.jsonl"),
+        ("[compare]", ["-o", "x" * 300], 3, f"cannot write {'x' * 300}: File name too long"),
         ("[compare]", ["--address", "ray://a:1"], 2, "run mjbench on a machine of the cluster"),
         ("[compare]", ["--address", "127.0.0.1:1"], 3, "no cluster of Ray at 127.0.0.1:1: Connec"),
         ("[compare]", ["--address", "nowhere"], 3, "no cluster of Ray at nowhere: "),
     ],
 )
 def test_what_cannot_be_measured_is_one_line(
-    tmp_path: Path, text: str, words: list[str], code: int, message: str
+    tmp_path: Path, text: str, arguments: list[str], code: int, message: str
 ) -> None:
-    if "--address" in words and extras.missing(["ray"]):
+    if "--address" in arguments and extras.missing(["ray"]):
         pytest.skip("Ray is not installed")
     (tmp_path / "broken.xml").write_text("<mujoco><worldbody>")
     (tmp_path / "notes.txt").write_text("not a run set\n")
     plan_file(tmp_path, text)
-    done = mjbench("sweep", "plan.toml", *words, cwd=tmp_path)
+    done = mjbench("sweep", "plan.toml", *arguments, cwd=tmp_path)
     assert done.returncode == code
     assert message in done.stderr
     assert done.stderr.count("\n") == 1

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from set_files import section_of
 
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import machine, run_file, run_set, runs
@@ -44,7 +45,7 @@ def section(folder: Path, *notes: str, cell: str = "") -> Section:
     for note in notes:
         file.append(Note(note))
     file.close()
-    return run_set.section_of(file.path, TYPES, cell)
+    return section_of(file.path, TYPES, cell)
 
 
 def set_of(path: Path, *sections: Section) -> Path:
@@ -76,7 +77,7 @@ def test_lines_are_kept_to_the_byte(tmp_path: Path) -> None:
     source = written(tmp_path)
     text = source.read_text().replace('"index": 1', '"index":   1,  "added": 1e0')
     source.write_text(text)
-    path = set_of(tmp_path / "set.jsonl", run_set.section_of(source, TYPES))
+    path = set_of(tmp_path / "set.jsonl", section_of(source, TYPES))
     assert path.read_bytes().endswith(text.encode())
     assert b"".join(run_set.read(path, TYPES).sections[0].lines) == text.encode()
 
@@ -98,12 +99,12 @@ def test_a_set_is_no_program(tmp_path: Path) -> None:
 
 
 def test_a_run_file_is_read_as_a_set_of_one(tmp_path: Path) -> None:
-    (run,) = run_set.load_runs(written(tmp_path), TYPES)
+    (run,) = run_set.read(written(tmp_path), TYPES).runs
     assert run == runs.Run(HEADER, RECORDS)
 
 
 def test_a_set_without_sections_has_no_runs(tmp_path: Path) -> None:
-    assert run_set.load_runs(set_of(tmp_path / "set.jsonl"), TYPES) == ()
+    assert run_set.read(set_of(tmp_path / "set.jsonl"), TYPES).runs == ()
 
 
 def test_a_run_that_is_there_twice_counts_once(tmp_path: Path) -> None:
@@ -136,18 +137,18 @@ def test_a_run_file_cut_short_loses_its_last_line(tmp_path: Path) -> None:
     source = written(tmp_path)
     whole = source.read_bytes().splitlines(keepends=True)
     source.write_bytes(b"".join(whole)[:-5])
-    cut = run_set.section_of(source, TYPES)
+    cut = section_of(source, TYPES)
     assert cut.lines == tuple(whole[:-1])
     assert cut.run.is_torn
-    (run,) = run_set.load_runs(set_of(tmp_path / "set.jsonl", cut), TYPES)
+    (run,) = run_set.read(set_of(tmp_path / "set.jsonl", cut), TYPES).runs
     assert run == runs.Run(HEADER, RECORDS[:2])
 
 
 def test_a_last_line_break_that_is_missing_is_added(tmp_path: Path) -> None:
     source = written(tmp_path)
-    whole = run_set.section_of(source, TYPES)
+    whole = section_of(source, TYPES)
     source.write_bytes(source.read_bytes()[:-1])
-    assert run_set.section_of(source, TYPES) == whole
+    assert section_of(source, TYPES) == whole
 
 
 # a writer that was killed

@@ -112,5 +112,5 @@ def test_actors_that_import_another_mujoco_are_refused(
     ray: Any, small: Workload, resources: paths.Resources, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mjbench.paths.ray_actors._engine", lambda: ("0.0", "elsewhere"))
-    with pytest.raises(MachineError, match=r"actors import MuJoCo .* this process"):
+    with pytest.raises(MachineError, match=r"an actor imports MuJoCo .* this process"):
         Ray().prepare(small, {"actors": 2}, resources)

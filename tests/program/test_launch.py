@@ -3,7 +3,7 @@
 import pytest
 
 from mjbench.errors import InputError, MachineError
-from mjbench.program import launch
+from mjbench.program import launch, sampler
 from mjbench.program.hook import step_clock
 from mjbench.program.launch import Program
 
@@ -32,6 +32,24 @@ def test_a_program_is_ended_by_force_where_it_ignores_signals(stubborn):
     assert seen.was_ended
     assert seen.exit_code == 128 + 9
     assert seen.steps[0].step.count > 0
+
+
+def test_a_program_ends_where_the_profiler_cannot_start(stubborn, monkeypatch):
+    processes = []
+    start_program = launch._start
+
+    def start(program, folder):
+        processes.append(start_program(program, folder))
+        return processes[0]
+
+    def refuse(*arguments):
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(launch, "_start", start)
+    monkeypatch.setattr(sampler, "start", refuse)
+    with pytest.raises(OSError, match="No space left"):
+        launch.run(stubborn)
+    assert processes[0].returncode is not None, "it has ended"
 
 
 def test_a_change_is_applied_when_a_program_runs_again(stubborn):

@@ -45,6 +45,13 @@ def test_a_model_takes_along_what_it_refers_to_and_nothing_else(robot: ModelSour
     }
 
 
+def test_a_path_through_another_folder_takes_along_the_same(
+    robot: ModelSource, tmp_path: Path
+) -> None:
+    roundabout = ModelSource(robot.name, tmp_path / "other" / ".." / "robots/arm.xml")
+    assert model_files.carry(roundabout) == model_files.carry(robot)
+
+
 def test_it_can_be_loaded_where_it_arrives_by_the_name_that_it_had(
     robot: ModelSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

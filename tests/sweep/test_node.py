@@ -30,10 +30,10 @@ with open(folder / "run.jsonl", "w") as file:
 """
 FAILS = "import sys; print('mjbench: the disk is full', file=sys.stderr); sys.exit(3)"
 HANGS = "import os, sys; print(os.getpid(), flush=True); import signal; signal.pause()"
-TELLS = """
+DESCRIBES = """
 import json, os, pathlib, sys
-told = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)])
-pathlib.Path(os.environ["TOLD"]).write_text(told)
+start = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ)])
+pathlib.Path(os.environ["START_FILE"]).write_text(start)
 """
 
 
@@ -80,26 +80,26 @@ def test_what_needs_no_quiet_machine_is_not_calibrated() -> None:
     assert len(list(node.measure(request(FAILS), calibrate=calibrate))) == 2
 
 
-def told(
+def started_with(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     asked: Request,
     *carried: model_files.CarriedModel,
 ) -> tuple[list[str], str, dict[str, str]]:
-    """Return what a command is told: its words, its folder and its environment."""
+    """Return what a command starts with: its arguments, its folder and its environment."""
     import json
 
-    monkeypatch.setenv("TOLD", str(tmp_path / "told.json"))
+    monkeypatch.setenv("START_FILE", str(tmp_path / "start.json"))
     list(node.measure(asked, *carried, calibrate=lambda: QUIET))
-    words, folder, environment = json.loads((tmp_path / "told.json").read_text())
-    return words, folder, environment
+    arguments, folder, environment = json.loads((tmp_path / "start.json").read_text())
+    return arguments, folder, environment
 
 
 def test_a_timed_command_waits_for_others_and_a_count_does_not(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    words, folder, _ = told(monkeypatch, tmp_path, request(TELLS, Limits()))
-    assert words == [
+    arguments, folder, _ = started_with(monkeypatch, tmp_path, request(DESCRIBES, Limits()))
+    assert arguments == [
         "instructions",
         "--release",
         "4.0.0",
@@ -110,8 +110,8 @@ def test_a_timed_command_waits_for_others_and_a_count_does_not(
         "pile",
     ]
     assert not Path(folder).exists(), "its folder is gone"
-    words, _, _ = told(monkeypatch, tmp_path, request(TELLS))
-    assert "--wait" not in words
+    arguments, _, _ = started_with(monkeypatch, tmp_path, request(DESCRIBES))
+    assert "--wait" not in arguments
 
 
 def test_the_environment_is_that_of_the_node_and_not_of_ray(
@@ -120,7 +120,7 @@ def test_the_environment_is_that_of_the_node_and_not_of_ray(
     monkeypatch.setenv("RAY_JOB_ID", "1")
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     monkeypatch.setenv("PYTHONPATH", "/elsewhere")
-    _, _, environment = told(monkeypatch, tmp_path, request(TELLS, label="epyc"))
+    _, _, environment = started_with(monkeypatch, tmp_path, request(DESCRIBES, label="epyc"))
     assert "RAY_JOB_ID" not in environment
     assert environment["OMP_NUM_THREADS"] == "3"
     assert environment["MJBENCH_MACHINE"] == "epyc"
@@ -133,14 +133,14 @@ def test_a_machine_without_a_label_keeps_its_own(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("MJBENCH_MACHINE", "own")
-    _, _, environment = told(monkeypatch, tmp_path, request(TELLS))
+    _, _, environment = started_with(monkeypatch, tmp_path, request(DESCRIBES))
     assert environment["MJBENCH_MACHINE"] == "own"
 
 
 def test_the_users_models_are_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "pile.xml").write_text(CONTACT_XML)
     carried = model_files.carry(ModelSource("pile", tmp_path / "pile.xml"))
-    _, _, environment = told(monkeypatch, tmp_path, request(TELLS), carried)
+    _, _, environment = started_with(monkeypatch, tmp_path, request(DESCRIBES), carried)
     assert Path(environment[carried_models.VARIABLE]).name == "models.json"
 
 

@@ -138,6 +138,7 @@ def test_a_range_has_all_releases_between(tmp_path: Path, text: str) -> None:
             "line 4: models: no model 'humanod' (did you mean humanoid?)",
         ),
         (f'{RELEASES}models = ["a/b.xml"]', "models: no such file: a/b.xml"),
+        (f'{RELEASES}models = ["a\\u200b.xml"]', "a name that cannot be printed"),
         (f'{RELEASES}paths = ["rolout"]', "paths: no path 'rolout' (did you mean rollout"),
         (f'{RELEASES}paths = ["mjx"]', "paths: path mjx compiles first"),
         (f'{RELEASES}paths = ["mine:Path"]', "a path of your own is not on other machines"),

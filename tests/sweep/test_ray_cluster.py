@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 from commands import PYTHONPATH, ROOT, TESTS
+from sweep_examples import MACHINE
 
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import extras, run_set
 from mjbench.report.documents import RECORD_TYPES
-from mjbench.sweep import ray_cluster
-from mjbench.sweep.executor import Left
+from mjbench.sweep import ray_cluster, software
+from mjbench.sweep.executor import Left, LeftOut
+from mjbench.sweep.messages import NodeAnswer
 from mjbench.sweep.ray_cluster import RayCluster, _RayNode
 
 needs_ray = pytest.mark.skipif(bool(extras.missing(["ray"])), reason="Ray is not installed")
@@ -88,6 +90,26 @@ def test_nodes_that_declare_the_resource_measure_and_no_others(
     cluster._read_nodes()
     assert names(cluster) == [], "also when it is gone"
     assert cluster._events == [Left(gone, "it is gone")]
+
+
+@needs_ray
+def test_a_node_that_is_gone_before_its_answer_comes_gets_no_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import ray
+
+    nodes = [listed("brief", CPU=4.0)]
+    answer = NodeAnswer(software.installed(), MACHINE)
+    monkeypatch.setattr(ray, "nodes", lambda: nodes)
+    monkeypatch.setattr(ray, "get", lambda reference, timeout: answer)
+    cluster = RayCluster()
+    cluster._describe = Asking()  # type: ignore[attr-defined]
+    cluster._read_nodes()
+    (reference,) = cluster._asked
+    nodes.clear()
+    cluster._read_nodes()
+    cluster._take_answer(reference)
+    assert [type(event) for event in cluster._events] == [Left, LeftOut]
 
 
 @pytest.mark.parametrize(

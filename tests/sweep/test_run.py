@@ -70,8 +70,8 @@ def test_what_is_done_is_not_measured_again() -> None:
 def test_a_command_knows_with_how_many_verdicts_its_own_are_decided() -> None:
     cluster = FakeCluster([node("one")], steady)
     measure(matrix(CELLS), cluster)
-    words = cluster.began[0].request.line.arguments
-    assert words[words.index("--family") + 1] == "9"
+    arguments = cluster.began[0].request.line.arguments
+    assert arguments[arguments.index("--family") + 1] == "9"
 
 
 def test_a_killed_node_loses_only_what_it_had_not_delivered() -> None:
@@ -141,6 +141,21 @@ def test_a_node_that_sends_something_else_is_stopped_and_counts_as_failed() -> N
     assert set(statuses(stored).values()) == {Status.OK}
     assert cluster.stopped
     assert "not JSON" in summary.nodes[0].reason
+
+
+def test_what_a_node_says_after_it_was_stopped_is_left_out() -> None:
+    def act(cluster: FakeCluster) -> Sequence[Event]:
+        for number, work in list(cluster.running.items()):
+            if work.node.id == "one":
+                bad = Reported(number, Lines((b"not a run file\n", b"at all\n")))
+                return [bad, *cluster.finishes(number, 2)]
+        return steady(cluster)
+
+    cluster = FakeCluster([node("one"), node("two")], act)
+    summary, stored = measure(matrix(CELLS[:3]), cluster)
+    assert set(statuses(stored).values()) == {Status.OK}
+    assert summary.nodes[0].cells == 0
+    assert summary.outcomes == {result.cell: result.outcome for result in stored}
 
 
 def test_what_a_node_does_not_begin_goes_elsewhere() -> None:

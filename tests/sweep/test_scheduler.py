@@ -113,6 +113,15 @@ def test_a_node_that_refuses_again_and_again_is_asked_less_often() -> None:
     assert waits == [15.0, 30.0, 60.0, 120.0, 240.0, 300.0]
 
 
+def test_a_node_may_refuse_for_days() -> None:
+    scheduler = Scheduler(CELLS[:1], patience_s=1e9)
+    scheduler.join(node("one"))
+    for turn in range(1100):  # longer than a power of two as a float can be
+        (assignment,) = scheduler.assign(300.0 * turn)
+        scheduler.refuse(assignment.number, "busy", 300.0 * turn)
+    assert scheduler.nodes[0].refused == 1100
+
+
 def test_a_sweep_that_all_nodes_refuse_ends_with_their_reasons() -> None:
     scheduler = Scheduler(CELLS[:1], patience_s=20.0)
     scheduler.join(node("one"))

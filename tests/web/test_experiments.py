@@ -18,6 +18,6 @@ def test_the_librarys_own_values_do_not_differ() -> None:
 
 def test_differences_are_counted_by_function() -> None:
     angles = [0.1, 2.0]
-    found = experiments.mathematics(angles, rotated(angles, sine=1e-9))
-    assert (found.sines, found.cosines) == (2, 0)
-    assert math.isclose(found.difference, 1e-9, rel_tol=1e-6)
+    mathematics = experiments.mathematics(angles, rotated(angles, sine=1e-9))
+    assert (mathematics.sines, mathematics.cosines) == (2, 0)
+    assert math.isclose(mathematics.difference, 1e-9, rel_tol=1e-6)

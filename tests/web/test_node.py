@@ -22,8 +22,8 @@ def test_a_node_that_is_new_enough_is_found(
 ) -> None:
     program = pretending_node.program(tmp_path)
     monkeypatch.chdir(tmp_path)
-    found = node.find("./node")
-    assert (found.file, found.version) == (program, pretending_node.VERSION)
+    installed = node.find("./node")
+    assert (installed.file, installed.version) == (program, pretending_node.VERSION)
 
 
 def test_a_missing_node_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Where the npm package is found, and what is said where it is not."""
+"""Where the npm package lies, and which error there is where it is missing."""
 
 import json
 import re
@@ -38,9 +38,9 @@ def test_a_missing_package_is_one_line_with_the_command_of_npm(cache: Path) -> N
 def test_it_is_found_where_that_command_puts_it(cache: Path) -> None:
     for version in ("3.9.0", "3.10.0"):
         pretending_node.package(cache / "npm" / version, version)
-    found = npm_package.find("3.10.0")
-    assert found.version == "3.10.0"
-    assert found.script(Build.WASM_MT) == found.folder / "mt/mujoco.js"
+    package = npm_package.find("3.10.0")
+    assert package.version == "3.10.0"
+    assert package.script(Build.WASM_MT) == package.folder / "mt/mujoco.js"
     assert npm_package.installed_versions() == ["3.9.0", "3.10.0"]
     with pytest.raises(MachineError, match=r"installed: 3\.9\.0, 3\.10\.0"):
         npm_package.find("3.12.0")

@@ -39,28 +39,28 @@ def moved(step: int, by: float, column: int = 2, simulation: int = 1) -> np.ndar
 
 
 def test_a_run_without_any_difference_is_identical() -> None:
-    found = check(run().states)
-    assert found.first is None
-    assert [(point.step, point.difference) for point in found.points] == [
+    actual = check(run().states)
+    assert actual.first is None
+    assert [(point.step, point.difference) for point in actual.points] == [
         (0, 0.0), (1, 0.0), (10, 0.0), (20, 0.0)
     ]  # fmt: skip
-    assert (found.unconstrained.count, found.constrained.count) == (2, 2)
-    assert rounding_check.failures(found) == []
+    assert (actual.unconstrained.count, actual.constrained.count) == (2, 2)
+    assert rounding_check.failures(actual) == []
 
 
 def test_the_first_difference_is_named_and_allowed_while_it_is_rounding() -> None:
-    found = check(moved(5, 1e-15))
-    assert found.first is not None
-    assert str(found.first).startswith("after step 5, in qpos[1] of simulation 1, by ")
-    assert found.first.difference == pytest.approx(1e-15, rel=0.5)
-    assert [point.difference > 0 for point in found.points] == [False, False, True, True]
-    assert rounding_check.failures(found) == []
+    actual = check(moved(5, 1e-15))
+    assert actual.first is not None
+    assert str(actual.first).startswith("after step 5, in qpos[1] of simulation 1, by ")
+    assert actual.first.difference == pytest.approx(1e-15, rel=0.5)
+    assert [point.difference > 0 for point in actual.points] == [False, False, True, True]
+    assert rounding_check.failures(actual) == []
 
 
 def test_a_difference_beyond_the_shadow_is_a_failure_from_its_first_step() -> None:
-    found = check(moved(12, 1e-8))
-    assert found.excess == 12
-    (failure,) = rounding_check.failures(found)
+    actual = check(moved(12, 1e-8))
+    assert actual.excess == 12
+    (failure,) = rounding_check.failures(actual)
     assert "from step 12 on, the run differs by more than 10 times the shadow" in failure
 
 
@@ -71,15 +71,15 @@ def test_a_shadow_that_grows_allows_more() -> None:
 
 
 def test_a_run_that_starts_elsewhere_is_a_failure_however_small() -> None:
-    found = check(moved(0, 1e-15))
-    assert "it does not start where C does (after step 0" in rounding_check.failures(found)[0]
+    actual = check(moved(0, 1e-15))
+    assert "it does not start where C does (after step 0" in rounding_check.failures(actual)[0]
 
 
 def test_numbers_that_are_not_finite_are_a_failure() -> None:
-    found = check(moved(3, np.nan))
-    assert found.excess == 3
-    assert found.first is not None
-    assert found.first.difference > 0
+    actual = check(moved(3, np.nan))
+    assert actual.excess == 3
+    assert actual.first is not None
+    assert actual.first.difference > 0
 
 
 @pytest.mark.parametrize(("row", "kind"), [(0, "an unconstrained step"), (1, "a constrained step")])
@@ -99,8 +99,8 @@ def test_one_sensitive_step_of_the_shadow_does_not_excuse_all_others() -> None:
         rounding_check.check(run(), sensitive, run().states, after, None)
     )
     after[3::2, 3] += 1e-5
-    found = rounding_check.check(run(), sensitive, run().states, after, None)
-    (failure,) = rounding_check.failures(found)
+    actual = rounding_check.check(run(), sensitive, run().states, after, None)
+    (failure,) = rounding_check.failures(actual)
     assert failure.startswith("a constrained step differs by 1.0e-05 in the median")
 
 

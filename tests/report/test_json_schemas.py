@@ -8,21 +8,22 @@ import pytest
 from commands import ROOT
 from set_files import set_of
 
-from mjbench.report import documents
+from mjbench.report import json_schemas
 
 
 def validator(name: str) -> jsonschema.Draft202012Validator:
-    schema = json.loads((documents.SCHEMA_FOLDER / f"{name}.json").read_text())
+    schema = json.loads((json_schemas.SCHEMA_FOLDER / f"{name}.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
 
 
 def test_the_shipped_schemas_are_those_of_the_types() -> None:
     shipped = {
-        file.stem: json.loads(file.read_text()) for file in documents.SCHEMA_FOLDER.glob("*.json")
+        file.stem: json.loads(file.read_text())
+        for file in json_schemas.SCHEMA_FOLDER.glob("*.json")
     }
-    generated = json.loads(json.dumps(documents.json_schemas()))  # with lists for tuples
-    assert shipped == generated, "python -m mjbench.report.documents"
+    generated = json.loads(json.dumps(json_schemas.json_schemas()))  # with lists for tuples
+    assert shipped == generated, "python -m mjbench.report.json_schemas"
 
 
 RUN_FILES = sorted((ROOT / "results/runs").glob("reference-*.jsonl"))

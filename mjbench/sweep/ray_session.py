@@ -1,0 +1,134 @@
+"""Ray as a sweep uses it: started on this machine, or connected to, and ended afterwards."""
+
+import contextlib
+import logging
+import os
+import signal
+import socket
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+from mjbench.errors import InputError, MachineError, one_line, shown
+from mjbench.instrument import extras, scratch
+
+# The custom resource by which a node says that it may be taken.
+RESOURCE = "mjbench"
+# Addresses of a cluster that is started here, and of the one that this machine belongs to.
+LOCAL, AUTO = "local", "auto"
+# How long the head of a cluster may take to accept a connection, in seconds.
+_CONNECT_S = 10.0
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+# The longest folder in which Ray's sockets can be: their whole path has 107 bytes at most.
+_LONGEST_FOLDER, _SHORT_FOLDER = 40, "/tmp/ray"
+
+
+@contextlib.contextmanager
+def session(address: str) -> Iterator[None]:
+    """Start Ray here, or connect to a cluster, for as long as the block runs.
+
+    Args:
+      address: of a cluster, `AUTO` or `LOCAL`.
+
+    Raises:
+      InputError: the address is not one that can be used.
+      MachineError: Ray is missing, does not start, or is not there.
+    """
+    extras.require("mjbench sweep", "ray", ["ray"])
+    if "://" in address:
+        raise InputError(
+            f"--address {shown(address)}: run mjbench on a machine of the cluster, and"
+            f" give --address {AUTO}"
+        )
+    _check_reachable(address)
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    with contextlib.ExitStack() as closing:
+        closing.enter_context(_quiet())
+        with _own_signals():
+            _connect(address, closing)
+        closing.enter_context(_unheard())
+        yield
+
+
+def _connect(address: str, closing: contextlib.ExitStack) -> None:
+    import ray
+
+    arguments: dict[str, Any] = {"address": address}
+    if address == LOCAL:
+        arguments |= {"include_dashboard": False, "resources": {RESOURCE: 1}}
+        folder = closing.enter_context(scratch.folder())
+        is_short = len(str(folder)) <= _LONGEST_FOLDER
+        arguments["_temp_dir"] = str(folder) if is_short else _SHORT_FOLDER
+    closing.callback(ray.shutdown)
+    try:
+        ray.init(log_to_driver=False, logging_level=logging.ERROR, **arguments)
+    except Exception as error:  # which ones Ray raises is not documented
+        if address == LOCAL:
+            raise MachineError(f"Ray does not start here: {one_line(error)}") from error
+        raise _no_cluster(address, one_line(error).rstrip(".")) from error
+
+
+def _no_cluster(address: str, reason: str) -> MachineError:
+    return MachineError(
+        f"no cluster of Ray at {shown(address)}: {reason}; start one by `ray start --head`, or"
+        " leave out --address"
+    )
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address where nothing listens: Ray would try for minutes.
+
+    Raises:
+      MachineError: nothing does.
+    """
+    if address == AUTO:
+        address = os.environ.get("RAY_ADDRESS", AUTO)
+    host, colon, port = address.rpartition(":")
+    if not (colon and port.isdecimal()):
+        return  # which Ray resolves, or refuses
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise _no_cluster(address, reason) from error
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Ray's warnings from the user: they are about Ray's own next releases."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Keep Ray's log lines about nodes and workers from standard output, where it prints them."""
+    import ray
+
+    module = ray._private.worker
+    show = getattr(module, "print_to_stdstream", None)
+    if show is None:  # another version of Ray
+        yield
+        return
+    module.print_to_stdstream = lambda *arguments, **options: None
+    try:
+        yield
+    finally:
+        module.print_to_stdstream = show
+
+
+@contextlib.contextmanager
+def _own_signals() -> Iterator[None]:
+    """Keep the handlers of this process, where Ray sets its own."""
+    handlers = {
+        number: signal.getsignal(number)
+        for name in _SIGNALS
+        if (number := getattr(signal, name, None)) is not None
+    }
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            if handler is not None and signal.getsignal(number) != handler:
+                signal.signal(number, handler)
