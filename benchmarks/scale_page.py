@@ -89,7 +89,7 @@ def _measured(measured: CellTally) -> Iterator[str]:
     rows = (
         [
             f"`{model}`",
-            f"{next(iter(costs.values())).step_us:,.3g}",
+            _three_digits(next(iter(costs.values())).step_us),
             *(_cell(costs[kind]) for kind in CellKind),
         ]
         for model, costs in by_model.items()
@@ -138,7 +138,7 @@ def _clusters(tally: ScaleTally) -> Iterator[str]:
         " [assumptions](#what-is-assumed) below. *Efficiency* is the share of all nodes' time in"
         " commands that ended well; the rest is handing out, calibrations, refusals, lost work, and"
         " nodes that wait for others at the end. *Lost* is the nodes' time in commands that died"
-        f" with their node. One node has one processor, and measures {1 / size.processors:.0%} of"
+        f" with their node. One node has one processor, and measures {_percent(1 / size.processors)} of"
         " the matrix."
     )
     yield ""
@@ -242,6 +242,10 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
+def _three_digits(value: float) -> str:
+    return f"{float(f'{value:.3g}'):,g}"
+
+
 def _two_digits(value: float) -> str:
     return f"{float(f'{value:.2g}'):,.0f}"
 
@@ -249,6 +253,6 @@ def _two_digits(value: float) -> str:
 _HOW = """
 ## Run it again
 
-`python -m benchmarks.sweep_simulation` takes a few minutes. What it starts from comes from
+`python -m benchmarks.sweep_simulation` takes half a minute. What it starts from comes from
 `python -m benchmarks.cell_cost` and `python -m benchmarks.sweep_cost`, each of which needs the
 machine for itself.""".splitlines()

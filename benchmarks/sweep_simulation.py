@@ -5,7 +5,7 @@
 reads what cells take from results/cells.json (`python -m benchmarks.cell_cost`), and what handing
 them out takes from results/sweep.json (`python -m benchmarks.sweep_cost`). It simulates clusters
 from 1 to 100 nodes with the scheduler of `mjbench sweep`, and writes results/scale.json and
-docs/scale.md. It takes a few minutes, whatever else runs. `--page` only writes the page again.
+docs/scale.md. It takes half a minute, whatever else runs. `--page` only writes the page again.
 """
 
 import argparse
