@@ -4,8 +4,9 @@
 
 runs programs alone and under `mjbench run`, in turns. A program is a model's name, for a loop
 around `mj_step` with a small observation; or `processes`, for a loop that waits for four processes,
-each of which steps the humanoid 20 times. It says how many steps it did in so many seconds. The
-table has, for each program, what observing costs with its 95 % interval, what `mjbench run` itself
+each of which steps the humanoid 20 times. Each of the four has a fixed core: where Linux chooses,
+such a loop alone takes up to 1.6 times as long in one run as in another. A program says how many
+steps it did in so many seconds. The table has, for each program, what observing costs with its 95 % interval, what `mjbench run` itself
 says that it costs, and the time of the samples of the main loop as a share of the loop's own.
 """
 
@@ -19,7 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from mjbench.instrument import stats
+from mjbench.program.records import ProgramRow
 from mjbench.simulation import models
 
 # The engine's step takes about 2, 20 and 300 µs in the models.
@@ -42,10 +46,11 @@ while (elapsed := time.perf_counter() - begin) < float(sys.argv[2]):
 print(elapsed, nstep)
 """
 OF_PROCESSES = """
-import multiprocessing, sys, time
+import multiprocessing, os, sys, time
 import mujoco
 
-def work(path, pipe):
+def work(path, pipe, core):
+    os.sched_setaffinity(0, [core])
     model = mujoco.MjModel.from_xml_path(path)
     data = mujoco.MjData(model)
     while (nstep := pipe.recv()):
@@ -58,7 +63,11 @@ def work(path, pipe):
 if __name__ == "__main__":
     pairs = [multiprocessing.Pipe() for _ in range(4)]
     pipes = [here for here, _ in pairs]
-    processes = [multiprocessing.Process(target=work, args=(sys.argv[1], p)) for _, p in pairs]
+    cores = sorted(os.sched_getaffinity(0)) * 4
+    processes = [
+        multiprocessing.Process(target=work, args=(sys.argv[1], there, core))
+        for (_, there), core in zip(pairs, cores)
+    ]
     for process in processes:
         process.start()
     begin, nstep = time.perf_counter(), 0
@@ -146,9 +155,9 @@ def _observed(program_command: Sequence[str], folder: Path, rate: Sequence[str])
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     elapsed_s, nstep = map(float, done.stdout.split())
     (row,) = json.loads(document.read_text())["results"]
-    sampled_s = sum(loop["time"]["seconds"] for loop in row["loops"] if loop["time"]["in_main"])
-    cost_share = (row["paused_share"] or 0.0) + max(each["cost_share"] for each in row["steps"])
-    return Observed(elapsed_s / nstep, cost_share, sampled_s / elapsed_s)
+    program = msgspec.convert(row, ProgramRow)
+    sampled_s = sum(loop.time.seconds for loop in program.loops if loop.time.in_main)
+    return Observed(elapsed_s / nstep, program.cost_share, sampled_s / elapsed_s)
 
 
 if __name__ == "__main__":

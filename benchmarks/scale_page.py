@@ -138,8 +138,8 @@ def _clusters(tally: ScaleTally) -> Iterator[str]:
         " [assumptions](#what-is-assumed) below. *Efficiency* is the share of all nodes' time in"
         " commands that ended well; the rest is handing out, calibrations, refusals, lost work, and"
         " nodes that wait for others at the end. *Lost* is the nodes' time in commands that died"
-        f" with their node. One node has one processor, and measures {_percent(1 / size.processors)} of"
-        " the matrix."
+        " with their node. One node has one processor, and measures"
+        f" {_percent(1 / size.processors)} of the matrix."
     )
     yield ""
     headings = [

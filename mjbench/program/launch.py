@@ -20,7 +20,13 @@ from types import FrameType
 from mjbench.errors import InputError, MachineError, shown
 from mjbench.program import sampler, step_times
 from mjbench.program.hook import step_clock
-from mjbench.program.profiling import MANY_CHILDREN, Profiling, Sampling
+from mjbench.program.profiling import (
+    MANY_CHILDREN,
+    ProcessorClock,
+    ProcessorUse,
+    Profiling,
+    Sampling,
+)
 from mjbench.program.samples import ThreadSamples
 from mjbench.program.step_times import Header, StepTimes
 
@@ -70,6 +76,8 @@ class Observation:
       has_native: whether stacks of libraries were asked for.
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
+      processor: time that the program and those who observe it used; None where that cannot be
+        seen, as of a program that ran before.
       problem: why there are no samples, in one line; empty where there are.
     """
 
@@ -82,6 +90,7 @@ class Observation:
     rate_hz: int
     has_native: bool
     paused_share: float | None
+    processor: ProcessorUse | None = None
     problem: str = ""
 
 
@@ -156,7 +165,7 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
                 profiling.look()
                 profiling.look_for_pause()
-                time.sleep(_LOOK_S)
+                time.sleep(profiling.look_s)
         end_s = time.monotonic()
         profiling.sampler.stop()
         threads, problem = profiling.samples(end_s)
@@ -176,14 +185,14 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
 
 def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampling) -> Observation:
     with _passing_on() as signals:
-        begin_s = time.monotonic()
+        begin = ProcessorClock.now()
         process = _start(program, folder)
         signals.forward = process.send_signal
         was_ended = has_begun = False
         with _ended_on_error(process):
             profiling = _start_profiler(process, folder, sampling)
             while process.poll() is None:
-                time.sleep(_LOOK_S)
+                time.sleep(_LOOK_S if profiling is None else profiling.look_s)
                 if profiling is not None:
                     profiling.look()
                     if has_begun := has_begun or _has_stepped(folder, _CALM_S):
@@ -191,20 +200,25 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
                 if seconds is not None and not was_ended and _has_stepped(folder, seconds):
                     was_ended = True
                     _end(process)
-    end_s = time.monotonic()
+    end = ProcessorClock.now()
+    processor = None
     if profiling is not None:
+        processor = end.use(begin, profiling)
         profiling.sampler.finish()
-    threads, problem = ([], sampler.TOO_SHORT) if profiling is None else profiling.samples(end_s)
+    threads, problem = (
+        ([], sampler.TOO_SHORT) if profiling is None else profiling.samples(end.time_s)
+    )
     return Observation(
         exit_code=_exit_code(process.returncode),
         was_ended=was_ended,
-        wall_s=end_s - begin_s,
+        wall_s=end.time_s - begin.time_s,
         pid=process.pid,
         threads=threads,
         steps=step_times.read_all(folder),
         rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
         has_native=profiling is None or profiling.has_native,
         paused_share=None if profiling is None else profiling.paused_share,
+        processor=processor,
         problem=problem,
     )
 

@@ -1,19 +1,23 @@
 """The profiler beside a program, and what it costs: its rate follows from how long it stops it."""
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench.errors import InputError
+from mjbench.instrument import machine
 from mjbench.program import sampler, samples
 from mjbench.program.samples import ThreadSamples
 
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
-# From so many child processes on, stacks of libraries are not read unless the user asks for them:
-# reading them stops each process, and takes time from a core that the others need.
-MANY_CHILDREN = 2
+# From so many child processes on, samples are fewer, and stacks of libraries are not read, unless
+# the user asks for them: each process is stopped in turn, and the others need the profiler's core.
+MANY_CHILDREN, MANY_RATE_HZ = 2, 5
+# Seconds between looks at the program: often until the rate is settled, then less often.
+LOOK_S, LATER_LOOK_S = 0.01, 0.03
 # Fewer samples per second tell too little, whatever they cost.
 LEAST_RATE_HZ = 3
 # The state of a process that a profiler has stopped.
@@ -33,6 +37,66 @@ class Sampling:
     has_native: bool | None = None
 
 
+@dataclass(frozen=True)
+class ProcessorUse:
+    """Processor time while a program ran, in seconds per second.
+
+    Attributes:
+      program_cores: of the program and of its child processes that have ended.
+      observer_cores: of the profiler and of mjbench.
+      usable_cores: that all of them may use.
+    """
+
+    program_cores: float
+    observer_cores: float
+    usable_cores: int
+
+    @property
+    def displaced_share(self) -> float:
+        """By how much observing lengthens the program since it takes processor time, estimated.
+
+        Observing takes nothing from the program where a core is free, and all of its time where
+        none is.
+        """
+        free = min(1.0, max(0.0, self.usable_cores - self.program_cores))
+        busy = self.observer_cores / self.program_cores if self.program_cores > 0 else 0.0
+        return (1.0 - free) * busy
+
+
+@dataclass(frozen=True)
+class ProcessorClock:
+    """Processor seconds at one moment.
+
+    Attributes:
+      time_s: on the clock of `time.monotonic`.
+      own_s: of this process.
+      children_s: of child processes that have ended.
+    """
+
+    time_s: float
+    own_s: float
+    children_s: float
+
+    @classmethod
+    def now(cls) -> "ProcessorClock":
+        """Read the clocks."""
+        times = os.times()
+        children_s = times.children_user + times.children_system  # zero on Windows
+        return cls(time.monotonic(), times.user + times.system, children_s)
+
+    def use(self, begin: "ProcessorClock", profiling: "Profiling") -> ProcessorUse | None:
+        """Return what was used since `begin`, before the last profiler's end is waited for.
+
+        None where the system does not say.
+        """
+        wall_s = self.time_s - begin.time_s
+        program_s = self.children_s - begin.children_s - profiling.earlier_cpu_s
+        if program_s <= 0 or wall_s <= 0:
+            return None
+        observer_s = self.own_s - begin.own_s + profiling.cpu_s
+        return ProcessorUse(program_s / wall_s, observer_s / wall_s, machine.usable_cores())
+
+
 @dataclass
 class Profiling:
     """The profiler beside a program, and what it costs.
@@ -45,14 +109,17 @@ class Profiling:
       folder: for the profiler's files.
       rate_hz: samples per second.
       has_native: whether stacks of libraries are read.
-      adapts: whether the rate may be lowered.
+      adapts: whether the rate may be lowered by what samples cost.
+      is_rate_given: whether the rate is the user's.
       drops_native: whether stacks of libraries may be left out once there are many processes.
       sampler: the profiler.
       looks: how often the program was looked at.
       paused: how often the profiler had stopped it, or one of its child processes, then.
       begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
         before that.
-      earlier: samples at the first rate.
+      earlier: samples at earlier rates.
+      has_many_children: whether the program has so many child processes that samples are fewer.
+      earlier_cpu_s: processor seconds of profilers at earlier rates.
       problem: why samples could not be read; "" where they could.
     """
 
@@ -61,12 +128,15 @@ class Profiling:
     rate_hz: int
     has_native: bool
     adapts: bool
+    is_rate_given: bool
     drops_native: bool
     sampler: sampler.Sampler
     looks: int = 0
     paused: int = 0
     begin_s: float | None = None
     earlier: Sequence[ThreadSamples] = ()
+    has_many_children: bool = False
+    earlier_cpu_s: float = 0.0
     problem: str = ""
 
     @classmethod
@@ -85,6 +155,7 @@ class Profiling:
             rate,
             has_native,
             adapts=sampling.rate_hz is None and seconds is None,
+            is_rate_given=sampling.rate_hz is not None or seconds is not None,
             drops_native=sampling.has_native is None and seconds is None,
             sampler=sampler.start(pid, folder, rate, has_native, seconds),
         )
@@ -93,13 +164,17 @@ class Profiling:
         """See whether the profiler has begun, and whether there are many processes by now."""
         if self.begin_s is None and self.sampler.has_begun:
             self.begin_s = time.monotonic()
-        is_sampling = self.begin_s is not None and self.sampler.is_running
-        if self.drops_native and is_sampling and self._has_many_children():
-            self.drops_native = self.has_native = False
-            self._restart(self.rate_hz)
+        if self.has_many_children or self.begin_s is None or not self.sampler.is_running:
+            return
+        self.has_many_children = len(_children(self.folder, self.pid)) >= MANY_CHILDREN
+        if self.has_many_children and (self.drops_native or not self.is_rate_given):
+            self.has_native = self.has_native and not self.drops_native
+            self._restart(self.rate_hz if self.is_rate_given else min(self.rate_hz, MANY_RATE_HZ))
 
-    def _has_many_children(self) -> bool:
-        return len(_children(self.folder, self.pid)) >= MANY_CHILDREN
+    @property
+    def look_s(self) -> float:
+        """Seconds until the next look."""
+        return LOOK_S if self.adapts else LATER_LOOK_S
 
     def look_for_pause(self) -> None:
         """See whether the profiler has stopped the program at this moment (Linux)."""
@@ -121,12 +196,18 @@ class Profiling:
     def _restart(self, rate_hz: int) -> None:
         """Start the profiler again; what it has seen is not lost."""
         end_s = time.monotonic()
+        self.earlier_cpu_s = self.cpu_s
         self.sampler.stop()
         self.earlier = [*self.earlier, *self._read(end_s)]
         self.begin_s = None
         self.rate_hz = rate_hz
         self.sampler = sampler.start(self.pid, self.folder, rate_hz, self.has_native)
         self.looks = self.paused = 0
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor seconds of the profiler so far."""
+        return self.earlier_cpu_s + self.sampler.cpu_s()
 
     @property
     def paused_share(self) -> float | None:

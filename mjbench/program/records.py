@@ -7,6 +7,7 @@ from typing import ClassVar
 from mjbench.program import attribution, remedies, sampler
 from mjbench.program.attribution import LoopTime
 from mjbench.program.launch import Observation
+from mjbench.program.profiling import ProcessorUse
 from mjbench.program.remedies import Remedy
 from mjbench.program.step_times import StepTimes
 from mjbench.status import Status
@@ -40,6 +41,7 @@ class ProgramRow:
       samples: taken of all threads.
       paused_share: share of time for which the profiler stopped a process of the program, summed
         over processes; None where that cannot be seen.
+      processor: time that the program and those who observed it used; None where it is not known.
       loops: that step, or wait for processes that do; the program's own first.
       steps: of each process that stepped.
       has_native: whether stacks of libraries were read to the end of the run; otherwise what NumPy
@@ -59,6 +61,7 @@ class ProgramRow:
     loops: Sequence[LoopReport]
     steps: Sequence[StepTimes]
     has_native: bool = True
+    processor: ProcessorUse | None = None
 
     @classmethod
     def of(cls, name: str, seen: Observation) -> "ProgramRow":
@@ -79,6 +82,7 @@ class ProgramRow:
             loops=[LoopReport(time, remedies.remedies(time, steps)) for time in times],
             steps=steps,
             has_native=seen.has_native and sampler.can_read_libraries(),
+            processor=seen.processor,
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":
@@ -89,6 +93,10 @@ class ProgramRow:
 
     @property
     def cost_share(self) -> float:
-        """What observing cost the program, as a share of its time: pauses and the step clock."""
+        """What observing cost the program, as a share of its time.
+
+        That is pauses, the step clock, and processor time on cores that the program could use.
+        """
         clock = max((step.cost_share for step in self.steps), default=0.0)
-        return (self.paused_share or 0.0) + clock
+        displaced = self.processor.displaced_share if self.processor else 0.0
+        return (self.paused_share or 0.0) + clock + displaced

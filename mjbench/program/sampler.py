@@ -50,6 +50,15 @@ class Sampler:
         """Whether the profiler takes samples: it says so first."""
         return self.log.stat().st_size > 0
 
+    def cpu_s(self) -> float:
+        """Return the processor seconds of the profiler so far; 0 where they cannot be seen."""
+        import psutil
+
+        with contextlib.suppress(psutil.Error):
+            times = psutil.Process(self.process.pid).cpu_times()
+            return float(times.user + times.system)
+        return 0.0
+
     def stop(self) -> None:
         """Let the profiler write its file, and end."""
         with contextlib.suppress(ProcessLookupError):

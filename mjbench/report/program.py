@@ -222,8 +222,8 @@ def _print_cost(out: Console, row: ProgramRow) -> None:
         return
     if not row.has_native and sampler.can_read_libraries():
         out.print(
-            "\nThe program has several processes, so stacks of libraries were not read: what NumPy"
-            " and PyTorch do counts as Python. --native reads them, at a higher cost.",
+            "\nStacks of libraries were not read, as of any program with several processes: what"
+            " NumPy and PyTorch do counts as Python. --native reads them, at a higher cost.",
             soft_wrap=True,
         )
     line = f"\nObserving took {percent(row.cost_share, 1)} of the program's time."

@@ -2,8 +2,9 @@
 
 import pytest
 
+from mjbench.instrument import machine
 from mjbench.program import profiling, sampler
-from mjbench.program.profiling import Profiling, Sampling
+from mjbench.program.profiling import ProcessorClock, ProcessorUse, Profiling, Sampling
 
 
 class FakeSampler:
@@ -13,6 +14,9 @@ class FakeSampler:
         self.is_running = True
         self.file = folder / "samples.json"
         self.has_begun = True
+
+    def cpu_s(self):
+        return 0.25
 
     def stop(self):
         self.has_begun = False
@@ -47,24 +51,58 @@ def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("children", "has_native", "started"),
-    [(1, None, [True]), (2, None, [True, False]), (2, True, [True]), (0, False, [False])],
+    ("children", "sampling", "started"),
+    [
+        (1, Sampling(), [(10, True)]),
+        (2, Sampling(), [(10, True), (5, False)]),
+        (2, Sampling(has_native=True), [(10, True), (5, True)]),
+        (2, Sampling(rate_hz=50), [(50, True), (50, False)]),
+        (2, Sampling(rate_hz=50, has_native=True), [(50, True)]),
+        (0, Sampling(has_native=False), [(10, False)]),
+    ],
 )
-def test_stacks_of_libraries_are_left_out_of_many_processes_unless_asked_for(
-    tmp_path, monkeypatch, children, has_native, started
+def test_of_many_processes_samples_are_fewer_and_without_libraries_unless_asked_for(
+    tmp_path, monkeypatch, children, sampling, started
 ):
-    modes = []
+    samplers = []
 
     def start(pid, folder, rate_hz, native, seconds=None):
-        modes.append(native)
+        samplers.append((rate_hz, native))
         return FakeSampler(folder)
 
     monkeypatch.setattr(sampler, "start", start)
     for pid in range(1, children + 2):
         (tmp_path / f"{pid}.steps").touch()
-    beside = Profiling.begin(1, tmp_path, Sampling(None, has_native))
+    beside = Profiling.begin(1, tmp_path, sampling)
     for _ in range(3):
         beside.look()
-    assert modes == started
-    assert beside.has_native == started[-1]
-    assert beside.rate_hz == sampler.DEFAULT_RATE_HZ
+    assert samplers == started
+    assert (beside.rate_hz, beside.has_native) == started[-1]
+    assert beside.cpu_s == 0.25 * len(started)
+
+
+@pytest.mark.parametrize(
+    ("program_cores", "usable_cores", "share"),
+    [
+        (0.9, 2, 0.0),
+        (1.0, 2, 0.0),
+        (1.6, 2, 0.0225),
+        (2.0, 2, 0.03),
+        (0.5, 1, 0.06),
+        (1.0, 1, 0.06),
+    ],
+)
+def test_observing_displaces_a_program_that_leaves_no_core_free(program_cores, usable_cores, share):
+    use = ProcessorUse(program_cores, observer_cores=0.06, usable_cores=usable_cores)
+    assert use.displaced_share == pytest.approx(share)
+
+
+def test_processor_time_is_of_the_program_without_earlier_profilers(tmp_path, monkeypatch):
+    monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
+    monkeypatch.setattr(machine, "usable_cores", lambda: 4)
+    beside = Profiling.begin(1, tmp_path, Sampling())
+    beside.earlier_cpu_s = 1.0
+    begin = ProcessorClock(time_s=100.0, own_s=2.0, children_s=5.0)
+    use = ProcessorClock(time_s=110.0, own_s=2.5, children_s=26.0).use(begin, beside)
+    assert use == ProcessorUse(program_cores=2.0, observer_cores=0.175, usable_cores=4)
+    assert begin.use(begin, beside) is None
