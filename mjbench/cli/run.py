@@ -97,8 +97,8 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
 @click.option(
     "--confirm",
     is_flag=True,
-    help="Measure what each change saves that mjbench can make itself: run the program 8 times with"
-    " and 8 times without it.",
+    help="Measure what the changes save that mjbench can make itself: run the program 8 times with"
+    " and 8 times without each.",
 )
 @with_options(RESULTS, WAIT, JSON)
 def run(
