@@ -18,10 +18,10 @@ def page(tally: ScaleTally, measured: CellTally) -> str:
 
 
 def row_line(row: ClusterRow) -> str:
-    """Return how one cluster did in a line, for somebody who waits."""
+    """Return how one cluster did, in a line that shows progress."""
     return (
-        f"{row.nodes} nodes: {row.hours:.1f} h, {100 * row.efficiency:.0f} % of their time in"
-        f" commands that ended well, driver busy {100 * row.driver_share:.2f} %"
+        f"{row.nodes} nodes: {row.hours:.1f} h, efficiency {100 * row.efficiency:.0f} %,"
+        f" driver busy {100 * row.driver_share:.2f} %"
     )
 
 
@@ -32,8 +32,8 @@ def _lines(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
     yield ""
     yield (
         "Written by `python -m benchmarks.sweep_simulation` from `results/cells.json`,"
-        " `results/sweep.json` and `results/scale.json`; do not edit. What cells take and what"
-        " handing them out takes is measured; how a cluster does is simulated."
+        " `results/sweep.json` and `results/scale.json`; do not edit. What results and scheduling"
+        " cost is measured; what clusters do is simulated."
     )
     yield ""
     yield from _measured(measured)
@@ -57,7 +57,7 @@ def _conclusion(tally: ScaleTally) -> str:
     cells = sum(kind.cells for kind in tally.kinds)
     text = (
         f"{size.models} models × {size.releases} releases × {size.processors} processors are"
-        f" {cells:,} results, which take {hours:,.0f} node hours. Simulated, a cluster of"
+        f" {cells:,} results, which take {hours:,.0f} node hours. In simulation, a cluster of"
         f" {most.nodes} nodes, {most.nodes // most.processors} of each processor, has all of them"
         f" after {_hours(most.hours)}."
     )
@@ -66,20 +66,21 @@ def _conclusion(tally: ScaleTally) -> str:
     if night:
         largest = max(night, key=lambda row: row.nodes)
         text += (
-            f" {largest.nodes} nodes have {_percent(largest.night_cells / largest.cells)} of them"
-            " after a night of eight hours."
+            f" In a night of eight hours, {largest.nodes} nodes measure"
+            f" {_percent(largest.night_cells / largest.cells)} of them."
         )
     return text
 
 
 def _measured(measured: CellTally) -> Iterator[str]:
-    yield "## What a cell takes"
+    yield "## What a result costs"
     yield ""
     yield (
-        f"Measured on {measured.date} on {measured.usable_cores} cores of {measured.processor}, by"
-        f" `python -m benchmarks.cell_cost`: seconds of one verdict by time of {measured.old} →"
-        f" {measured.new}, of counting the instructions of a step in one release, and of comparing"
-        " the paths. In brackets, what the command takes beside its cells."
+        f"Seconds for a verdict by time on {measured.old} → {measured.new}, for counting the"
+        " instructions of a step in one release, and for comparing the paths. In brackets, the"
+        " further time of a command, however many results it measures. Measured by `python -m"
+        f" benchmarks.cell_cost` on {measured.date}, on {measured.usable_cores} cores of"
+        f" {measured.processor}."
     )
     yield ""
     by_model: dict[str, dict[CellKind, CellCost]] = {}
@@ -106,11 +107,11 @@ def _matrix(tally: ScaleTally) -> Iterator[str]:
     yield "## What the matrix costs"
     yield ""
     yield (
-        f"Every processor has its own copy of every result: {size.releases - 1} verdicts of a"
-        f" release against the newest for each model, {size.releases} counts, and one comparison of"
-        " the paths. Each model is like one of those above, drawn at random: what other models take"
-        " was not measured. A node runs as many counts at once as it has cores, and verdicts and"
-        " comparisons alone."
+        f"Each processor measures, for each model, {size.releases - 1} verdicts (each other release"
+        f" against the newest), {size.releases} counts and one comparison of the paths. Other"
+        " models were not measured: each is assumed to cost as much as one of those above, drawn at"
+        " random. A node runs as many counts at once as it has cores, but only one verdict or"
+        " comparison."
     )
     yield ""
     headings = ["", "results", "node hours", "node hours of one processor"]
@@ -134,11 +135,11 @@ def _clusters(tally: ScaleTally) -> Iterator[str]:
     yield "## What a cluster does in a night"
     yield ""
     yield (
-        "Simulated event by event, with the scheduler of `mjbench sweep` itself, and the"
-        " [assumptions](#what-is-assumed) below. *Efficiency* is the share of all nodes' time in"
-        " commands that ended well; the rest is handing out, calibrations, refusals, lost work, and"
-        " nodes that wait for others at the end. *Lost* is the nodes' time in commands that died"
-        " with their node. One node has one processor, and measures"
+        "The simulation uses the scheduler of `mjbench sweep`, and the"
+        " [assumptions](#what-is-assumed) below. *Efficiency* is the share of node time in commands"
+        " that succeeded; the rest is scheduling, calibration, refusals, lost work, and waiting for"
+        " other nodes at the end. *Lost* is node time in commands that died with their node. A"
+        " cluster of one node has one processor, and measures"
         f" {_percent(1 / size.processors)} of the matrix."
     )
     yield ""
@@ -178,14 +179,14 @@ def _driver(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
     yield "## One driver"
     yield ""
     yield (
-        f"One process hands out all commands and stores all results. Measured, it is busy for"
-        f" {1e3 * cost.command_s:.1f} ms with each command, and for {low:.1f} to {high:.1f} ms with"
-        f" each result; a node starts a command {cost.handover_s:.2f} s after it was handed out,"
-        f" and {cost.calibration_s:.1f} s later where it calibrates first. Simulated with"
-        f" {most.nodes} nodes, the driver is busy {100 * most.driver_share:.2f} % of the time, and"
-        f" nothing waits for it longer than {most.longest_wait_s:.1f} s. It would be busy all the"
-        f" time with about {_two_digits(most.nodes_of_a_busy_driver)} such nodes: there it becomes"
-        " the bottleneck."
+        f"One process, the driver, hands out all commands and stores all results. Each command took"
+        f" it {1e3 * cost.command_s:.1f} ms, each result {low:.1f} to {high:.1f} ms, as measured. A"
+        f" node starts a command {cost.handover_s:.2f} s after it was handed out, and"
+        f" {cost.calibration_s:.1f} s later if it calibrates first. In the simulation of"
+        f" {most.nodes} nodes, the driver is busy for {100 * most.driver_share:.2f} % of the time,"
+        f" and nothing waits for it longer than {most.longest_wait_s:.1f} s. With about"
+        f" {_two_digits(most.nodes_of_a_busy_driver)} nodes it would be busy all the time, and"
+        " become the bottleneck."
     )
 
 
@@ -196,7 +197,7 @@ def _tasks(tally: ScaleTally) -> Iterator[str]:
         for task in tally.scheduling.tasks
     )
     yield ""
-    yield "A command that does nothing took this, beside itself:"
+    yield "Measured overhead of a command that does nothing:"
     yield ""
     yield from markdown.table(headings, rows, headings)
 
@@ -207,10 +208,10 @@ def _storage(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
     yield "## Storage"
     yield ""
     yield (
-        f"The run set of the whole matrix has {written / 2**30:.1f} GiB, by the sizes of measured"
-        f" records. Each node installs {tally.size.releases} releases:"
-        f" {installs / 2**30:.1f} GiB, at {measured.install_bytes / 2**20:.0f} MiB for each, the"
-        " mean of the two that were measured."
+        f"The run set of the whole matrix takes {written / 2**30:.1f} GiB, estimated from measured"
+        f" results. Each node installs {tally.size.releases} releases, which take"
+        f" {installs / 2**30:.1f} GiB: {measured.install_bytes / 2**20:.0f} MiB each, the mean of"
+        " the two measured ones."
     )
 
 
@@ -218,7 +219,7 @@ def _assumptions(tally: ScaleTally) -> Iterator[str]:
     assumed = tally.assumptions
     yield "## What is assumed"
     yield ""
-    yield "Nobody measured these:"
+    yield "These values were not measured:"
     yield ""
     yield (
         f"- The time that nodes take differs by {_percent(assumed.slowness_deviation)} (standard"
@@ -226,12 +227,12 @@ def _assumptions(tally: ScaleTally) -> Iterator[str]:
     )
     yield f"- A node refuses {_percent(assumed.refusals)} of the commands that need it quiet."
     yield (
-        f"- A node dies every {assumed.hours_between_deaths:g} hours, in the mean, at random. The"
-        f" driver knows after {assumed.detection_s:g} s, and the node is there again after"
+        f"- A node dies at random, every {assumed.hours_between_deaths:g} hours on average. The"
+        f" driver notices after {assumed.detection_s:g} s, and the node is back after"
         f" {assumed.outage_s / 60:g} minutes."
     )
     yield "- The releases are installed before the sweep begins."
-    yield f"- All is drawn with seed {tally.seed}: the same seed gives the same page."
+    yield f"- The random seed is {tally.seed}. The same seed gives the same page."
 
 
 def _hours(hours: float) -> str:
@@ -253,6 +254,6 @@ def _two_digits(value: float) -> str:
 _HOW = """
 ## Run it again
 
-`python -m benchmarks.sweep_simulation` takes half a minute. What it starts from comes from
-`python -m benchmarks.cell_cost` and `python -m benchmarks.sweep_cost`, each of which needs the
-machine for itself.""".splitlines()
+`python -m benchmarks.sweep_simulation` takes half a minute. Its inputs come from
+`python -m benchmarks.cell_cost` and `python -m benchmarks.sweep_cost`; run nothing else beside
+them.""".splitlines()

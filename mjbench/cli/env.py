@@ -30,8 +30,8 @@ MAX_NSTEP = 100_000
     "--steps",
     "nstep",
     type=click.IntRange(1, MAX_NSTEP),
-    help="Steps of the environment that are recorded and then repeated in every round"
-    "  [default: what takes 0.1 s, at least 50 and at most 1000]",
+    help="Steps of the environment to record and repeat in every round"
+    "  [default: as many as take 0.1 s, from 50 to 1000]",
 )
 @click.option(
     "--seed",
@@ -47,7 +47,7 @@ MAX_NSTEP = 100_000
     "--num-envs",
     "nenv",
     type=Numbers(MAX_THREADS),
-    help="Environments of vectorised forms  [default: 1, 2, 4, … usable cores]",
+    help="Numbers of environments in vectorised forms  [default: 1, 2, 4, … usable cores]",
 )
 @click.option(
     "--budget",
@@ -55,9 +55,9 @@ MAX_NSTEP = 100_000
     type=Seconds(zero=True),
     default="10s",
     show_default=True,
-    help="Time for all rounds, and as much again for those of vectorised forms.",
+    help="Time for the rounds of each environment, and as much again for vectorised forms.",
 )
-@click.option("--no-vector", is_flag=True, help="Leave vectorised forms out.")
+@click.option("--no-vector", is_flag=True, help="Leave out vectorised forms.")
 @with_options(LIMIT, RESULTS, WAIT, JSON)
 def env(
     names: tuple[str, ...],
@@ -75,8 +75,8 @@ def env(
     """Where does the time of env.step go, and how fast is the same physics without it?
 
     ENVIRONMENT is a Gymnasium id, dm_control:DOMAIN-TASK, or MODULE:FACTORY: a function of yours,
-    imported from the current folder, that returns an environment. It is stepped with random
-    actions. Its physics is repeated by a plain loop, to the last bit, before anything is compared.
+    imported from the current folder, that returns an environment. Actions are random. Nothing is
+    compared before a plain loop has repeated the environment's physics, to the last bit.
 
     \b
     Examples:

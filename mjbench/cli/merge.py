@@ -21,15 +21,14 @@ if TYPE_CHECKING:
     required=True,
     metavar="SET",
     type=click.Path(path_type=Path),
-    help="The run set. If it exists, runs that it lacks are appended; nothing else in it changes.",
+    help="Run set to write. If it exists, runs that it lacks are appended.",
 )
 def merge(files: tuple[Path, ...], output: Path) -> None:
     """Merge run files of one or several machines into one file, a run set.
 
-    The set has every run once, unchanged. `report`, `show`, `diff`, `history` and mjbench.load
-    read sets as they read run files, and tell machines apart: by the environment variable
-    MJBENCH_MACHINE that was set when they measured, otherwise by a hash of the host. Sets can be
-    merged, too.
+    The set has every run once, unchanged. Sets can be merged, too. `report`, `show`, `diff`,
+    `history` and mjbench.load read sets like run files. They tell machines apart by the environment
+    variable MJBENCH_MACHINE of the command that measured, otherwise by a hash of the host.
 
     \b
     Example:
@@ -49,7 +48,7 @@ def merge(files: tuple[Path, ...], output: Path) -> None:
 
 
 def _summary(merged: "Merged") -> str:
-    """Return what a set holds now, and what was skipped, in one line."""
+    """Return what a set holds now, what was added and what was skipped, in one line."""
     from mjbench.instrument.machine_identity import identify
     from mjbench.report import tables
 

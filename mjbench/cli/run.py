@@ -72,8 +72,7 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "pid",
     type=click.IntRange(1, 2**31 - 1),
     metavar="PID",
-    help="Look at a program that is already running, for --seconds (10s by default). It keeps"
-    " running.",
+    help="Sample a running program for --seconds (10s by default). It keeps running.",
 )
 @click.option(
     "--rate",
@@ -86,8 +85,8 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "--native/--no-native",
     "has_native",
     default=None,
-    help="Read the stacks of libraries, too, to tell NumPy and PyTorch from Python  [default:"
-    " unless the program has several processes]",
+    help="Also read the stacks of libraries, to tell NumPy and PyTorch from Python  [default: only"
+    " if the program has fewer than two child processes]",
 )
 @click.option(
     "--python",
@@ -98,8 +97,8 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
 @click.option(
     "--confirm",
     is_flag=True,
-    help="Run the program again, 8 times with and 8 times without each change that mjbench can"
-    " make itself, to measure what it saves.",
+    help="Measure what the changes save that mjbench can make itself: run the program 8 times with"
+    " and 8 times without each.",
 )
 @with_options(RESULTS, WAIT, JSON)
 def run(
@@ -136,7 +135,7 @@ def run(
     if json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")
     if bool(program) == (pid is not None):
-        raise InputError("give a program to run, or --attach and the number of a process")
+        raise InputError("give a program to run, or --attach PID")
     of_program = launch.Program(program, interpreter or sys.executable) if program else None
     if of_program is not None:
         launch.check(of_program)

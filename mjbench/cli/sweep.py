@@ -42,7 +42,7 @@ class _Options:
 @click.option(
     "--address",
     metavar="HOST:PORT|auto",
-    help="Cluster of Ray to measure on; `auto` is the one that this machine belongs to"
+    help="Ray cluster to measure on; `auto` is the one that this machine belongs to"
     "  [default: this machine alone]",
 )
 @click.option(
@@ -57,17 +57,17 @@ class _Options:
 @click.option(
     "--retry",
     is_flag=True,
-    help="Measure cells again that failed; how they failed stays in the run set, too.",
+    help="Also measure again what failed; the earlier failures stay in the run set.",
 )
 def sweep(plan: Path, output: Path | None, **options: object) -> None:
-    """Measure all that PLAN.toml asks for, on all nodes of a cluster, each result once.
+    """Measure what PLAN.toml asks for on all nodes of a Ray cluster, each result once.
 
-    The plan names models, releases, paths, metrics and machines. Each node runs ordinary commands
-    of mjbench, alone on its machine, after it has looked whether that is quiet. Results are stored
-    as they come. When a node dies, another one does its work. Give the same command again after an
-    interruption, or with a longer plan: only what is missing is measured.
+    The plan names models, releases, paths, metrics and machines. A node measures time only if its
+    machine is quiet. Results are stored as soon as they are complete. If a node dies, another one
+    does its work. After an interruption, or with a longer plan, give the same command again: it
+    measures only what is missing.
 
-    It needs Ray, the extra `ray`.
+    It needs the extra `ray`.
 
     \b
     Example of a plan:
@@ -116,7 +116,7 @@ def check_command(arguments: Sequence[str]) -> None:
 
 
 def _print_plan(run: RunContext, matrix: "Matrix", stored: "dict[Cell, Outcome]") -> None:
-    """Print the cells of a plan, and what there is of them."""
+    """Print the cells of a plan, those that are done, and how long the others take."""
     from mjbench.report import sweep as report
     from mjbench.sweep.estimate import estimate
 
@@ -195,7 +195,7 @@ def _open(target: Path, on_error: contextlib.ExitStack) -> "RunSetFile":
 
     Args:
       target: the file.
-      on_error: removes it again where it was created, and has got no result.
+      on_error: removes the file again if it was created here and has no result.
 
     Raises:
       InputError: there is another file of this name.
@@ -224,7 +224,7 @@ def _remove_empty(target: Path) -> None:
 
 
 def _stored(target: Path, matrix: "Matrix") -> "dict[Cell, Outcome]":
-    """Return how the cells ended that a run set has; the last result of each counts.
+    """Return how the cells in a run set ended; the last result of each counts.
 
     Raises:
       InputError: it is no run set.

@@ -41,7 +41,7 @@ NBATCH = 64
     type=click.Choice(["c", "mjx", "warp"]),
     default="c",
     show_default=True,
-    help="What steps the model; errors of MJX and Warp are distances from C",
+    help="Engine that steps the model; errors of MJX and Warp are distances from C",
 )
 @click.option(
     "--nbatch",
@@ -63,8 +63,8 @@ NBATCH = 64
 @click.option(
     "--max-error",
     type=Share(below=10.0),
-    help="The largest error of nine runs in ten, in percent of the motion  [default: that of the"
-    " present settings]",
+    help="Largest error to recommend, in percent of the motion; nine runs in ten stay below it"
+    "  [default: that of the present settings]",
 )
 @click.option(
     "--budget",
@@ -78,8 +78,8 @@ NBATCH = 64
     "--write",
     "target",
     metavar="FILE",
-    help="Write a copy of the MJCF file with the fastest recommended settings; those of the program"
-    " are only printed",
+    help="Write a copy of the MJCF file with the fastest recommended settings; settings of the"
+    " program are only printed",
 )
 @click.option(
     "--hold",
@@ -110,12 +110,12 @@ def tune(
 ) -> None:
     """Which settings make a model faster, and what do they cost in accuracy?
 
-    Settings are tried alone and together: those that change no state come first, then those that
-    stay within the solver's tolerance, then those with an error, which is measured against the
-    model at an eighth of its timestep. What is recommended was measured again from new starts.
+    Tries settings alone and together. Those that change no state come first, then those that stay
+    within the solver's tolerance, then those with an error: a distance from the same model at an
+    eighth of its timestep. Recommendations are measured again from new starts.
 
-    With --engine mjx or warp, settings of that engine are tried: limits of iterations, solver,
-    Jacobian, buffers. Times are of a batched step, errors are distances from C.
+    --engine mjx or warp tries settings of that engine: limits of iterations, solver, Jacobian,
+    buffers. Times are of a batched step, errors are distances from C.
 
     \b
     Examples:
@@ -216,7 +216,7 @@ def _write(
     best = record.best()
     edits = edits_of(best.settings) if best else []
     if not edits:
-        report_line(f"{target}: not written, as no settings of the file are recommended")
+        report_line(f"{target}: not written, because no settings of the file are recommended")
         return
     model_copy.write(source, edits, target)
     run.out.print(f"Wrote {target}", soft_wrap=True)

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     type=Seconds(zero=True),
     default="5s",
     show_default=True,
-    help="Time for the rounds of each model.",
+    help="Time to spend on timing each model.",
 )
 @click.option(
     "--no-experiments",
@@ -86,7 +86,7 @@ def web(
     release, from the same start states with the same controls. A build whose states differ from
     C's by more than rounding gets no speed. Without a MODEL: all shipped models.
 
-    mjbench does not download the npm package. If it is missing, the message has the command that
+    mjbench does not download the npm package; if it is missing, the message has the command that
     installs it.
 
     \b
@@ -183,7 +183,7 @@ def _measure(run: RunContext, sources: "Sequence[ModelSource]", plan: "WebPlan")
 
 
 def _examine(run: RunContext, engine: "Engine") -> list["WebExperimentsRecord"]:
-    """Try the memory of each build; print and store what that showed."""
+    """Run the experiments with each build; print and store what they showed."""
     from mjbench.report.web import print_findings
     from mjbench.web import experiments
     from mjbench.web.npm_package import Build

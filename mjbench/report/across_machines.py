@@ -1,7 +1,7 @@
-"""What several machines show side by side: the tables that `show` prints, and that a report holds.
+"""Results of several machines side by side, for `show` and reports.
 
-Verdicts of paired comparisons are decided together (see `paired.across_machines`); of runs of
-`compare` it is which path is advised on each machine.
+Verdicts of paired comparisons are decided together (see `paired.across_machines`). Of runs of
+`compare`, the tables have the advised path on each machine.
 """
 
 import shlex
@@ -18,13 +18,13 @@ from mjbench.paired.across_machines import AcrossMachines, MachineComparison, Ma
 from mjbench.report import advice_across, tables, verdicts
 from mjbench.report.advice_across import AdviceAcross
 
-# Machines that have a column each on a page, at most; of more, each cell is a row.
+# Up to so many machines have a column each on a page; with more, each cell of the table is a row.
 MOST_COLUMNS = 8
 
 
 @dataclass(frozen=True)
 class SideBySide:
-    """What runs of several machines show side by side.
+    """Results of several machines, side by side.
 
     Attributes:
       machines: of each run, in the order of the runs.
@@ -44,13 +44,13 @@ class SideBySide:
 
 @dataclass(frozen=True)
 class Matrix:
-    """What machines say of each thing that was measured.
+    """A table of results by machine.
 
     Attributes:
       title: of the table.
-      subject: heading of what was measured.
+      subject: heading of the first column.
       machines: their names.
-      rows: what was measured, and a cell for each machine that did.
+      rows: what was measured, and a cell for each machine that measured it.
     """
 
     title: str
@@ -75,7 +75,7 @@ class Matrix:
 
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
-    """Return what runs show side by side."""
+    """Return the results of runs, side by side."""
     machines = identify([run.header.machine for run in runs])
     names = [machine.name for machine in machines]
     decided = across_machines.decide(across_machines.rows_of(runs, names))
@@ -104,7 +104,7 @@ def _matrix(title: str, subject: str, rows: Sequence[tuple[str, Mapping[str, str
 
 
 def conclusions(results: SideBySide) -> Iterator[str]:
-    """Yield what all verdicts show together, each comparison, and which paths are advised.
+    """Yield a sentence on all verdicts, one on each comparison, and which paths are advised.
 
     Comparisons with a change come first.
     """
@@ -124,7 +124,7 @@ def named_comparisons(results: SideBySide) -> list[tuple[str, MachineComparison]
 
 
 def notes(results: SideBySide) -> Iterator[str]:
-    """Yield which comparisons are apart because machines did different work, and what to do."""
+    """Yield which results are not compared because machines did different work, and what to do."""
     machines: dict[str, list[set[str]]] = defaultdict(list)
     for comparison in results.verdicts.comparisons:
         names = {verdict.machine for verdict in comparison.machines}
@@ -157,7 +157,7 @@ def comparison_names(comparisons: Sequence[MachineComparison]) -> list[str]:
 
 
 def print_side_by_side(out: Console, results: SideBySide) -> None:
-    """Print the tables of several machines, and what follows from them."""
+    """Print the tables of several machines, and the conclusions."""
     for matrix in matrices(results):
         headings, rows = matrix.wide()
         widths = [max(map(len, column)) for column in zip(headings, *rows, strict=True)]

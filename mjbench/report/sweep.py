@@ -1,4 +1,4 @@
-"""What `mjbench sweep` prints: the plan's cells, what became of nodes, and what failed."""
+"""What `mjbench sweep` prints: the cells of a plan, what the nodes did, and what failed."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,9 +11,9 @@ from mjbench.sweep.estimate import PartEstimate
 from mjbench.sweep.results import Outcome
 from mjbench.sweep.run import Progress, Summary
 
-# Cells that are named one by one, and assignments that the line of progress has, at most.
+# At most so many failed cells are named, and so many assignments in the line of progress.
 _MOST_CELLS, _MOST_RUNNING = 50, 3
-# How cells that did not end well ended.
+# How failed cells ended.
 _FAILED = frozenset({Status.CRASHED, Status.TIMEOUT, Status.FAILED, Status.INPUT, Status.DISAGREES})
 
 
@@ -33,7 +33,7 @@ def print_estimates(out: Console, parts: Sequence[PartEstimate]) -> None:
 
 def _time(part: PartEstimate) -> str:
     if part.missing_s is None:
-        return "not known before one is measured"
+        return "unknown until one is measured"
     if part.missing_s == 0:
         return ""
     amount = "at most" if part.is_limit else "about"
@@ -50,7 +50,7 @@ def duration(seconds: float) -> str:
 
 
 def print_cells(out: Console, cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> None:
-    """Print the names of all cells, with what became of those that have a result."""
+    """Print the names of all cells, and how those that have a result ended."""
     table = tables.plain_table(["cell", "result"])
     for cell in cells:
         result = done.get(cell)
@@ -71,10 +71,10 @@ def describe_progress(progress: Progress) -> str:
 
 
 def print_summary(out: Console, summary: Summary, outcomes: Mapping[Cell, Outcome]) -> None:
-    """Print what became of the nodes, which cells did not end well, and what is missing.
+    """Print what the nodes did, which cells failed, and which are missing.
 
     Args:
-      out: where to.
+      out: to print to.
       summary: of the sweep.
       outcomes: of all cells that have a result, earlier ones included.
     """
@@ -88,13 +88,13 @@ def print_summary(out: Console, summary: Summary, outcomes: Mapping[Cell, Outcom
 
 
 def print_failures(out: Console, outcomes: Mapping[Cell, Outcome]) -> None:
-    """Print which cells did not end well, and how."""
+    """Print which cells failed, and how."""
     failed = [item for item in outcomes.items() if item[1].status in _FAILED]
     for cell, outcome in failed[:_MOST_CELLS]:
         out.print(tables.headed(cell.name, f": {outcome.status}, {outcome.detail}"), soft_wrap=True)
     if len(failed) > _MOST_CELLS:
         further = tables.count_of(len(failed) - _MOST_CELLS, "further cell")
-        out.print(f"{further} did not end well.")
+        out.print(f"{further} failed.")
 
 
 def _print_nodes(out: Console, summary: Summary) -> None:

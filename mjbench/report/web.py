@@ -21,12 +21,12 @@ _SHORT_MS = 1.0
 
 @dataclass(frozen=True)
 class WebFinding:
-    """What an experiment showed of builds, and the JavaScript that is right.
+    """What an experiment showed, and the correct JavaScript.
 
     Attributes:
-      builds: that it was shown of.
+      builds: that behave so.
       text: what happens, in a sentence or two.
-      code: that is right; empty where there is nothing to write.
+      code: correct JavaScript; empty if there is none to write.
     """
 
     builds: Sequence[str]
@@ -93,7 +93,7 @@ def _agreement(check: RoundingCheck) -> str:
 
 
 def notes(row: WebRow) -> list[str]:
-    """Return what stands below the table of a model, a line each."""
+    """Return the lines below the table of a model."""
     lines = list(_short_blocks(row))
     checks: dict[str, list[str]] = {}
     for path in row.paths:
@@ -110,15 +110,15 @@ def notes(row: WebRow) -> list[str]:
 
 
 def _short_blocks(row: WebRow) -> Iterator[str]:
-    """Yield a warning where blocks are so short that not only steps count."""
+    """Yield a warning if blocks are so short that more than the steps counts."""
     step_ns = next((path.step_ns for path in row.paths if path.path == C_PATH), None)
     if step_ns is None or row.block_nbatch is None or row.block_nstep is None:
         return
     block_ms = 1e-6 * step_ns * row.block_nbatch * row.block_nstep
     if block_ms < _SHORT_MS:
         yield (
-            f"A block takes only {block_ms:.2f} ms in C: setting states, and caches that other"
-            " programs have filled, count, too. Give more --nbatch or --nstep."
+            f"A block takes only {block_ms:.2f} ms in C, so setting states and cold caches count,"
+            " too. Use a larger --nbatch or --nstep."
         )
 
 
@@ -150,7 +150,7 @@ def _check_lines(check: RoundingCheck) -> Iterator[str]:
 
 
 def _of_same_model(check: RoundingCheck) -> str:
-    """Return whether the model that C compiled differs likewise, as the end of a sentence."""
+    """Return whether the run of C's compiled model differs, too, as the end of a sentence."""
     if not check.has_same_model:
         return ""
     if check.first_of_same_model is None:
@@ -205,7 +205,7 @@ def print_findings(out: Console, records: Sequence[WebExperimentsRecord]) -> Non
     """Print what experiments with builds showed."""
     shown = findings(records)
     if shown:
-        out.print(tables.headed("\nMemory and mathematics of the builds", ", as tried here:"))
+        out.print(tables.headed("\nExperiments with the builds", ", on memory and mathematics:"))
     for finding in shown:
         out.print(f"{', '.join(finding.builds)}: {finding.text}", soft_wrap=True)
         if finding.code:
@@ -216,7 +216,7 @@ def print_findings(out: Console, records: Sequence[WebExperimentsRecord]) -> Non
 
 
 def findings(records: Sequence[WebExperimentsRecord]) -> list[WebFinding]:
-    """Return what experiments showed, each once for all builds that it is the same of."""
+    """Return what experiments showed, each once for all builds that behave alike."""
     builds: dict[tuple[str, str], list[str]] = {}
     for record in records:
         shown = [] if record.examined is None else list(_shown(record.examined))
@@ -230,7 +230,7 @@ def findings(records: Sequence[WebExperimentsRecord]) -> list[WebFinding]:
 
 
 def _shown(examined: Examined) -> Iterator[tuple[str, str]]:
-    """Yield what experiments showed, and the JavaScript that is right."""
+    """Yield what experiments showed, and the correct JavaScript."""
     yield _growth(examined)
     snapshot = examined.snapshot
     if snapshot.views_range_m < snapshot.copies_range_m:
@@ -298,7 +298,7 @@ def _limit(limits: Sequence[HeapLimit]) -> tuple[str, str]:
 
 
 def _taken(memory: ObjectMemory) -> str:
-    """Return what objects took that nothing referred to."""
+    """Return the memory that unreferenced objects took."""
     total_bytes = memory.undeleted_bytes + memory.again_bytes
     return f"{2 * memory.count:,} of them took {total_bytes / _MIB:.0f} MiB"
 

@@ -1,4 +1,4 @@
-"""How times of WebAssembly builds and of C become speeds, and times over C's."""
+"""Speeds of WebAssembly builds and of C, and their times relative to C's."""
 
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ class WebPathRow:
       detail: one line; empty when ok.
       check: how far it is from C; None for paths of C, and where it did not run.
       step_ns: of a step, the median block; None without a speed.
-      steps_per_s: the same, by the second.
+      steps_per_s: steps per second; None likewise.
       ratio: its time over that of `rollout` on one thread, round by round; None likewise.
       rounds: blocks that were timed.
       start_up: what it took before it was steady; None for paths of C, and without a speed.

@@ -1,7 +1,7 @@
-"""From how much work per call on Ray overtakes the paths that need no cluster.
+"""How much work a call must have before Ray overtakes the paths that need no cluster.
 
-The work of a call is its steps, of all simulations together; what they cost is said in milliseconds
-of the plain loop, so that models can be compared.
+The work of a call is its steps, of all simulations together. Its cost is in milliseconds of the
+plain loop, so that models can be compared.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from mjbench.paths.parallelism import WORKER_OPTIONS, nthread
 from mjbench.report.crossovers import Rival
 from mjbench.report.results import PathResult
 
-# The path whose calls cost more to begin with, and those that it is compared with.
+# The path, and those that it is compared with.
 PATH, RIVALS = "ray", (BASE, "rollout", "processes")
 
 
@@ -38,12 +38,12 @@ class WorkCrossover:
       model: its name.
       path: `ray`.
       options: of the path.
-      rival: the other path, with its number of threads or processes; the fastest of its variants
-        with as many, at each size.
-      least: least work from which on it is faster at every size; None where it is not at the
+      rival: the other path, with its number of threads or processes; at each size, the fastest of
+        its variants with that number.
+      least: least work from which on Ray is faster at every size; None if it is slower at the
         largest.
-      largest: most work of a call that was measured.
-      share: of the rival's speed, there.
+      largest: largest work of a call at which both were timed.
+      share: Ray's speed over the rival's there.
     """
 
     model: str
@@ -57,13 +57,13 @@ class WorkCrossover:
 
 @dataclass(frozen=True)
 class _Size:
-    """What was timed at one size: what a call does, and the results."""
+    """The work of a call at one size, and the results."""
 
     work: CallWork
     results: Sequence[PathResult]
 
     def fastest(self, path: str, workers: int) -> PathResult | None:
-        """Return the fastest variant of a path with so many threads; None without one."""
+        """Return a path's fastest variant with this number of threads; None without one."""
         own = [r for r in self.results if (r.path, nthread(r.options)) == (path, workers)]
         return max(own, key=lambda result: result.steps_per_s or 0.0, default=None)
 
@@ -84,7 +84,7 @@ def work_crossovers(results: Sequence[PathResult]) -> list[WorkCrossover]:
 
 
 def _sizes(results: Sequence[PathResult]) -> list[_Size]:
-    """Return the sizes at which the plain loop was timed, from the least work of a call on."""
+    """Return the sizes at which the plain loop was timed, those with the least work first."""
     sizes = []
     others = [r for r in results if r.path != BASE]
     for base in (r for r in results if (r.path, r.options) == (BASE, {})):
@@ -98,7 +98,7 @@ def _sizes(results: Sequence[PathResult]) -> list[_Size]:
 def _crossover(
     sizes: Sequence[_Size], actors: int, path: str, threads: int
 ) -> WorkCrossover | None:
-    """Return where so many actors overtake a path with so many threads; None with one size."""
+    """Return where `actors` actors overtake a path with `threads` threads; None with one size."""
     shares: list[tuple[CallWork, float]] = []
     largest: tuple[CallWork, PathResult, PathResult] | None = None
     for size in sizes:

@@ -207,7 +207,7 @@ def test_the_page_says_what_is_measured_what_is_simulated_and_what_is_assumed() 
     tally = ScaleTally(SMALL, cost, ROUGH, 0, matrix.kind_costs(cores=2), rows)
     lines = scale_page.page(tally, MEASURED).splitlines()
     assert lines[2].startswith("3 models × 10 releases × 2 processors are 120 results, which take")
-    assert "what handing them out takes is measured; how a cluster does is simulated." in lines[4]
+    assert "scheduling cost is measured; what clusters do is simulated." in lines[4]
     assert "| `heavy` | 5 | 40 (3) | 60 (2) | 120 |" in lines
     assert any(line.startswith("- A node refuses 20 % of the commands") for line in lines)
     assert "## Storage" in lines

@@ -100,6 +100,11 @@ def test_a_release_can_be_the_one_that_all_are_compared_with(tmp_path: Path) -> 
     ]
 
 
+def test_a_switch_that_is_off_by_default_can_be_given_as_off(tmp_path: Path) -> None:
+    (part,) = load(tmp_path, f"{RELEASES}[versions]\nas-shipped = false").parts
+    assert part.options == ()
+
+
 def test_models_are_named_from_the_folder_of_the_plan(tmp_path: Path) -> None:
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots/arm.xml").write_text(CONTACT_XML)
