@@ -14,6 +14,7 @@ results/sweep.json.
 """
 
 import argparse
+import contextlib
 import json
 import os
 import statistics
@@ -142,14 +143,17 @@ def task_cost(node_count: int, tasks: int) -> TaskCost:
     """Return what tasks cost whose command does nothing, on some nodes of Ray on this machine."""
     from ray.cluster_utils import Cluster
 
+    from mjbench.instrument import ray_environment
     from mjbench.sweep.executor import Joined
     from mjbench.sweep.ray_cluster import RayCluster
     from mjbench.sweep.ray_session import RESOURCE
 
-    ray_nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
-    for _ in range(node_count):
-        ray_nodes.add_node(num_cpus=1, resources={RESOURCE: 1})
-    try:
+    # with the secret of a sweep that ran in this process before
+    with ray_environment.local(), contextlib.ExitStack() as closing:
+        ray_nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
+        closing.callback(ray_nodes.shutdown)
+        for _ in range(node_count):
+            ray_nodes.add_node(num_cpus=1, resources={RESOURCE: 1})
         with RayCluster(ray_nodes.address) as cluster:
             joined = [event.node for event in cluster.ask_nodes() if isinstance(event, Joined)]
             nodes = [replace(node, cores=1) for node in joined]
@@ -157,8 +161,6 @@ def task_cost(node_count: int, tasks: int) -> TaskCost:
             cpu_s, begin = time.process_time(), time.perf_counter()
             latencies = _run_tasks(cluster, nodes, tasks)
             wall_s, driver_s = time.perf_counter() - begin, time.process_time() - cpu_s
-    finally:
-        ray_nodes.shutdown()
     return TaskCost(
         node_count, tasks, statistics.median(latencies), tasks / wall_s, driver_s / tasks
     )

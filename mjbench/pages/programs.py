@@ -34,7 +34,7 @@ def _section(
         tables=[_remedies(report), _lines("Lines of the program", time)],
         notes=[
             f"{time.samples:,} samples of this loop;"
-            f" observing took {program.percent(row.cost_share, 1)} of the program's time."
+            f" observing took {program.cost(row)} of the program's time."
         ],
     )
 

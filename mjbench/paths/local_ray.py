@@ -10,7 +10,6 @@ ends what is left of its session.
 import contextlib
 import logging
 import os
-import secrets
 import signal
 import sys
 import threading
@@ -19,7 +18,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjbench.errors import MachineError, describe
-from mjbench.instrument import scratch, session_guard
+from mjbench.instrument import ray_environment, scratch, session_guard
 
 # Ray's own minimum for the object store is 75 MiB.
 _LEAST_STORE_BYTES = 128 << 20
@@ -35,11 +34,6 @@ _ENVIRONMENT: Mapping[str, str | None] = {
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
 }
-
-
-# What Ray's processes and this one know each other by: without it, anybody who reaches their ports
-# can run programs here. Ray reads it when it is imported, so it is empty where others did that.
-_secret: dict[str, str] = {}
 
 
 class _LocalRay:
@@ -62,9 +56,7 @@ def acquire(store_bytes: int) -> None:
     Raises:
       MachineError: Ray does not start.
     """
-    if "ray" not in sys.modules:
-        _secret.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
-    with _environment(_secret):
+    with ray_environment.local():
         import ray
 
     if _local.users == 0 and not ray.is_initialized():
@@ -88,7 +80,7 @@ def _start(store_bytes: int) -> None:
         _check_length(folder)
         closing.callback(session_guard.start())
         closing.callback(ray.shutdown)
-        with _environment({**_ENVIRONMENT, **_secret, **_search_path()}), _signal_handler_kept():
+        with ray_environment.local({**_ENVIRONMENT, **_search_path()}), _signal_handler_kept():
             try:
                 ray.init(
                     address="local",
@@ -116,25 +108,6 @@ def _check_length(folder: Path) -> None:
         raise MachineError(
             f"Ray needs a temporary folder with a shorter name than {folder}: set TMPDIR"
         )
-
-
-@contextlib.contextmanager
-def _environment(values: Mapping[str, str | None] | Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables for the block; None removes one."""
-    before = {name: os.environ.get(name) for name in values}
-    _set_environment(values)
-    try:
-        yield
-    finally:
-        _set_environment(before)
-
-
-def _set_environment(values: Mapping[str, str | None]) -> None:
-    for name, value in values.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
 
 
 @contextlib.contextmanager

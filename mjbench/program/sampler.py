@@ -14,7 +14,7 @@ from pathlib import Path
 from mjbench.errors import UnavailableError, one_line
 from mjbench.instrument import extras
 
-# Samples per second. Each stops the program for about half a millisecond (docs/method/run.md).
+# Samples per second. Each stops the program for a moment (docs/method/run.md).
 DEFAULT_RATE_HZ = 10
 # Seconds in which the profiler notices that the program has ended.
 ENDING_S = 2.0

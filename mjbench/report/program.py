@@ -226,10 +226,18 @@ def _print_cost(out: Console, row: ProgramRow) -> None:
             " NumPy and PyTorch do counts as Python. --native reads them, at a higher cost.",
             soft_wrap=True,
         )
-    line = f"\nObserving took {percent(row.cost_share, 1)} of the program's time."
+    line = f"\nObserving took {cost(row)} of the program's time."
     if row.cost_share > MAX_COST:
         line += f" --rate {max(1, row.rate_hz // 2)} makes it less."
     out.print(line, soft_wrap=True)
+
+
+def cost(row: ProgramRow) -> str:
+    """Return what observing cost the program; of several processes, at least that much.
+
+    Where processes wait for each other, all of them lose what one loses (docs/method/run.md).
+    """
+    return f"{'at least ' if len(row.steps) > 1 else ''}{percent(row.cost_share, 1)}"
 
 
 def percent(share: float, digits: int = 0) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from mjbench.errors import InputError, MachineError, one_line, shown
-from mjbench.instrument import extras, scratch
+from mjbench.instrument import extras, ray_environment, scratch
 
 # The custom resource by which a node says that it may be taken.
 RESOURCE = "mjbench"
@@ -51,17 +51,27 @@ def session(address: str) -> Iterator[None]:
 
 
 def _connect(address: str, closing: contextlib.ExitStack) -> None:
+    if address != LOCAL:
+        _start(address, closing)
+        return
+    folder = closing.enter_context(scratch.folder())
+    is_short = len(str(folder)) <= _LONGEST_FOLDER
+    with ray_environment.local():
+        _start(
+            LOCAL,
+            closing,
+            include_dashboard=False,
+            resources={RESOURCE: 1},
+            _temp_dir=str(folder) if is_short else _SHORT_FOLDER,
+        )
+
+
+def _start(address: str, closing: contextlib.ExitStack, **arguments: Any) -> None:
     import ray
 
-    arguments: dict[str, Any] = {"address": address}
-    if address == LOCAL:
-        arguments |= {"include_dashboard": False, "resources": {RESOURCE: 1}}
-        folder = closing.enter_context(scratch.folder())
-        is_short = len(str(folder)) <= _LONGEST_FOLDER
-        arguments["_temp_dir"] = str(folder) if is_short else _SHORT_FOLDER
     closing.callback(ray.shutdown)
     try:
-        ray.init(log_to_driver=False, logging_level=logging.ERROR, **arguments)
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **arguments)
     except Exception as error:  # which ones Ray raises is not documented
         if address == LOCAL:
             raise MachineError(f"Ray does not start here: {one_line(error)}") from error
