@@ -21,10 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from mjbench.instrument import stats
-from mjbench.program.records import ProgramRow
 from mjbench.simulation import models
 
 # The engine's step takes about 2, 20 and 300 µs in the models.
@@ -150,6 +147,10 @@ def _alone(program_command: Sequence[str]) -> float:
 
 def _observed(program_command: Sequence[str], folder: Path, rate: Sequence[str]) -> Observed:
     """Run the loop under `mjbench run`."""
+    import msgspec
+
+    from mjbench.program.records import ProgramRow
+
     document = folder / "run.json"
     command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *rate]
     command += ["--results", str(folder), *program_command]
