@@ -8,7 +8,6 @@ replace their rows. It takes about half an hour, and needs the machine for itsel
 """
 
 import argparse
-import json
 import shutil
 import statistics
 import subprocess
@@ -19,9 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from benchmarks import tally_command, tally_file
 from benchmarks.scale_tally import CellCost, CellKind, CellTally, load_cells
-from mjbench.errors import InputError, MachineError, MjbenchError
+from mjbench.errors import InputError, MachineError
 from mjbench.instrument import machine
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
@@ -30,24 +31,29 @@ from mjbench.simulation import models
 from mjbench.status import ExitCode
 from mjbench.sweep.cells import Cell, Kind
 
+if TYPE_CHECKING:
+    from mjbench.instrument.runs import Run
+
 ROOT = Path(__file__).resolve().parent.parent
 TALLY = ROOT / "results" / "cells.json"
-OLD, NEW = "3.3.0", "4.0.0"
+OLD, NEW = "3.14.0", "4.0.0"
 # The exit codes of a command that has measured all that it was asked to.
 _MEASURED = (ExitCode.OK, ExitCode.FINDING)
 
 
 @dataclass(frozen=True)
-class _Ran:
+class _CommandRun:
     """A command that was run.
 
     Attributes:
       lines: of its run file.
+      run: the same, read.
       code: its exit code.
       seconds: that it took.
     """
 
     lines: Sequence[bytes]
+    run: "Run"
     code: int
     seconds: float
 
@@ -66,7 +72,7 @@ def measured(model: str, old: str, new: str) -> list[CellCost]:
     compared = _run("compare", model)
     verdict = _run("versions", "--old", old, "--new", new, model)
     counts = _run("instructions", "--release", old, "--release", new, model)
-    step_us = _step_us(compared.lines)
+    step_us = _step_us(compared.run)
     return [
         _cost(
             CellKind.VERDICT,
@@ -84,7 +90,7 @@ def measured(model: str, old: str, new: str) -> list[CellCost]:
     ]
 
 
-def _cost(kind: CellKind, cells: Sequence[Cell], ran: _Ran, step_us: float) -> CellCost:
+def _cost(kind: CellKind, cells: Sequence[Cell], ran: _CommandRun, step_us: float) -> CellCost:
     """Return what cells take by their records, and what their command takes beside that.
 
     Raises:
@@ -94,15 +100,16 @@ def _cost(kind: CellKind, cells: Sequence[Cell], ran: _Ran, step_us: float) -> C
     from mjbench.report.documents import RECORD_TYPES
     from mjbench.sweep.results import Collector
 
-    with tempfile.TemporaryDirectory() as folder:
-        file = RunSetFile.create(Path(folder) / "set.jsonl")
-        begin = time.perf_counter()
-        collector = Collector(cells, RECORD_TYPES)
-        results = [*collector.add(ran.lines), *collector.end(ran.code)]
-        for result in results:
-            file.append(result.section)
-        store_s = (time.perf_counter() - begin) / len(cells)
-        file.close()
+    for _ in range(2):  # the first time prepares what reads records
+        with tempfile.TemporaryDirectory() as folder:
+            file = RunSetFile.create(Path(folder) / "set.jsonl")
+            begin = time.perf_counter()
+            collector = Collector(cells, RECORD_TYPES)
+            results = [*collector.add(ran.lines), *collector.end(ran.code)]
+            for result in results:
+                file.append(result.section)
+            store_s = (time.perf_counter() - begin) / len(cells)
+            file.close()
     if len(results) != len(cells):
         raise MachineError(f"{cells[0].model}: {kind}: {len(results)} of {len(cells)} results")
     written = [sum(map(len, result.section.lines)) for result in results]
@@ -119,12 +126,15 @@ def _cost(kind: CellKind, cells: Sequence[Cell], ran: _Ran, step_us: float) -> C
     )
 
 
-def _run(*arguments: str) -> _Ran:
+def _run(*arguments: str) -> _CommandRun:
     """Run a command.
 
     Raises:
       MachineError: it failed.
     """
+    from mjbench.instrument import runs
+    from mjbench.report.documents import RECORD_TYPES
+
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         done = subprocess.run(
@@ -139,19 +149,24 @@ def _run(*arguments: str) -> _Ran:
             reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
             raise MachineError(f"mjbench {' '.join(arguments)}: {reason}")
         (file,) = Path(folder).glob("*.jsonl")
-        return _Ran(file.read_bytes().splitlines(keepends=True), done.returncode, seconds)
+        return _CommandRun(
+            lines=file.read_bytes().splitlines(keepends=True),
+            run=runs.load(file, RECORD_TYPES),
+            code=done.returncode,
+            seconds=seconds,
+        )
 
 
-def _step_us(lines: Sequence[bytes]) -> float:
-    """Return the microseconds of a step in the plain loop, by the records of a comparison."""
-    records = [json.loads(line) for line in lines]
+def _step_us(comparison: "Run") -> float:
+    """Return the microseconds of a step in the plain loop of a comparison."""
+    from mjbench.comparison.records import MeasurementRecord
+
     (base,) = (
-        record
-        for record in records
-        if record["type"] == "measurement" and (record["path"], record["options"]) == (BASE, {})
+        measurement
+        for measurement in comparison.of_type(MeasurementRecord)
+        if measurement.path == BASE and not measurement.options
     )
-    steps = base["nbatch"] * base["nstep"]
-    return 1e6 * statistics.median(base["samples_s"]) / steps
+    return 1e6 * statistics.median(base.samples_s) / (base.nbatch * base.nstep)
 
 
 def _install_bytes(release: str) -> int:
@@ -199,19 +214,10 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
             install_bytes=install_bytes,
             cells=[cell for of_model in cells.values() for cell in of_model],
         )
-        save(tally)
+        TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
         for cell in cells[name]:
             print(f"{name}: {cell.kind}: {cell.start_s:.1f} s and {cell.cell_s:.1f} s", flush=True)
     return tally
-
-
-def save(tally: CellTally) -> None:
-    """Write the tally."""
-    from mjbench.instrument.runs import to_json
-
-    TALLY.write_text(
-        json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
@@ -222,15 +228,12 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--old", default=OLD, help="release of the baseline")
     parser.add_argument("--new", default=NEW, help="release of the candidate")
     options = parser.parse_args(arguments)
-    try:
+
+    def action() -> ExitCode:
         run(options.models, options.old, options.new)
-    except MjbenchError as error:
-        print(f"cell_cost: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("cell_cost: interrupted; the tally has what was measured", file=sys.stderr)
-        return ExitCode.INTERRUPTED
-    return ExitCode.OK
+        return ExitCode.OK
+
+    return tally_command.run("cell_cost", action, "the tally has what was measured")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from typing import IO, TYPE_CHECKING
 import mujoco
 
 import mjbench
-from benchmarks import foreign_packages, foreign_page, foreign_tally
+from benchmarks import foreign_packages, foreign_page, foreign_tally, tally_file
 from benchmarks.foreign_packages import PACKAGES, Package, PackageFiles
 from benchmarks.foreign_progress import Progress, replace
 from benchmarks.foreign_tally import FileResult, ForeignTally, PackageTally
@@ -134,7 +134,7 @@ def save(tally: ForeignTally, files: Files) -> None:
     Raises:
       MachineError: one of them cannot be written.
     """
-    replace(files.tally, foreign_tally.dumps(tally))
+    replace(files.tally, tally_file.dumps(tally))
     replace(files.page, foreign_page.page(tally))
 
 

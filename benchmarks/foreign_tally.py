@@ -1,6 +1,5 @@
 """The tally of `benchmarks.foreign`: how each model file ended, and why."""
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,8 +8,9 @@ from enum import StrEnum
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+from benchmarks import tally_file
 from benchmarks.foreign_packages import Package, PackageFiles
-from mjbench.errors import InputError, one_line
+from mjbench.errors import one_line
 from mjbench.instrument.machine import Machine
 from mjbench.status import Status
 
@@ -235,18 +235,4 @@ def load(file: Path) -> ForeignTally:
     Raises:
       InputError: there is none, or it is not a tally.
     """
-    import msgspec
-
-    try:
-        return msgspec.json.decode(file.read_bytes(), type=ForeignTally)
-    except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror}") from error
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise InputError(f"{file} is not a tally of foreign models: {one_line(error)}") from error
-
-
-def dumps(tally: ForeignTally) -> str:
-    """Return the content of a tally's JSON file."""
-    from mjbench.instrument.runs import to_json
-
-    return json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n"
+    return tally_file.load(file, ForeignTally, "foreign models")

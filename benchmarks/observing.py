@@ -5,7 +5,7 @@
 runs programs alone and under `mjbench run`, in turns. A program is a model's name, for a loop
 around `mj_step` with a small observation; or `processes`, for a loop that waits for four processes,
 each of which steps the humanoid 20 times. Each of the four has a fixed core: where Linux chooses,
-such a loop alone takes up to 1.6 times as long in one run as in another. A program says how many
+such a loop takes much longer in one run than in another. A program says how many
 steps it did in so many seconds. The table has, for each program, what observing costs with its 95 %
 interval, what `mjbench run` itself says that it costs, and the time of the samples of the main loop
 as a share of the loop's own.

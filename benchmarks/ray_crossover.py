@@ -9,7 +9,6 @@ only writes the page again. It takes about five minutes, and needs the machine f
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 import mjbench
-from benchmarks import ray_page
+from benchmarks import ray_page, tally_command, tally_file
 from benchmarks.ray_tally import (
     CallWork,
     Case,
@@ -34,7 +33,7 @@ from benchmarks.ray_tally import (
     load,
 )
 from mjbench import paths
-from mjbench.errors import InputError, MjbenchError
+from mjbench.errors import InputError
 from mjbench.instrument import extras, machine
 from mjbench.paths import local_ray
 from mjbench.paths.parallelism import nthread
@@ -176,10 +175,8 @@ def run(names: Sequence[str], budget_s: float) -> RayTally:
 
 def save(tally: RayTally) -> None:
     """Write the tally and the page."""
-    from mjbench.instrument.runs import to_json
-
-    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
-    PAGE.write_text(ray_page.page(tally))
+    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+    PAGE.write_text(ray_page.page(tally), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
@@ -190,18 +187,15 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--budget", type=float, default=BUDGET_S, help="seconds at each size")
     parser.add_argument("--page", action="store_true", help="only write the page again")
     options = parser.parse_args(arguments)
-    try:
+
+    def action() -> ExitCode:
         if options.page:
             save(load(TALLY))
         else:
             run(options.models, options.budget)
-    except MjbenchError as error:
-        print(f"ray_crossover: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("ray_crossover: interrupted; the tally has what was measured", file=sys.stderr)
-        return ExitCode.INTERRUPTED
-    return ExitCode.OK
+        return ExitCode.OK
+
+    return tally_command.run("ray_crossover", action, "the tally has what was measured")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjbench.errors import InputError, one_line
+from benchmarks import tally_file
 from mjbench.paths import BASE
 
 
@@ -155,9 +155,4 @@ def load(file: Path) -> RayTally:
     Raises:
       InputError: it is not one.
     """
-    import msgspec
-
-    try:
-        return msgspec.json.decode(file.read_bytes(), type=RayTally)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise InputError(f"{file} is not a tally of calls of Ray: {one_line(error)}") from error
+    return tally_file.load(file, RayTally, "calls of Ray")

@@ -4,12 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TypeVar
 
-from benchmarks.sweep_tally import SweepCost
-from mjbench.errors import InputError, one_line
-
-_Tally = TypeVar("_Tally")
+from benchmarks import tally_file
+from benchmarks.sweep_tally import SweepCost, TaskCost
 
 
 class CellKind(StrEnum):
@@ -64,21 +61,6 @@ class CellTally:
     new: str
     install_bytes: int
     cells: Sequence[CellCost]
-
-
-@dataclass(frozen=True)
-class TaskCost:
-    """What a command that does nothing takes on some local Ray nodes.
-
-    Attributes:
-      nodes: how many, all on one machine.
-      latency_s: seconds from when a node is asked until it has answered.
-      driver_s: processor time of the driver.
-    """
-
-    nodes: int
-    latency_s: float
-    driver_s: float
 
 
 @dataclass(frozen=True)
@@ -232,7 +214,7 @@ def load_scale(file: Path) -> ScaleTally:
     Raises:
       InputError: the file is not one.
     """
-    return _load(file, ScaleTally, "simulated clusters")
+    return tally_file.load(file, ScaleTally, "simulated clusters")
 
 
 def load_cells(file: Path) -> CellTally:
@@ -241,7 +223,7 @@ def load_cells(file: Path) -> CellTally:
     Raises:
       InputError: the file is not one.
     """
-    return _load(file, CellTally, "what cells take")
+    return tally_file.load(file, CellTally, "what cells take")
 
 
 def load_scheduling(file: Path) -> SchedulingCost:
@@ -252,21 +234,12 @@ def load_scheduling(file: Path) -> SchedulingCost:
     Raises:
       InputError: the file does not say.
     """
-    cost = _load(file, SweepCost, "what a sweep costs")
+    cost = tally_file.load(file, SweepCost, "what a sweep costs")
     tasks = max(cost.tasks, key=lambda task: task.nodes)
     calibration_s = sum(times.calibration_s for times in cost.sweeps)
     return SchedulingCost(
         handover_s=tasks.latency_s,
         calibration_s=calibration_s / sum(times.tasks for times in cost.sweeps),
         command_s=tasks.driver_s + cost.choice.choice_s,
-        tasks=[TaskCost(task.nodes, task.latency_s, task.driver_s) for task in cost.tasks],
+        tasks=cost.tasks,
     )
-
-
-def _load(file: Path, kind: type[_Tally], what: str) -> _Tally:
-    import msgspec
-
-    try:
-        return msgspec.json.decode(file.read_bytes(), type=kind)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise InputError(f"{file} is not a tally of {what}: {one_line(error)}") from error

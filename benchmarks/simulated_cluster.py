@@ -1,6 +1,6 @@
 """A cluster that runs a sweep, simulated event by event.
 
-The scheduler is that of `mjbench sweep` itself, told of simulated events at simulated times. Nodes
+The scheduler is that of `mjbench sweep` itself; it gets simulated events at simulated times. Nodes
 differ in speed, refuse, and die; one driver handles all events, one after the other. The same seed
 gives the same run.
 """

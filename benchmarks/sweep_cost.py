@@ -15,7 +15,6 @@ results/sweep.json.
 
 import argparse
 import contextlib
-import json
 import os
 import statistics
 import subprocess
@@ -27,6 +26,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks import tally_file
 from benchmarks.sweep_tally import ChoiceCost, SweepCost, SweepTimes, TaskCost
 from mjbench.simulation import models
 
@@ -294,8 +294,6 @@ def print_cost(cost: SweepCost) -> None:
 
 def main() -> None:
     """Measure, print and store."""
-    from mjbench.instrument.runs import to_json
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -316,7 +314,7 @@ def main() -> None:
     )
     print_cost(cost)
     if chosen.write:
-        RESULT.write_text(json.dumps(to_json(cost), indent=1) + "\n", encoding="utf-8")
+        RESULT.write_text(tally_file.dumps(cost), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ docs/scale.md. It takes half a minute, whatever else runs. `--page` only writes 
 """
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import scale_page
+from benchmarks import scale_page, tally_command, tally_file
 from benchmarks.scale_tally import (
     Assumptions,
     CellCost,
@@ -34,7 +33,6 @@ from benchmarks.scale_tally import (
     load_scheduling,
 )
 from benchmarks.simulated_cluster import SimulatedNode, Work, simulate
-from mjbench.errors import MjbenchError
 from mjbench.paired.outcomes import Metric
 from mjbench.paths import BASE
 from mjbench.status import ExitCode
@@ -218,11 +216,7 @@ def run() -> ScaleTally:
 
 def save(tally: ScaleTally, measured: CellTally) -> None:
     """Write the tally and the page."""
-    from mjbench.instrument.runs import to_json
-
-    TALLY.write_text(
-        json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
+    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
     PAGE.write_text(scale_page.page(tally, measured), encoding="utf-8")
 
 
@@ -232,18 +226,15 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--page", action="store_true", help="only write the page again")
     options = parser.parse_args(arguments)
-    try:
+
+    def action() -> ExitCode:
         if options.page:
             save(load_scale(TALLY), load_cells(CELLS))
         else:
             run()
-    except MjbenchError as error:
-        print(f"sweep_simulation: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("sweep_simulation: interrupted; nothing was written", file=sys.stderr)
-        return ExitCode.INTERRUPTED
-    return ExitCode.OK
+        return ExitCode.OK
+
+    return tally_command.run("sweep_simulation", action, "nothing was written")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ changes a state; it is 0 otherwise.
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -22,9 +21,9 @@ from pathlib import Path
 
 import mujoco
 
-from benchmarks import foreign_packages, tuning_page
+from benchmarks import foreign_packages, tally_command, tally_file, tuning_page
 from benchmarks.foreign_packages import PACKAGES
-from mjbench.errors import InputError, MjbenchError, one_line
+from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
@@ -216,20 +215,13 @@ def load(file: Path = TALLY) -> TuningTally:
     Raises:
       InputError: it is not one.
     """
-    import msgspec
-
-    try:
-        return msgspec.json.decode(file.read_bytes(), type=TuningTally)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise InputError(f"{file} is not a tally of tuned models: {one_line(error)}") from error
+    return tally_file.load(file, TuningTally, "tuned models")
 
 
 def save(tally: TuningTally) -> None:
     """Write the tally and the page."""
-    from mjbench.instrument.runs import to_json
-
-    TALLY.write_text(json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n")
-    PAGE.write_text(tuning_page.page(tally))
+    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+    PAGE.write_text(tuning_page.page(tally), encoding="utf-8")
 
 
 def run(names: Sequence[str], budget_s: float) -> TuningTally:
@@ -267,17 +259,18 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("--budget", type=float, default=BUDGET_S, help="seconds of each search")
     parser.add_argument("--page", action="store_true", help="only write the page again")
     options = parser.parse_args(arguments)
-    try:
+
+    def action() -> ExitCode:
         if options.page:
             save(load())
             return ExitCode.OK
-        tally = run(options.models, options.budget)
-    except MjbenchError as error:
-        print(f"tuning: {error}", file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        print("tuning: interrupted; the tally has what was searched", file=sys.stderr)
-        return ExitCode.INTERRUPTED
+        return exit_code(run(options.models, options.budget))
+
+    return tally_command.run("tuning", action, "the tally has what was searched")
+
+
+def exit_code(tally: TuningTally) -> ExitCode:
+    """Return whether all promises hold: a recommended error, and that free settings are free."""
     promises = [promise for model in tally.models for promise in model.promises]
     errors_hold = all(promise.keeps_error for promise in promises if promise.is_best)
     free_hold = all(promise.keeps_effect for promise in promises if promise.effect == Effect.FREE)

@@ -109,10 +109,9 @@ class Profiling:
       folder: for the profiler's files.
       rate_hz: samples per second.
       has_native: whether stacks of libraries are read.
-      adapts: whether the rate may be lowered by what samples cost.
-      is_rate_given: whether the rate is the user's.
-      drops_native: whether stacks of libraries may be left out once there are many processes.
+      sampling: what is fixed of these two; the rest may change while the program runs.
       sampler: the profiler.
+      has_adapted: whether the rate was compared with what samples cost.
       looks: how often the program was looked at.
       paused: how often the profiler had stopped it, or one of its child processes, then.
       begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
@@ -127,10 +126,9 @@ class Profiling:
     folder: Path
     rate_hz: int
     has_native: bool
-    adapts: bool
-    is_rate_given: bool
-    drops_native: bool
+    sampling: Sampling
     sampler: sampler.Sampler
+    has_adapted: bool = False
     looks: int = 0
     paused: int = 0
     begin_s: float | None = None
@@ -149,16 +147,10 @@ class Profiling:
         """
         rate = sampling.rate_hz or sampler.DEFAULT_RATE_HZ
         has_native = True if sampling.has_native is None else sampling.has_native
-        return cls(
-            pid,
-            folder,
-            rate,
-            has_native,
-            adapts=sampling.rate_hz is None and seconds is None,
-            is_rate_given=sampling.rate_hz is not None or seconds is not None,
-            drops_native=sampling.has_native is None and seconds is None,
-            sampler=sampler.start(pid, folder, rate, has_native, seconds),
-        )
+        if seconds is not None:  # too short to begin again
+            sampling = Sampling(rate, has_native)
+        beside = sampler.start(pid, folder, rate, has_native, seconds)
+        return cls(pid, folder, rate, has_native, sampling, beside)
 
     def look(self) -> None:
         """See whether the profiler has begun, and whether there are many processes by now."""
@@ -167,9 +159,17 @@ class Profiling:
         if self.has_many_children or self.begin_s is None or not self.sampler.is_running:
             return
         self.has_many_children = len(_children(self.folder, self.pid)) >= MANY_CHILDREN
-        if self.has_many_children and (self.drops_native or not self.is_rate_given):
-            self.has_native = self.has_native and not self.drops_native
-            self._restart(self.rate_hz if self.is_rate_given else min(self.rate_hz, MANY_RATE_HZ))
+        if self.has_many_children:
+            rate = self.sampling.rate_hz or min(self.rate_hz, MANY_RATE_HZ)
+            has_native = bool(self.sampling.has_native)
+            if (rate, has_native) != (self.rate_hz, self.has_native):
+                self.has_native = has_native
+                self._restart(rate)
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the rate may yet be lowered by what samples cost."""
+        return self.sampling.rate_hz is None and not self.has_adapted
 
     @property
     def look_s(self) -> float:
@@ -188,7 +188,7 @@ class Profiling:
 
     def _adapt(self) -> None:
         """Start again at a lower rate where the profiler costs too much."""
-        self.adapts = False
+        self.has_adapted = True
         share = self.paused / self.looks
         if share > MAX_PAUSED_SHARE and self.sampler.is_running:
             self._restart(max(LEAST_RATE_HZ, round(self.rate_hz * MAX_PAUSED_SHARE / share)))

@@ -1,4 +1,4 @@
-"""Which files a model is compiled from, for whoever compiles it elsewhere."""
+"""Which files a model is compiled from, so that it can be compiled elsewhere."""
 
 from collections.abc import Iterator
 from pathlib import Path

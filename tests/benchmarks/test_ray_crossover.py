@@ -99,7 +99,11 @@ def test_the_page_is_written_from_the_committed_tally() -> None:
 def test_the_command_refuses_a_file_that_is_no_tally(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(ray_crossover, "TALLY", tmp_path / "ray.json")
+    tally = tmp_path / "ray.json"
+    monkeypatch.setattr(ray_crossover, "TALLY", tally)
+    assert ray_crossover.main(["--page"]) == 2
+    assert "ray.json: No such file or directory" in capsys.readouterr().err
+    tally.write_text('{"models": []}')
     assert ray_crossover.main(["--page"]) == 2
     assert "is not a tally of calls of Ray" in capsys.readouterr().err
     assert ray_crossover.main(["no_such_model"]) == 2

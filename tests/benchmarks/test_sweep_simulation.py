@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import cell_cost, scale_page, sweep_simulation
+from benchmarks import cell_cost, scale_page, sweep_simulation, tally_command, tally_file
 from benchmarks.scale_tally import (
     Assumptions,
     CellCost,
@@ -27,6 +27,7 @@ from benchmarks.sweep_simulation import Matrix
 from mjbench.errors import InputError
 from mjbench.instrument.runs import to_json
 from mjbench.paired.outcomes import Metric
+from mjbench.status import ExitCode
 from mjbench.sweep.cells import Cell, Kind
 from mjbench.sweep.scheduler import Node
 
@@ -231,8 +232,26 @@ def test_what_handing_out_takes_is_read_from_the_committed_costs_of_a_sweep() ->
 def test_a_model_cannot_be_measured_in_other_releases_than_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cell_cost, "TALLY", tmp_path / "cells.json")
+    cells = tmp_path / "cells.json"
+    cells.write_text(tally_file.dumps(MEASURED))
+    monkeypatch.setattr(cell_cost, "TALLY", cells)
     monkeypatch.setattr("shutil.which", lambda name: name)
-    cell_cost.save(MEASURED)
     with pytest.raises(InputError, match=r"cells\.json is of 3\.3\.0 and 4\.0\.0"):
         cell_cost.run(["cartpole"], "3.5.0", "4.0.0")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (InputError("no such model"), ExitCode.USAGE, "a_command: no such model"),
+        (KeyboardInterrupt(), ExitCode.INTERRUPTED, "a_command: interrupted; nothing was written"),
+    ],
+)
+def test_a_command_that_fails_says_so_in_a_line(
+    capsys: pytest.CaptureFixture[str], error: BaseException, code: ExitCode, line: str
+) -> None:
+    def action() -> ExitCode:
+        raise error
+
+    assert tally_command.run("a_command", action, "nothing was written") == code
+    assert capsys.readouterr().err == f"{line}\n"

@@ -19,8 +19,8 @@ def document(first: dict[str, Any] | None, difference: float) -> dict[str, Any]:
 
 
 def test_two_documents_say_what_differs_with_each_library() -> None:
-    found = web_mathematics.compared(document({"step": 7}, 2e-16), document(None, 0.0))
-    assert found == [ModelDifference("humanoid", 7, None, 2e-16)]
+    differences = web_mathematics.compared(document({"step": 7}, 2e-16), document(None, 0.0))
+    assert differences == [ModelDifference("humanoid", 7, None, 2e-16)]
 
 
 def test_a_model_that_was_not_compared_is_an_error() -> None:

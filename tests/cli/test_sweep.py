@@ -147,7 +147,7 @@ def is_measuring(process: psutil.Process) -> bool:
 
 def wait_for_command(folder: Path, process: "subprocess.Popen[str]") -> None:
     """Wait until a command on a node has begun its run file."""
-    while process.poll() is None and not list(folder.glob("mjbench-*/work/runs/*.jsonl")):
+    while process.poll() is None and not list(folder.glob("mjbench-*/*/runs/*.jsonl")):
         threading.Event().wait(0.05)
 
 

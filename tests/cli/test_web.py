@@ -37,8 +37,8 @@ def test_builds_that_agree_are_timed_beside_c(tmp_path: Path, words: list[str]) 
     assert done.returncode == 0, done.stderr
     assert "in WebAssembly, a step takes" in done.stdout
     assert "its states are C's to the last bit" in done.stdout
-    found = document(tmp_path)
-    (row,) = found["results"]
+    written = document(tmp_path)
+    (row,) = written["results"]
     assert (row["release"], row["nbatch"], row["nstep"]) == (mujoco.__version__, 3, 20)
     by_path = paths(tmp_path)
     assert [*by_path][:2] == ["python_loop", "rollout+"]
@@ -52,10 +52,10 @@ def test_builds_that_agree_are_timed_beside_c(tmp_path: Path, words: list[str]) 
         assert by_path[path]["start_up"]["compile_ms"] == 3.0
         assert (by_path[path]["heap_bytes"], by_path[path]["rss_bytes"]) == (300, 400)
     assert by_path["rollout+"]["ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
-    assert [each["build"] for each in found["experiments"]] == ["wasm", "wasm_mt"]
+    assert [each["build"] for each in written["experiments"]] == ["wasm", "wasm_mt"]
 
     again = mjbench("show", "--json", "-", cwd=tmp_path)
-    assert json.loads(again.stdout) == found
+    assert json.loads(again.stdout) == written
     assert "A view is not a snapshot" in again.stderr
     report = mjbench("report", "--markdown", cwd=tmp_path)
     assert "cartpole in WebAssembly" in report.stdout
@@ -78,12 +78,12 @@ def test_a_model_and_experiments_that_fail_cost_their_rows(
     env = {pretending_node.MISBEHAVIOUR: "crash:fill"}
     done = mjbench("web", "broken.xml", *words, cwd=tmp_path, env=env)
     assert done.returncode == 3
-    found = document(tmp_path)
-    assert [row["status"] for row in found["results"]] == ["input"]
+    written = document(tmp_path)
+    assert [row["status"] for row in written["results"]] == ["input"]
     assert "broken.xml: input: " in done.stdout
-    assert [each["status"] for each in found["experiments"]] == ["crashed", "crashed"]
+    assert [each["status"] for each in written["experiments"]] == ["crashed", "crashed"]
     assert "killed by signal 9 (SIGKILL) while filling the heap" in done.stdout
-    assert found["experiments"][0]["examined"] is not None
+    assert written["experiments"][0]["examined"] is not None
 
 
 @pytest.mark.parametrize(

@@ -105,14 +105,14 @@ def test_it_opens_from_a_file_without_errors_and_asks_the_network_for_nothing(op
 def test_every_view_shows_the_live_value_at_all_times_and_the_copies_keep_theirs(
     opened: Any,
 ) -> None:
-    kept: list[float] = []
+    copies: list[float] = []
     for step in range(1, STEPS + 1):
         opened.execute_script("lab.fall.advance(1)")
         lists = opened.execute_script(READ)
         assert lists["viewed"] == [lists["live"]] * step
-        assert lists["copied"] == [*kept, lists["live"]]
-        kept = lists["copied"]
-    assert np.ptp(kept) == pytest.approx(0.2269, abs=5e-5)
+        assert lists["copied"] == [*copies, lists["live"]]
+        copies = lists["copied"]
+    assert np.ptp(copies) == pytest.approx(0.2269, abs=5e-5)
 
 
 def test_the_copies_are_the_values_that_python_records(opened: Any) -> None:

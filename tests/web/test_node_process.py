@@ -56,7 +56,7 @@ def test_a_request_that_fails_leaves_the_process_at_work(process: NodeProcess, h
 def test_a_process_that_fails_ends_in_one_line(
     process: NodeProcess, how: str, status: Status, message: str
 ) -> None:
-    for _ in range(2):  # and says the same to whoever asks again
+    for _ in range(2):  # and says the same when it is asked again
         with pytest.raises(NodeError, match=message) as caught:
             process.call(messages.MeasureMemory())
         assert caught.value.status == status

@@ -1,0 +1,41 @@
+"""Tallies that are committed as JSON in results/: how they are read and written."""
+
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+_Tally = TypeVar("_Tally")
+
+
+def dumps(tally: Any) -> str:
+    """Return the content of a tally's file.
+
+    Args:
+      tally: a dataclass; values that are not finite become null.
+    """
+    from mjbench.instrument.runs import to_json
+
+    return json.dumps(to_json(tally), indent=1, ensure_ascii=False) + "\n"
+
+
+def load(file: Path, kind: type[_Tally], content: str) -> _Tally:
+    """Return the tally that a file holds.
+
+    Args:
+      file: to read.
+      kind: class of the tally.
+      content: what the tally is of, for the message.
+
+    Raises:
+      InputError: the file cannot be read, or is not such a tally.
+    """
+    import msgspec
+
+    from mjbench.errors import InputError, one_line
+
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=kind)
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror}") from error
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise InputError(f"{file} is not a tally of {content}: {one_line(error)}") from error
