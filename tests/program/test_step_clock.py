@@ -59,10 +59,10 @@ def simulation():
 def started(tmp_path):
     """Return a step clock, the fake clock, the module, and the calls that reached the engine."""
     fake, calls = FakeClock(), []
-    clock = step_clock.StepClock(str(tmp_path), now_ns=fake)
+    clock = step_clock.StepClock(str(tmp_path), now_ns=fake, processor_ns=fake)
     module = engine(fake, calls)
     clock.install(module)
-    clock.timed_ns = clock.passed_ns = 0
+    clock.timed_ns = clock.cold_ns = clock.passed_ns = 0
     return SimpleNamespace(clock=clock, fake=fake, module=module, calls=calls, folder=tmp_path)
 
 
@@ -106,7 +106,7 @@ def test_both_parts_of_a_step_count_as_one(started):
 
 def test_bursts_cost_no_more_than_their_share(started):
     model, data = simulation()
-    started.clock.timed_ns = CALL_NS  # as much as the call itself
+    started.clock.cold_ns = CALL_NS // 10
     count = 200_000
     for _ in range(count):
         started.module.mj_step(model, data)
@@ -117,11 +117,28 @@ def test_bursts_cost_no_more_than_their_share(started):
     assert 0 < steps.cost_share <= 1.1 * limit
 
 
+def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatch):
+    monkeypatch.setattr(step_clock, "FREE_COST_NS", 0)
+    timed = []
+    for share in (1.0, 0.25):
+        fake, calls = FakeClock(), []
+        folder = tmp_path / str(share)
+        folder.mkdir()
+        clock = step_clock.StepClock(str(folder), "", fake, lambda: int(share * fake()))  # noqa: B023
+        module = engine(fake, calls)
+        clock.install(module)
+        clock.timed_ns = clock.cold_ns = CALL_NS // 100
+        for _ in range(400 * step_clock.BURST_CALLS):
+            module.mj_step(*simulation())
+        timed.append(clock._calls_timed)
+    assert timed[1] == pytest.approx(timed[0] / 4, rel=0.1)
+
+
 def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
     monkeypatch.setattr(step_clock, "FASTEST_PASSED_NS", 2 * CALL_NS)
     monkeypatch.setattr(step_clock, "FREE_COST_NS", 0)
     model, data = simulation()
-    started.clock.timed_ns = CALL_NS
+    started.clock.timed_ns = started.clock.cold_ns = CALL_NS
     original = started.clock._originals["mj_step"]
     for _ in range(step_clock.BURST_CALLS):
         started.module.mj_step(model, data)
@@ -129,7 +146,7 @@ def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
     assert started.module.mj_step is original
     started.module.mj_resetData(model, data)
     assert started.module.mj_step is original, "its cost is not earned back yet"
-    started.fake.spend(200 * step_clock.BURST_CALLS * CALL_NS)
+    started.fake.spend(int(step_clock.BURST_CALLS * CALL_NS / step_clock.MAX_COST_SHARE))
     started.module.mj_resetData(model, data)
     assert started.module.mj_step is not original
     steps = read(started)

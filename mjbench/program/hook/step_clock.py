@@ -45,14 +45,18 @@ NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
 STEP, ITERATION, BURST = 1, 2, 3
 
 # Calls of a burst; what timing them may cost of the program's time. To pass calls through costs a
-# little more, which cannot be spared.
-BURST_CALLS, MAX_COST_SHARE = 200, 0.01
+# little more, which cannot be spared. The program's processor time is what counts: of two processes
+# that share a core, each is slowed by the clock of both.
+BURST_CALLS, MAX_COST_SHARE = 200, 0.005
 # What it may cost in any case, so that a fast loop is timed for more than a moment.
 FREE_COST_NS = 20_000_000
 # Calls that follow each other faster are left alone for most of the time: even to pass them through
 # would cost more than `MAX_COST_SHARE`.
 FASTEST_PASSED_NS = 2_500
 CALIBRATION_CALLS = 2000
+# Calls of the calibration with cold caches, and bytes that are read before each: what a core's own
+# caches hold.
+COLD_CALLS, COLD_BYTES = 200, 1 << 20
 
 _STEPPING = ("mj_step", "mj_step1", "mj_step2")
 _RESETS = ("mj_resetData", "mj_resetDataKeyframe")
@@ -64,7 +68,7 @@ _ENVIRONMENTS = (
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
 
-_now_ns = time.perf_counter_ns
+_now_ns, _processor_ns = time.perf_counter_ns, time.process_time_ns
 # Of a thread's identifier, so that it fits a record.
 _THREAD_BITS = 2**63 - 1
 
@@ -127,26 +131,35 @@ class StepFile:
 class StepClock:
     """Times the engine's calls of this process in bursts."""
 
-    def __init__(self, folder: str, change: str = "", now_ns: Callable[[], int] = _now_ns) -> None:
+    def __init__(
+        self,
+        folder: str,
+        change: str = "",
+        now_ns: Callable[[], int] = _now_ns,
+        processor_ns: Callable[[], int] = _processor_ns,
+    ) -> None:
         """Begin the process's file.
 
         Args:
           folder: for the file.
           change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
           now_ns: the clock.
+          processor_ns: the clock of the processor time of this process.
         """
-        self._folder, self._change, self._now_ns = folder, change, now_ns
+        self._folder, self._change = folder, change
+        self._now_ns, self._processor_ns = now_ns, processor_ns
         self._file = StepFile(folder)
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
         self._module: ModuleType | None = None
         self._timestep_ns = 0  # of the model that the burst steps
-        self.timed_ns = self.passed_ns = 0  # what a call costs, timed and passed through
+        # What a call costs: timed, timed where caches are cold, and passed through.
+        self.timed_ns = self.cold_ns = self.passed_ns = 0
         self._reset_totals()
 
     def _reset_totals(self) -> None:
         """Begin to count: in a new process, everything begins at 0."""
-        self._start_ns = self._now_ns()
+        self._begin_clocks()
         self._first_ns = self._last_ns = 0
         self._calls_timed = self._calls_passed = 0
         self._to_pass = self._planned_to_pass = 0
@@ -157,6 +170,15 @@ class StepClock:
         self._collections = self._collections_ns = self._longest_collection_ns = 0
         self._collection_begin_ns = 0
         self._write_header()
+
+    def _begin_clocks(self) -> None:
+        """Let the time that bursts may take a share of begin now."""
+        self._start_ns, self._processor_start_ns = self._now_ns(), self._processor_ns()
+
+    def _elapsed_ns(self) -> int:
+        """Return the time of which bursts may take a share."""
+        processor_ns = self._processor_ns() - self._processor_start_ns
+        return min(self._now_ns() - self._start_ns, processor_ns)
 
     def begin_process(self) -> None:
         """Begin anew in a process that was forked; without a file, leave it alone."""
@@ -257,8 +279,8 @@ class StepClock:
         self._last_ns = end_ns
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self._burst_calls)
         self._burst_calls = 0
-        owed_ns = max(0, self._calls_timed * self.timed_ns - FREE_COST_NS)
-        debt_ns = owed_ns / MAX_COST_SHARE - (end_ns - self._start_ns)
+        owed_ns = max(0, self._calls_timed * self.cold_ns - FREE_COST_NS)
+        debt_ns = owed_ns / MAX_COST_SHARE - self._elapsed_ns()
         by_cost = int(debt_ns / period_ns) if debt_ns > 0 else 0
         # the fuller the file, the fewer calls have a record: it never overflows
         by_space = BURST_CALLS * used // max(1, CAPACITY - 2 * BURST_CALLS - used)
@@ -275,7 +297,10 @@ class StepClock:
         return self._calls_passed + self._planned_to_pass - self._to_pass
 
     def _cost_ns(self) -> int:
-        return self._calls_timed * self.timed_ns + self._passed() * self.passed_ns
+        return self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
+
+    def _has_earned_bursts(self) -> bool:
+        return self._cost_ns() - FREE_COST_NS < MAX_COST_SHARE * self._elapsed_ns()
 
     def _go_away(self) -> None:
         """Give the program the engine's own functions, until it resets a simulation."""
@@ -297,10 +322,8 @@ class StepClock:
         """Return what stands for a function that resets a simulation."""
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._is_away:
-                elapsed_ns = self._now_ns() - self._start_ns
-                if self._cost_ns() - FREE_COST_NS < MAX_COST_SHARE * elapsed_ns:
-                    self._come_back()
+            if self._is_away and self._has_earned_bursts():
+                self._come_back()
             return function(*args, **kwargs)
 
         return _replacement(call, function)
@@ -344,10 +367,29 @@ class StepClock:
                 blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
             costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
+        self.cold_ns = max(self.timed_ns, self._cold_cost_ns(call, nothing))
         self._to_pass = self._burst_calls = 0
         self._file.open()  # without the records of the calibration
-        self._start_ns = self._now_ns()
+        self._begin_clocks()
         self._write_header()
+
+    def _cold_cost_ns(self, call: Any, nothing: Any) -> int:
+        """Return what a timed call costs where the caches hold the program's data, not the clock's.
+
+        A step of the engine leaves little of the clock in them.
+        """
+        data = bytes(COLD_BYTES)
+        self._to_pass, self._burst_calls = 0, BURST_CALLS + 1
+        medians = []
+        for function in (call, nothing):
+            durations = []
+            for _ in range(COLD_CALLS):
+                data.count(1)  # reads them all
+                begin_ns = self._now_ns()
+                function(None, None)
+                durations.append(self._now_ns() - begin_ns)
+            medians.append(sorted(durations)[COLD_CALLS // 2])
+        return medians[0] - medians[1]
 
     # Environments and garbage collection
 
