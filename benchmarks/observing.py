@@ -1,165 +1,264 @@
 """How much does `mjbench run` slow a program, and do its samples cover the program's time?
 
-    python -m benchmarks.observing [PROGRAM …] [--seconds S] [--rounds N] [--rate HZ]
+    python -m benchmarks.observing [PROGRAM …] [--seconds S] [--rate HZ]
 
-runs programs alone and under `mjbench run`, in turns. A program is a model's name, for a loop
-around `mj_step` with a small observation; or `processes`, for a loop that waits for four processes,
-each of which steps the humanoid 20 times. Each of the four has a fixed core: where Linux chooses,
-such a loop takes much longer in one run than in another. A program says how many
-steps it did in so many seconds. The table has, for each program, what observing costs with its 95 %
-interval, what `mjbench run` itself says that it costs, and the time of the samples of the main loop
-as a share of the loop's own.
+runs each program under `mjbench run` twice: for 20 seconds as it is, and with windows. In every
+second window, the program is left alone: the profiler and mjbench are stopped, and the program
+calls the engine's own functions. Both windows of a pair follow each other, so other work on the
+machine changes both alike.
+
+A program is a model's name, for a loop around `mj_step` with a small observation; or `processes`,
+for a loop that waits for four processes, each of which steps the humanoid 20 times. The table has,
+for each program, what observing costs with its 95 % interval, what `mjbench run` itself says that
+it costs, and the time of the samples of the main loop as a share of the loop's own.
+
+The cost leaves out the first seconds, in which the profiler reads the program's libraries. The
+profiler makes up for the samples that it missed while it was stopped, so it is asked for half of
+the usual rate. The step clock spends in half of the time what it may spend in all of it; so the
+cost is rather too high than too low.
 """
 
 import argparse
+import contextlib
+import itertools
 import json
-import statistics
+import math
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from benchmarks import tally_command
+from benchmarks.programs import side
+from mjbench.errors import MachineError
 from mjbench.instrument import stats
+from mjbench.program import sampler
+from mjbench.program.profiling import MANY_RATE_HZ, process_state
 from mjbench.simulation import models
+from mjbench.status import ExitCode
+
+if TYPE_CHECKING:
+    import psutil
+
+    from mjbench.program.records import ProgramRow
 
 # The engine's step takes about 2, 20 and 300 µs in the models.
 PROCESSES = "processes"
 PROGRAMS = ("cartpole", "humanoid", "pile", PROCESSES)
-OF_MODEL = """
-import sys, time
-import mujoco, numpy as np
-
-model = mujoco.MjModel.from_xml_path(sys.argv[1])
-data = mujoco.MjData(model)
-begin, nstep = time.perf_counter(), 0
-while (elapsed := time.perf_counter() - begin) < float(sys.argv[2]):
-    for _ in range(100):
-        mujoco.mj_step(model, data)
-        observation = np.concatenate([data.qpos, data.qvel])
-    nstep += 100
-    if nstep % 10_000 == 0:
-        mujoco.mj_resetData(model, data)
-print(elapsed, nstep)
-"""
-OF_PROCESSES = """
-import multiprocessing, os, sys, time
-import mujoco
-
-def work(path, pipe, core):
-    os.sched_setaffinity(0, [core])
-    model = mujoco.MjModel.from_xml_path(path)
-    data = mujoco.MjData(model)
-    while (nstep := pipe.recv()):
-        for _ in range(nstep):
-            mujoco.mj_step(model, data)
-        if data.time > 20:
-            mujoco.mj_resetData(model, data)
-        pipe.send(data.qpos.copy())
-
-if __name__ == "__main__":
-    pairs = [multiprocessing.Pipe() for _ in range(4)]
-    pipes = [here for here, _ in pairs]
-    cores = sorted(os.sched_getaffinity(0)) * 4
-    processes = [
-        multiprocessing.Process(target=work, args=(sys.argv[1], there, core))
-        for (_, there), core in zip(pairs, cores)
-    ]
-    for process in processes:
-        process.start()
-    begin, nstep = time.perf_counter(), 0
-    while (elapsed := time.perf_counter() - begin) < float(sys.argv[2]):
-        for _ in range(10):
-            for pipe in pipes:
-                pipe.send(20)
-            states = [pipe.recv() for pipe in pipes]
-        nstep += 10 * 20 * len(pipes)
-    for pipe in pipes:
-        pipe.send(0)
-    print(elapsed, nstep)
-"""
+# Until the profiler has read libraries, and its rate is settled; seconds of a window, and
+# between two, for the program to see that one has ended.
+_START_S, _WINDOW_S, _TRANSIT_S = 10.0, 0.25, 0.02
+# Seconds of the run in which the program is never left alone.
+_ORDINARY_S = 20.0
+_PROGRAMS = Path(__file__).with_name("programs")
+# States of a process in /proc that a profiler, or a signal, has stopped.
+_TRACED, _STOPPED = b"t", b"T"
 
 
 @dataclass(frozen=True)
 class Observed:
-    """One run of the loop under `mjbench run`.
+    """A program under `mjbench run`.
 
     Attributes:
-      step_s: seconds of a step.
+      alone_s: seconds of a step in windows in which it was left alone.
+      observed_s: seconds of a step in the other window of each pair.
       cost_share: what the run says that observing costs.
       coverage: time of the samples of the loop over its own time.
     """
 
-    step_s: float
+    alone_s: Sequence[float]
+    observed_s: Sequence[float]
     cost_share: float
     coverage: float
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure each program, and print the table; return 0."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def main(arguments: Sequence[str] | None = None) -> ExitCode:
+    """Measure each program, and print the table; return the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("programs", nargs="*", default=PROGRAMS)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--rate", help="samples per second; by default as mjbench run chooses")
+    parser.add_argument("--seconds", type=float, default=200.0, help="of the windows of a program")
+    parser.add_argument(
+        "--rate", type=int, help="samples per second; by default the usual rate of mjbench run"
+    )
     options = parser.parse_args(arguments)
-    rate = ["--rate", options.rate] if options.rate else []
-    print(f"{'program':18} {'costs':>7} {'interval':>18} {'it says':>8} {'samples / time':>15}")
-    for name in options.programs:
-        print(_line(name, options.seconds, options.rounds, rate), flush=True)
-    return 0
+
+    def action() -> ExitCode:
+        print(f"{'program':10} {'costs':>7} {'interval':>18} {'it says':>8} {'samples / time':>15}")
+        for name in options.programs:
+            print(_line(name, observe(name, options.seconds, options.rate)), flush=True)
+        return ExitCode.OK
+
+    return tally_command.run("observing", action, "nothing was stored")
 
 
-def _line(name: str, seconds: float, rounds: int, rate: Sequence[str]) -> str:
+def _line(name: str, observed: Observed) -> str:
     """Return the line of a program."""
-    path = models.resolve("humanoid" if name == PROCESSES else name).path
-    with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "loop.py"
-        program.write_text(OF_PROCESSES if name == PROCESSES else OF_MODEL)
-        program_command = [str(program), str(path), str(seconds)]
-        alone, observed = [], []
-        for number in range(rounds):
-            for is_alone in (True, False) if number % 2 == 0 else (False, True):
-                if is_alone:
-                    alone.append(_alone(program_command))
-                else:
-                    observed.append(_observed(program_command, Path(folder), rate))
-    slowdown = stats.speedup([each.step_s for each in observed], alone)
+    slowdown = stats.speedup(observed.observed_s, observed.alone_s)
     ends = [100 * (end - 1) for end in (slowdown.low, slowdown.high) if end is not None]
-    interval = " to ".join(f"{end:+.1f}" for end in ends) or "too few rounds"
-    says = statistics.median(each.cost_share for each in observed)
-    coverage = [each.coverage for each in observed]
+    interval = " to ".join(f"{end:+.1f}" for end in ends) or "too few windows"
     return (
-        f"{name:18} {100 * (slowdown.median - 1):+5.1f} % {interval:>16} % {100 * says:6.1f} %"
-        f" {min(coverage):6.3f}–{max(coverage):.3f}"
+        f"{name:10} {100 * (slowdown.median - 1):+5.1f} % {interval:>16} %"
+        f" {100 * observed.cost_share:6.1f} % {observed.coverage:15.3f}"
     )
 
 
-def _alone(program_command: Sequence[str]) -> float:
-    """Return the seconds of a step of the loop alone."""
-    done = subprocess.run(
-        [sys.executable, *program_command], capture_output=True, text=True, check=True
+def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
+    """Run a program under `mjbench run` as it is, and with windows in which it is left alone.
+
+    Args:
+      name: a model's, or `PROCESSES`.
+      seconds: of all windows.
+      rate_hz: samples per second; None for the usual rate.
+
+    Raises:
+      InputError: there is no such model.
+      MachineError: `mjbench run` failed.
+    """
+    usual_hz = MANY_RATE_HZ if name == PROCESSES else sampler.DEFAULT_RATE_HZ
+    rate = ["--rate", str(rate_hz)] if rate_hz else []
+    ordinary = _run(name, rate, lambda observers, of_program: _let_run(of_program))
+    half = ["--rate", str(math.ceil((rate_hz or usual_hz) / 2))]
+    windows = _run(name, half, lambda *both: _change_sides(*both, seconds)).windows
+    pairs = [
+        (alone.step_s, observed.step_s)
+        for alone, observed in itertools.pairwise(windows)
+        if (alone.which, observed.which) == (side.ALONE, side.OBSERVED)
+    ]
+    if not pairs:
+        raise MachineError(f"{name}: no window had a block of steps; use more --seconds")
+    sampled_s = sum(loop.time.seconds for loop in ordinary.row.loops if loop.time.in_main)
+    return Observed(
+        [alone_s for alone_s, _ in pairs],
+        [observed_s for _, observed_s in pairs],
+        ordinary.row.cost_share,
+        sampled_s / ordinary.total_s,
     )
-    elapsed_s, nstep = map(float, done.stdout.split())
-    return elapsed_s / nstep
 
 
-def _observed(program_command: Sequence[str], folder: Path, rate: Sequence[str]) -> Observed:
-    """Run the loop under `mjbench run`."""
+@dataclass(frozen=True)
+class _Window:
+    """A stretch of the program on one side: which, and seconds of a step."""
+
+    which: int
+    step_s: float
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One run of a program: its windows, seconds of its loop, and what mjbench has seen."""
+
+    windows: Sequence[_Window]
+    total_s: float
+    row: "ProgramRow"
+
+
+def _run(
+    name: str, options: Sequence[str], spend: Callable[["_Observers", side.Side], None]
+) -> _Run:
+    """Run a program under `mjbench run`, until `spend` returns."""
     import msgspec
 
     from mjbench.program.records import ProgramRow
 
-    document = folder / "run.json"
-    command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *rate]
-    command += ["--results", str(folder), *program_command]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    elapsed_s, nstep = map(float, done.stdout.split())
-    (row,) = json.loads(document.read_text())["results"]
-    program = msgspec.convert(row, ProgramRow)
-    sampled_s = sum(loop.time.seconds for loop in program.loops if loop.time.in_main)
-    return Observed(elapsed_s / nstep, program.cost_share, sampled_s / elapsed_s)
+    path = models.resolve("humanoid" if name == PROCESSES else name).path
+    program = "observed_processes.py" if name == PROCESSES else "observed_model.py"
+    with tempfile.TemporaryDirectory() as folder:
+        file, document = Path(folder) / "side", Path(folder) / "run.json"
+        file.write_bytes(bytes([side.IN_TRANSIT]))
+        command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *options]
+        command += ["--results", folder, str(_PROGRAMS / program), str(path), str(file)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        of_program = side.Side(file)
+        try:
+            spend(_Observers.of(process.pid), of_program)
+        finally:
+            of_program.change(side.ENDED)
+            output, errors = process.communicate()
+        if process.returncode:
+            raise MachineError(f"mjbench run failed: {errors.decode(errors='replace')[-500:]}")
+        *windows, (total_s,) = (line.split() for line in output.decode().splitlines())
+        (row,) = json.loads(document.read_text())["results"]
+        return _Run(
+            [_Window(int(which), float(each_s) / int(nstep)) for which, each_s, nstep in windows],
+            float(total_s),
+            msgspec.convert(row, ProgramRow),
+        )
+
+
+def _let_run(of_program: side.Side) -> None:
+    """Let a program run under mjbench for some seconds."""
+    of_program.change(side.OBSERVED)
+    time.sleep(_ORDINARY_S)
+
+
+@dataclass(frozen=True)
+class _Observers:
+    """The process of `mjbench run`, and those that it started."""
+
+    run: "psutil.Process"
+
+    @classmethod
+    def of(cls, pid: int) -> "_Observers":
+        import psutil
+
+        return cls(psutil.Process(pid))
+
+    @contextlib.contextmanager
+    def are_stopped(self) -> Iterator[None]:
+        """While the block runs, observers do not; nor have they stopped the program."""
+        children = self.run.children(recursive=True)
+        profilers = [child for child in children if child.name().startswith("py-spy")]
+        program = [child for child in children if child not in profilers]
+        try:
+            self._stop(profilers, program)
+            self.run.suspend()
+            yield
+        finally:
+            for process in (*profilers, self.run):
+                process.resume()
+
+    def _stop(
+        self, profilers: Sequence["psutil.Process"], program: Sequence["psutil.Process"]
+    ) -> None:
+        """Stop profilers at a moment at which none of them has stopped the program."""
+        while True:
+            for profiler in profilers:
+                profiler.suspend()
+            while any(process_state(each.pid) not in (_STOPPED, None) for each in profilers):
+                time.sleep(0.0005)
+            if all(process_state(each.pid) != _TRACED for each in program):
+                return
+            for profiler in profilers:
+                profiler.resume()
+            time.sleep(0.002)
+
+
+def _change_sides(observers: _Observers, of_program: side.Side, seconds: float) -> None:
+    """Change the side of the program from window to window.
+
+    Args:
+      observers: to be stopped where the program is left alone.
+      of_program: the side that it is on.
+      seconds: of all windows.
+    """
+    time.sleep(_START_S)
+    for _ in range(round(seconds / (2 * _WINDOW_S))):
+        with observers.are_stopped():
+            _spend_window(of_program, side.ALONE)
+        _spend_window(of_program, side.OBSERVED)
+
+
+def _spend_window(of_program: side.Side, which: int) -> None:
+    of_program.change(which)
+    time.sleep(_WINDOW_S)
+    of_program.change(side.IN_TRANSIT)
+    time.sleep(_TRANSIT_S)
 
 
 if __name__ == "__main__":

@@ -188,16 +188,18 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
         begin = ProcessorClock.now()
         process = _start(program, folder)
         signals.forward = process.send_signal
-        was_ended = has_begun = False
+        was_ended, first_ns = False, None
         with _ended_on_error(process):
             profiling = _start_profiler(process, folder, sampling)
             while process.poll() is None:
                 time.sleep(_LOOK_S if profiling is None else profiling.look_s)
+                first_ns = first_ns or _first_step_ns(folder)
+                stepped_s = (time.perf_counter_ns() - first_ns) / 1e9 if first_ns else 0.0
                 if profiling is not None:
                     profiling.look()
-                    if has_begun := has_begun or _has_stepped(folder, _CALM_S):
+                    if stepped_s > _CALM_S:
                         profiling.look_for_pause()
-                if seconds is not None and not was_ended and _has_stepped(folder, seconds):
+                if seconds is not None and not was_ended and first_ns and stepped_s > seconds:
                     was_ended = True
                     _end(process)
     end = ProcessorClock.now()
@@ -242,10 +244,12 @@ def time_steps(
     with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
         folder = Path(name)
         process = _start(program, folder, change, source, quiet=True)
+        first_ns = None
         try:
             while process.poll() is None:
                 time.sleep(_LOOK_S)
-                if _has_stepped(folder, seconds):
+                first_ns = first_ns or _first_step_ns(folder)
+                if first_ns and time.perf_counter_ns() - first_ns > 1e9 * seconds:
                     _end(process)
         finally:
             _kill(process)
@@ -297,17 +301,15 @@ def _start_profiler(
     return Profiling.begin(process.pid, folder, sampling)
 
 
-def _has_stepped(folder: Path, seconds: float) -> bool:
-    """Return whether the program, or a process of it, has stepped for so many seconds."""
-    now_ns = time.perf_counter_ns()
+def _first_step_ns(folder: Path) -> int | None:
+    """Return when the program, or a process of it, first stepped; None where none has yet."""
+    first_ns = []
     for file in folder.glob("*.steps"):
         with file.open("rb") as stream:
             head = stream.read(step_clock.HEADER.size)
         if len(head) == step_clock.HEADER.size:
-            header = Header(*step_clock.HEADER.unpack(head))
-            if header.first_ns and now_ns - header.first_ns > 1e9 * seconds:
-                return True
-    return False
+            first_ns.append(Header(*step_clock.HEADER.unpack(head)).first_ns)
+    return min(filter(None, first_ns), default=None)
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

@@ -18,6 +18,8 @@ LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
 MANY_CHILDREN, MANY_RATE_HZ = 2, 5
 # Seconds between looks at the program: often until the rate is settled, then less often.
 LOOK_S, LATER_LOOK_S = 0.01, 0.03
+# Looks from one list of the program's processes to the next: to list them takes longer than a look.
+LOOKS_PER_LIST = 30
 # Fewer samples per second tell too little, whatever they cost.
 LEAST_RATE_HZ = 3
 # The state of a process that a profiler has stopped.
@@ -112,6 +114,8 @@ class Profiling:
       sampling: what is fixed of these two; the rest may change while the program runs.
       sampler: the profiler.
       has_adapted: whether the rate was compared with what samples cost.
+      children: the program's processes but the first, as listed last.
+      looks_listed: how many looks this list has served.
       looks: how often the program was looked at.
       paused: how often the profiler had stopped it, or one of its child processes, then.
       begin_s: when the profiler began to take samples, on the clock of `time.monotonic`; None
@@ -129,6 +133,8 @@ class Profiling:
     sampling: Sampling
     sampler: sampler.Sampler
     has_adapted: bool = False
+    children: Sequence[int] = ()
+    looks_listed: int = 0
     looks: int = 0
     paused: int = 0
     begin_s: float | None = None
@@ -154,11 +160,14 @@ class Profiling:
 
     def look(self) -> None:
         """See whether the profiler has begun, and whether there are many processes by now."""
+        if self.looks_listed % LOOKS_PER_LIST == 0:
+            self.children = _children(self.folder, self.pid)
+        self.looks_listed += 1
         if self.begin_s is None and self.sampler.has_begun:
             self.begin_s = time.monotonic()
         if self.has_many_children or self.begin_s is None or not self.sampler.is_running:
             return
-        self.has_many_children = len(_children(self.folder, self.pid)) >= MANY_CHILDREN
+        self.has_many_children = len(self.children) >= MANY_CHILDREN
         if self.has_many_children:
             rate = self.sampling.rate_hz or min(self.rate_hz, MANY_RATE_HZ)
             has_native = bool(self.sampling.has_native)
@@ -178,7 +187,7 @@ class Profiling:
 
     def look_for_pause(self) -> None:
         """See whether the profiler has stopped the program at this moment (Linux)."""
-        states = [process_state(pid) for pid in (self.pid, *_children(self.folder, self.pid))]
+        states = [process_state(pid) for pid in (self.pid, *self.children)]
         if states[0] is None:
             return
         self.looks += 1

@@ -303,11 +303,13 @@ def test_what_a_program_does_with_the_engines_functions_works_as_before(tmp_path
     text = (
         STEPS
         + """
-import importlib.util, pickle
+import copy, pickle
 class Env:
     step_function = mujoco.mj_step
 Env().step_function(model, data)
 assert pickle.loads(pickle.dumps(mujoco.mj_step)) is mujoco.mj_step
+assert copy.copy(mujoco.mj_step) is mujoco.mj_step
+copy.deepcopy(mujoco.mj_step)(model, data)
 print(mujoco.mj_step.__name__, data.time > 0)
 """
     )
@@ -316,7 +318,7 @@ print(mujoco.mj_step.__name__, data.time > 0)
     )
     assert done.stderr == ""
     assert done.stdout == "mj_step True\n"
-    assert max(each.nstep for each in steps) == 11
+    assert max(each.nstep for each in steps) == 12
 
 
 def test_an_endless_recursion_is_reported_as_without_the_clock(tmp_path):
