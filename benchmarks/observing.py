@@ -37,7 +37,6 @@ from benchmarks.programs import side
 from mjbench.errors import MachineError
 from mjbench.instrument import stats
 from mjbench.program import sampler
-from mjbench.program.profiling import MANY_RATE_HZ, process_state
 from mjbench.simulation import models
 from mjbench.status import ExitCode
 
@@ -120,16 +119,13 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
       InputError: there is no such model.
       MachineError: `mjbench run` failed.
     """
+    from mjbench.program.profiling import MANY_RATE_HZ
+
     usual_hz = MANY_RATE_HZ if name == PROCESSES else sampler.DEFAULT_RATE_HZ
     rate = ["--rate", str(rate_hz)] if rate_hz else []
     ordinary = _run(name, rate, lambda observers, of_program: _let_run(of_program))
     half = ["--rate", str(math.ceil((rate_hz or usual_hz) / 2))]
-    windows = _run(name, half, lambda *both: _change_sides(*both, seconds)).windows
-    pairs = [
-        (alone.step_s, observed.step_s)
-        for alone, observed in itertools.pairwise(windows)
-        if (alone.which, observed.which) == (side.ALONE, side.OBSERVED)
-    ]
+    pairs = pairs_of(_run(name, half, lambda *both: _change_sides(*both, seconds)).windows)
     if not pairs:
         raise MachineError(f"{name}: no window had a block of steps; use more --seconds")
     sampled_s = sum(loop.time.seconds for loop in ordinary.row.loops if loop.time.in_main)
@@ -141,19 +137,33 @@ def observe(name: str, seconds: float, rate_hz: int | None = None) -> Observed:
     )
 
 
+def program_of(name: str) -> Path:
+    """Return the file of a program."""
+    return _PROGRAMS / ("observed_processes.py" if name == PROCESSES else "observed_model.py")
+
+
 @dataclass(frozen=True)
-class _Window:
+class Window:
     """A stretch of the program on one side: which, and seconds of a step."""
 
     which: int
     step_s: float
 
 
+def pairs_of(windows: Sequence[Window]) -> list[tuple[float, float]]:
+    """Return seconds of a step, alone and observed, of windows that follow each other."""
+    return [
+        (alone.step_s, observed.step_s)
+        for alone, observed in itertools.pairwise(windows)
+        if (alone.which, observed.which) == (side.ALONE, side.OBSERVED)
+    ]
+
+
 @dataclass(frozen=True)
 class _Run:
     """One run of a program: its windows, seconds of its loop, and what mjbench has seen."""
 
-    windows: Sequence[_Window]
+    windows: Sequence[Window]
     total_s: float
     row: "ProgramRow"
 
@@ -167,12 +177,11 @@ def _run(
     from mjbench.program.records import ProgramRow
 
     path = models.resolve("humanoid" if name == PROCESSES else name).path
-    program = "observed_processes.py" if name == PROCESSES else "observed_model.py"
     with tempfile.TemporaryDirectory() as folder:
         file, document = Path(folder) / "side", Path(folder) / "run.json"
         file.write_bytes(bytes([side.IN_TRANSIT]))
         command = [sys.executable, "-m", "mjbench", "run", "--json", str(document), *options]
-        command += ["--results", folder, str(_PROGRAMS / program), str(path), str(file)]
+        command += ["--results", folder, str(program_of(name)), str(path), str(file)]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         of_program = side.Side(file)
         try:
@@ -185,7 +194,7 @@ def _run(
         *windows, (total_s,) = (line.split() for line in output.decode().splitlines())
         (row,) = json.loads(document.read_text())["results"]
         return _Run(
-            [_Window(int(which), float(each_s) / int(nstep)) for which, each_s, nstep in windows],
+            [Window(int(which), float(each_s) / int(nstep)) for which, each_s, nstep in windows],
             float(total_s),
             msgspec.convert(row, ProgramRow),
         )
@@ -227,6 +236,8 @@ class _Observers:
         self, profilers: Sequence["psutil.Process"], program: Sequence["psutil.Process"]
     ) -> None:
         """Stop profilers at a moment at which none of them has stopped the program."""
+        from mjbench.program.profiling import process_state
+
         while True:
             for profiler in profilers:
                 profiler.suspend()

@@ -1,4 +1,4 @@
-"""A loop around `mj_step` with a small observation, until it is told to end."""
+"""A loop around `mj_step` with a small observation, until the side is `ENDED`."""
 
 import sys
 from pathlib import Path

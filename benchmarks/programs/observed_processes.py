@@ -1,4 +1,4 @@
-"""A loop that waits for four processes, each of which takes 20 steps, until it is told to end."""
+"""A loop that waits for four processes, each of which takes 20 steps, until the side is `ENDED`."""
 
 import multiprocessing
 import os
