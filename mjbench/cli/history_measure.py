@@ -1,5 +1,6 @@
 """`mjbench history measure`: steps and operations in releases against one fixed release."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
 @history.command("measure")
 @click.argument("names", nargs=-1, metavar="[RELEASE]…")
 @click.option(
+    "--steps/--no-steps",
+    default=True,
+    show_default=True,
+    help="Measure steps of models",
+)
+@click.option(
     "--operations/--no-operations",
     default=None,
     help="Also measure loading, MjSpec, MjData, resets, rays, rollout and Batch on shipped models"
@@ -29,6 +36,7 @@ if TYPE_CHECKING:
 @with_options(*history_options.SELECTING, HISTORY, RESUME, WAIT, JSON)
 def measure(
     names: tuple[str, ...],
+    steps: bool,
     operations: bool | None,
     since: str | None,
     models: tuple[str, ...],
@@ -52,7 +60,13 @@ def measure(
     from mjbench.report import release_ratios as report
     from mjbench.report.documents import HistoryDocument
 
+    if not steps and models:
+        raise click.UsageError("--model is for steps; leave it out with --no-steps")
+    if not steps and operations is False:
+        raise click.UsageError("without steps and operations, nothing is left to measure")
     selection = history_options.select(names, since, models, history)
+    if not steps:
+        selection = replace(selection, sources=())
     operations = not models if operations is None else operations
     paired_options.warn_if_unpinned()
     arguments = {**selection.arguments(), "operations": operations}

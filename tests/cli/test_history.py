@@ -109,6 +109,32 @@ def test_operations_are_measured_too(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "| mj_ray, `humanoid` |" in page.replace("---:", "")
 
 
+def test_operations_can_be_measured_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = measured(monkeypatch)
+    done = invoke("measure", "3.3.0", "--no-steps", "--json", "out.json")
+    assert done.exit_code == 0, done.output
+    assert targets == [(name, "3.3.0") for name in operations.registry()]
+    document = json.loads(Path("out.json").read_text())
+    assert document["results"] == []
+    assert len(document["operations"]) == len(targets)
+    page = invoke()
+    assert page.exit_code == 2
+    assert "there are no times of steps" in page.output
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--model", "pile"), "--model is for steps"),
+        (("--no-operations",), "nothing is left to measure"),
+    ],
+)
+def test_without_steps_some_options_make_no_sense(options: tuple[str, ...], message: str) -> None:
+    done = invoke("measure", "3.3.0", "--no-steps", *options)
+    assert done.exit_code == 2
+    assert message in done.output
+
+
 def test_what_was_measured_is_not_measured_again_and_what_failed_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
