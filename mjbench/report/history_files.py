@@ -11,7 +11,7 @@ from mjbench.instrument import run_set
 from mjbench.instrument.machine_identity import MachineIdentity, identify
 from mjbench.instrument.runs import Run
 from mjbench.releases import changelog, known_causes
-from mjbench.releases.release_ratios import RatioRecord
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.releases.speed_history import in_order
 from mjbench.report import speed_history
 from mjbench.report.documents import RECORD_TYPES
@@ -103,7 +103,11 @@ def read_each(
 def of_runs(
     runs: Sequence[Run], causes: Path | None, since: str | None = None
 ) -> list[MachineHistory]:
-    """Return the histories that runs hold; see `read_each`."""
+    """Return the histories that runs hold; see `read_each`.
+
+    A machine on which only operations were timed has no history of its own: its operations are
+    part of every history that has none.
+    """
     known = known_causes.load(causes) if causes else []
     installed = changelog.installed()
     # counts hold for any machine
@@ -112,19 +116,21 @@ def of_runs(
     by_machine: dict[MachineIdentity, list[Run]] = defaultdict(list)
     for machine, run in zip(identify([r.header.machine for r in timed]), timed, strict=True):
         by_machine[machine].append(run)
-    histories = [
-        MachineHistory(
-            machine.name,
-            speed_history.from_records(
-                [*counts, *(record for run in of_machine for record in run.records)],
-                installed,
-                known,
-                of_machine[0].header.machine,
-                since,
-            ),
+    steps = {machine: each for machine, each in by_machine.items() if _has(each, StepRatioRecord)}
+    operations = next((each for machine, each in by_machine.items() if machine not in steps), [])
+    histories = []
+    for machine, of_machine in steps.items():
+        borrowed = [] if _has(of_machine, OperationRatioRecord) else operations
+        records = [record for run in (*of_machine, *borrowed) for record in run.records]
+        history = speed_history.from_records(
+            [*counts, *records],
+            installed,
+            known,
+            of_machine[0].header.machine,
+            since,
+            borrowed[0].header.machine if borrowed else None,
         )
-        for machine, of_machine in by_machine.items()
-    ]
+        histories.append(MachineHistory(machine.name, history))
     histories = [each for each in histories if each.history.releases()]
     if not any(each.history.models for each in histories):
         raise InputError("there are no times of steps; `mjbench history measure` measures some")
@@ -132,3 +138,8 @@ def of_runs(
     if since is not None and since not in releases:
         raise InputError(f"{since} was not measured; these releases were: {', '.join(releases)}")
     return histories
+
+
+def _has(runs: Sequence[Run], kind: type[RatioRecord]) -> bool:
+    """Return whether one of the runs has a record of a kind."""
+    return any(run.of_type(kind) for run in runs)

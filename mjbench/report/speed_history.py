@@ -48,9 +48,10 @@ class SpeedHistory:
       models: the time of a step of each.
       operations: the time of each operation around the step.
       background: what explains changes.
-      machine: that all was measured on; None where it is not known.
+      machine: that steps were measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
+      operations_machine: that operations were measured on; None where it is the same.
     """
 
     models: Sequence[SpeedSeries]
@@ -59,6 +60,7 @@ class SpeedHistory:
     machine: Machine | None = None
     since: str | None = None
     failures: Sequence[RatioRecord] = ()
+    operations_machine: Machine | None = None
 
     def lists(self, release: str) -> bool:
         """Return whether changes that came with a release are listed."""
@@ -87,6 +89,7 @@ def from_records(
     causes: Sequence[KnownCause] = (),
     machine: Machine | None = None,
     since: str | None = None,
+    operations_machine: Machine | None = None,
 ) -> SpeedHistory:
     """Return the history that records of run files hold.
 
@@ -96,6 +99,7 @@ def from_records(
       causes: that no measurement names.
       machine: that measured the records.
       since: the first release whose changes are listed; None for all.
+      operations_machine: that measured operations; None where it is the same.
     """
     ratios = [record for record in records if isinstance(record, RatioRecord)]
     counts = {(r.model, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
@@ -114,7 +118,9 @@ def from_records(
         for record in ratios
         if record.status in FAILURES and (record.series, record.release) not in measured
     ]
-    return SpeedHistory(models, operations, background, machine, since, failures)
+    return SpeedHistory(
+        models, operations, background, machine, since, failures, operations_machine
+    )
 
 
 def title(record: RatioRecord) -> str:

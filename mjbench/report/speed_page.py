@@ -235,6 +235,8 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
     ]
     references = sorted({each.record.reference for each in measured})
     machine = f", on {_machine(history.machine)}" if history.machine else ""
+    if history.operations_machine:
+        machine += f" (operations on {_machine(history.operations_machine)})"
     yield (
         f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against the"
         f" reference, {', '.join(references)}{machine}, [in turns](method/history.md), with the"

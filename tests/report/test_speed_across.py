@@ -9,7 +9,8 @@ from speed_histories import VERSIONS, record
 
 from mjbench.errors import InputError
 from mjbench.instrument.runs import SCHEMA, Run, RunHeader
-from mjbench.report import history_files, speed_across
+from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
+from mjbench.report import history_files, speed_across, speed_page
 from mjbench.report.history_files import MachineHistory
 
 FLAT = [1.0] * 8
@@ -32,6 +33,38 @@ def test_each_machine_has_a_history_of_its_own() -> None:
     each = histories(a=STEP, b=FLAT)
     assert [one.name for one in each] == ["a", "b"]
     assert [len(one.history.models[0].changes.change_points) for one in each] == [1, 0]
+
+
+def operations_run(machine: str, cpu: str, ratios: Sequence[float]) -> Run:
+    """Return a run of `history measure --no-steps`."""
+    labels = dataclasses.replace(labelled(machine), cpu=cpu)
+    records = [
+        OperationRatioRecord(
+            **{f.name: getattr(step, f.name) for f in dataclasses.fields(RatioRecord)},
+            operation="load pile",
+            title="load",
+        )
+        for step in run(machine, ratios).of_type(StepRatioRecord)
+    ]
+    return Run(RunHeader(SCHEMA, "history", labels, {}), tuple(records))
+
+
+def test_operations_of_a_machine_without_steps_join_the_histories_that_have_none() -> None:
+    (only,) = history_files.of_runs([operations_run("b", "another", STEP), run("a", FLAT)], None)
+    assert only.name == "a"
+    assert [series.name for series in only.history.operations] == ["load pile"]
+    page = "\n".join(speed_page.lines(only.history))
+    assert "(operations on another, " in page
+    own = operations_run("a", labelled("a").cpu, FLAT)
+    each = history_files.of_runs([run("a", FLAT), own, operations_run("b", "another", STEP)], None)
+    assert [one.name for one in each] == ["a"]
+    assert each[0].history.operations_machine is None
+    assert not each[0].history.operations[0].changes.change_points
+
+
+def test_operations_alone_are_no_history() -> None:
+    with pytest.raises(InputError, match="no times of steps"):
+        history_files.of_runs([operations_run("b", "another", STEP)], None)
 
 
 def test_a_change_says_on_how_many_machines_it_is_listed() -> None:
