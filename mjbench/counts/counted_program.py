@@ -2,7 +2,8 @@
 
 It runs inside the environment of any release (see instructions.py). It does the work of each
 model once to warm up, then twice between markers. Callgrind's options make it write out its counts,
-and start again from zero, whenever the marker is called.
+and start again from zero, whenever the marker is called. Only the work and the markers run with
+its instrumentation, where that can be switched.
 """
 
 import pickle
@@ -15,6 +16,7 @@ import numpy as np
 from mjbench import paths
 from mjbench.comparison.sizes import check_memory
 from mjbench.counts import messages
+from mjbench.counts.instrumentation import Instrumentation
 from mjbench.counts.messages import CountedWork, ModelAnswer, ModelRequest
 from mjbench.errors import Failure, MjbenchError, failure_of
 from mjbench.releases import install_check
@@ -34,32 +36,36 @@ def main(request_file: str, answers_file: str) -> None:
     problem = install_check.imported_problem(request.version)
     if problem:
         raise SystemExit(problem)
+    instrumentation = Instrumentation()
     with Path(answers_file).open("wb") as stream:
         for model_request in request.models:
-            answer = ModelAnswer(model_request.source.name, _outcome(model_request))
+            outcome = _outcome(model_request, instrumentation)
+            answer = ModelAnswer(model_request.source.name, outcome)
             messages.append_answer(stream, answer)
 
 
-def _outcome(request: ModelRequest) -> CountedWork | Failure:
+def _outcome(request: ModelRequest, instrumentation: Instrumentation) -> CountedWork | Failure:
     """Do the work of one model; return it, or why it could not be done."""
     try:
-        return _step_between_markers(request)
+        return _step_between_markers(request, instrumentation)
     except MjbenchError as error:
+        instrumentation.start()
         for _ in range(MARKERS):  # dumps are numbered: the next model's must have theirs
             mujoco.mj_version()
+        instrumentation.stop()
         return failure_of(error)
 
 
-def _step_between_markers(request: ModelRequest) -> CountedWork:
+def _step_between_markers(request: ModelRequest, instrumentation: Instrumentation) -> CountedWork:
     model = models.load(request.source)
     shared, probe, came_from = _workload(model, request)
     observation = work.observe(shared)
     run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
-    run()
-    mujoco.mj_version()
-    for _ in range(MARKERS - 1):
+    instrumentation.start()
+    for _ in range(MARKERS):  # the first time to warm up
         run()
         mujoco.mj_version()
+    instrumentation.stop()
     return CountedWork(
         steps=shared.steps,
         work=observation.work,

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from mjbench.counts import callgrind, counted_program, messages
+from mjbench.counts import callgrind, counted_program, instrumentation, messages
 from mjbench.counts.callgrind import CodePlace
 from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
 from mjbench.counts.records import FunctionCount, InstructionsRecord, InstructionsRow
@@ -241,6 +241,7 @@ def _callgrind(folder: Path) -> list[str]:
         *("valgrind", "--tool=callgrind", "--quiet"),
         "--dump-instr=yes",  # addresses, by which explain finds the code of functions
         f"--dump-before={counted_program.MARKER}",
+        f"--instr-atstart={'no' if instrumentation.can_switch() else 'yes'}",
         f"--callgrind-out-file={folder / 'callgrind.out'}",
     ]
 

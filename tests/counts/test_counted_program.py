@@ -7,6 +7,7 @@ import mujoco
 import pytest
 
 from mjbench.counts import counted_program, messages
+from mjbench.counts.instrumentation import Instrumentation
 from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, ModelRequest
 from mjbench.errors import Failure
 from mjbench.releases import installs
@@ -53,6 +54,29 @@ def test_an_answer_says_what_work_was_done(
     assert answer.outcome.followed.stepped["qpos"].shape[1] == 2
     assert answer.outcome.starts is not None
     assert len(marked) == counted_program.MARKERS
+
+
+@pytest.mark.parametrize("model", ["contact", "broken"])
+def test_only_work_and_markers_run_with_instrumentation(
+    contact_file: str,
+    tmp_path: Path,
+    marked: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    model: str,
+) -> None:
+    for name in ("start", "stop"):
+        monkeypatch.setattr(Instrumentation, name, lambda _, name=name: marked.append(name))
+    broken = tmp_path / "broken.xml"
+    broken.write_text("<mujoco><worldbody/></mujoco>")
+    model_file = contact_file if model == "contact" else str(broken)
+    run(tmp_path, request_for(model_file, tmp_path / "0.pickle"))
+    assert marked == ["start", *["marker"] * counted_program.MARKERS, "stop"]
+
+
+def test_asking_for_instrumentation_outside_callgrind_does_nothing() -> None:
+    instrumentation = Instrumentation()
+    assert instrumentation.start() is None
+    assert instrumentation.stop() is None
 
 
 def test_a_workload_without_a_probe_is_counted_all_the_same(
