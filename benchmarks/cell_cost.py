@@ -1,10 +1,11 @@
 """What a cell of a sweep takes on the shipped models: a verdict, a count, a comparison.
 
-    python -m benchmarks.cell_cost [MODEL …] [--old RELEASE] [--new RELEASE]
+    python -m benchmarks.cell_cost [MODEL …] [--old RELEASE] [--new RELEASE] [--kind KIND …]
 
 runs `mjbench versions`, `mjbench instructions` and `mjbench compare` on each model, one after the
 other, and writes results/cells.json: seconds, and what the run set of a sweep stores. Named models
-replace their rows. It takes about half an hour, and needs the machine for itself, and valgrind.
+and kinds replace their rows. It takes about half an hour, and needs the machine for itself, and
+valgrind.
 """
 
 import argparse
@@ -58,36 +59,32 @@ class _CommandRun:
     seconds: float
 
 
-def measured(model: str, old: str, new: str) -> list[CellCost]:
-    """Return what the cells of one model take.
+def measured(model: str, old: str, new: str, kind: CellKind, step_us: float | None) -> CellCost:
+    """Return what a cell of one model takes.
 
     Args:
       model: a shipped one.
       old: release of the verdict's baseline; counts are of both releases.
       new: release of its candidate.
+      kind: of the cell.
+      step_us: microseconds of a step; None where a comparison is to say it.
 
     Raises:
       MachineError: a command failed, or left no result.
     """
-    compared = _run("compare", model)
-    verdict = _run("versions", "--old", old, "--new", new, model)
-    counts = _run("instructions", "--release", old, "--release", new, model)
-    step_us = _step_us(compared.run)
-    return [
-        _cost(
-            CellKind.VERDICT,
-            [Cell(Kind.VERSIONS, model, new, old, path=BASE, metric=Metric.TIME)],
-            verdict,
-            step_us,
-        ),
-        _cost(
-            CellKind.COUNT,
-            [Cell(Kind.INSTRUCTIONS, model, release) for release in (old, new)],
-            counts,
-            step_us,
-        ),
-        _cost(CellKind.COMPARISON, [Cell(Kind.COMPARE, model)], compared, step_us),
-    ]
+    match kind:
+        case CellKind.VERDICT:
+            ran = _run("versions", "--old", old, "--new", new, model)
+            cells = [Cell(Kind.VERSIONS, model, new, old, path=BASE, metric=Metric.TIME)]
+        case CellKind.COUNT:
+            ran = _run("instructions", "--release", old, "--release", new, model)
+            cells = [Cell(Kind.INSTRUCTIONS, model, release) for release in (old, new)]
+        case CellKind.COMPARISON:
+            ran = _run("compare", model)
+            cells = [Cell(Kind.COMPARE, model)]
+            step_us = _step_us(ran.run)
+    assert step_us is not None, "a comparison is measured first"
+    return _cost(kind, cells, ran, step_us)
 
 
 def _cost(kind: CellKind, cells: Sequence[Cell], ran: _CommandRun, step_us: float) -> CellCost:
@@ -175,16 +172,18 @@ def _install_bytes(release: str) -> int:
     return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
-def run(names: Sequence[str], old: str, new: str) -> CellTally:
+def run(names: Sequence[str], old: str, new: str, kinds: Sequence[CellKind] = ()) -> CellTally:
     """Measure models, and write the tally after each.
 
     Args:
       names: of models; empty for all.
       old: release of the verdicts' baseline.
       new: release of their candidate.
+      kinds: what to measure; empty for all. What is not measured stays as it was.
 
     Raises:
-      InputError: a model is not shipped, or the others were measured in other releases.
+      InputError: a model is not shipped, or what stays was measured in other releases, or is
+        missing.
       MachineError: valgrind is missing, or a command failed.
     """
     if shutil.which("valgrind") is None:
@@ -193,18 +192,16 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
     unknown = sorted({*names} - {*shipped})
     if unknown:
         raise InputError(f"no shipped model is named {unknown[0]}; there are {', '.join(shipped)}")
-    cells: dict[str, list[CellCost]] = {}
-    if names and TALLY.exists():
-        earlier = load_cells(TALLY)
-        if (earlier.old, earlier.new) != (old, new):
-            raise InputError(
-                f"{TALLY.name} is of {earlier.old} and {earlier.new}: give these, or no model"
-            )
-        for cell in earlier.cells:
-            cells.setdefault(cell.model, []).append(cell)
+    cells = _earlier(old, new) if names or kinds else {}
     install_bytes = round(statistics.fmean(map(_install_bytes, (old, new))))
     for name in names or shipped:
-        cells[name] = measured(name, old, new)
+        costs = cells.setdefault(name, {})
+        if kinds and {*kinds, *costs} != {*CellKind}:
+            raise InputError(f"{TALLY.name} lacks {name}: measure all kinds first")
+        # the comparison says how long a step takes
+        for kind in sorted(kinds or CellKind, key=lambda kind: kind != CellKind.COMPARISON):
+            compared = costs.get(CellKind.COMPARISON)
+            costs[kind] = measured(name, old, new, kind, compared.step_us if compared else None)
         tally = CellTally(
             date=datetime.now(UTC).date().isoformat(),
             processor=machine.describe().cpu,
@@ -212,12 +209,26 @@ def run(names: Sequence[str], old: str, new: str) -> CellTally:
             old=old,
             new=new,
             install_bytes=install_bytes,
-            cells=[cell for of_model in cells.values() for cell in of_model],
+            cells=[of_model[kind] for of_model in cells.values() for kind in CellKind],
         )
         TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
-        for cell in cells[name]:
-            print(f"{name}: {cell.kind}: {cell.start_s:.1f} s and {cell.cell_s:.1f} s", flush=True)
+        for kind, cell in costs.items():
+            print(f"{name}: {kind}: {cell.start_s:.1f} s and {cell.cell_s:.1f} s", flush=True)
     return tally
+
+
+def _earlier(old: str, new: str) -> dict[str, dict[CellKind, CellCost]]:
+    """Return what the tally has; see `run` for the arguments and errors."""
+    cells: dict[str, dict[CellKind, CellCost]] = {}
+    if TALLY.exists():
+        tally = load_cells(TALLY)
+        if (tally.old, tally.new) != (old, new):
+            raise InputError(
+                f"{TALLY.name} is of {tally.old} and {tally.new}: give these, or no model"
+            )
+        for cell in tally.cells:
+            cells.setdefault(cell.model, {})[cell.kind] = cell
+    return cells
 
 
 def main(arguments: Sequence[str] | None = None) -> ExitCode:
@@ -227,10 +238,17 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
     parser.add_argument("models", nargs="*")
     parser.add_argument("--old", default=OLD, help="release of the baseline")
     parser.add_argument("--new", default=NEW, help="release of the candidate")
+    parser.add_argument(
+        "--kind",
+        action="append",
+        choices=[kind.name.lower() for kind in CellKind],
+        help="measure only this; may be given several times",
+    )
     options = parser.parse_args(arguments)
 
     def action() -> ExitCode:
-        run(options.models, options.old, options.new)
+        kinds = [CellKind[name.upper()] for name in options.kind or ()]
+        run(options.models, options.old, options.new, kinds)
         return ExitCode.OK
 
     return tally_command.run("cell_cost", action, "the tally has what was measured")

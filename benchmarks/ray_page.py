@@ -31,8 +31,9 @@ def _lines(tally: RayTally) -> Iterator[str]:
     yield (
         "Work of a call, in milliseconds of the plain loop and in steps of all simulations"
         f" together, at which {tally.usable_cores} actors are faster than the other path, and stay"
-        " so at every larger size that was tried. After *never* stand the largest size, and how"
-        " fast the actors are there over the other path."
+        " so at every larger size that was tried. *never* is followed by the largest size tried,"
+        " and Ray's speed relative to the other path there. Ratios are taken round by round, and"
+        " times are medians, so the two differ by a few percent."
     )
     yield ""
     # the last column is Ray's own
@@ -65,9 +66,8 @@ def _conclusion(tally: RayTally) -> Iterator[str]:
     ]
     if not ahead:
         yield (
-            f"On one machine, Ray pays on none of {len(threads)} models: up to the largest call"
-            f" that was tried, `mujoco.rollout` on {cores} threads is faster than {cores} Ray"
-            " actors, and needs no other process."
+            f"On one machine, Ray does not pay: `mujoco.rollout` on {cores} threads was faster than"
+            f" {cores} Ray actors on all {len(threads)} models, up to the largest call tried."
         )
     else:
         yield (
@@ -77,9 +77,9 @@ def _conclusion(tally: RayTally) -> Iterator[str]:
     overtaken = [row.least.loop_ms for row in loops if row.least]
     if overtaken:
         yield (
-            f"They overtake a plain loop on {len(overtaken)} of {len(loops)} models, from"
-            f" {_range(overtaken)} ms of its work per call on. Use Ray to reach other machines,"
-            " with calls much longer than that, and `rollout` on threads in each actor."
+            f"Ray actors beat a plain loop on {len(overtaken)} of {len(loops)} models, once a call"
+            f" takes {_range(overtaken)} ms of its work. Other machines were not measured; to reach"
+            " them, make calls much longer than that, and use `rollout` on threads in each actor."
         )
 
 
@@ -136,8 +136,8 @@ _WHAT = """
 
 `mjbench compare --paths ray` steps in Ray actors: processes that Ray starts, each with its own
 model and one thread of `mujoco.rollout`. A release without rollout gets a Python loop in each
-actor. Actors are as many as usable cores, or as `--threads` says. What they return is
-bit-identical to what the plain loop returns, like that of every other C path. The path runs only
+actor. Actors are as many as usable cores, or as `--threads` says. What they return is compared
+with what the plain loop returns, bit by bit, as of every other C path. The path runs only
 where `--paths` names it, and needs the extra `ray`. `compare` never advises it: Ray starts too
 slowly to be compared again in [fresh processes](timing.md#advice).
 
@@ -158,5 +158,5 @@ _HOW = """
 On your model:
 
 ```
-mjbench compare robot.xml --paths python_loop,rollout,processes,ray --nbatch 1,4,16,64,256
+mjbench compare robot.xml --paths python_loop,rollout,ray --nstep 20 --nbatch 2,32,512,8192
 ```""".splitlines()

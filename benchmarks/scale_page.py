@@ -32,8 +32,8 @@ def _lines(tally: ScaleTally, measured: CellTally) -> Iterator[str]:
     yield ""
     yield (
         "Written by `python -m benchmarks.sweep_simulation` from `results/cells.json`,"
-        " `results/sweep.json` and `results/scale.json`; do not edit. What results and scheduling"
-        " cost is measured; what clusters do is simulated."
+        " `results/sweep.json` and `results/scale.json`; do not edit. Costs are measured; clusters"
+        " are simulated."
     )
     yield ""
     yield from _measured(measured)
@@ -56,10 +56,11 @@ def _conclusion(tally: ScaleTally) -> str:
     hours = sum(kind.node_hours for kind in tally.kinds)
     cells = sum(kind.cells for kind in tally.kinds)
     text = (
-        f"{size.models} models × {size.releases} releases × {size.processors} processors are"
-        f" {cells:,} results, which take {hours:,.0f} node hours. In simulation, a cluster of"
-        f" {most.nodes} nodes, {most.nodes // most.processors} of each processor, has all of them"
-        f" after {_hours(most.hours)}."
+        f"{size.models} models on {size.processors} processors need {cells:,} results: for each"
+        f" model and processor, {size.releases - 1} verdicts, {size.releases} counts of"
+        f" instructions and one comparison. They take {hours:,.0f} node hours. In simulation, a"
+        f" cluster of {most.nodes} nodes, {most.nodes // most.processors} of each processor, has"
+        f" all of them after {_hours(most.hours)}."
     )
     whole = [row for row in tally.rows if row.processors == size.processors]
     night = [row for row in whole if row.night_cells < row.cells]
@@ -80,7 +81,8 @@ def _measured(measured: CellTally) -> Iterator[str]:
         " instructions of a step in one release, and for comparing the paths. In brackets, the"
         " further time of a command, however many results it measures. Measured by `python -m"
         f" benchmarks.cell_cost` on {measured.date}, on {measured.usable_cores} cores of"
-        f" {measured.processor}."
+        f" {measured.processor}. A verdict may take 60 s: one that took as long was not certain"
+        " by then."
     )
     yield ""
     by_model: dict[str, dict[CellKind, CellCost]] = {}
@@ -107,11 +109,8 @@ def _matrix(tally: ScaleTally) -> Iterator[str]:
     yield "## What the matrix costs"
     yield ""
     yield (
-        f"Each processor measures, for each model, {size.releases - 1} verdicts (each other release"
-        f" against the newest), {size.releases} counts and one comparison of the paths. Other"
-        " models were not measured: each is assumed to cost as much as one of those above, drawn at"
-        " random. A node runs as many counts at once as it has cores, but only one verdict or"
-        " comparison."
+        "Verdicts compare each other release with the newest. A node runs as many counts at once as"
+        " it has cores, but only one verdict or comparison."
     )
     yield ""
     headings = ["", "results", "node hours", "node hours of one processor"]
@@ -138,18 +137,20 @@ def _clusters(tally: ScaleTally) -> Iterator[str]:
         "The simulation uses the scheduler of `mjbench sweep`, and the"
         " [assumptions](#what-is-assumed) below. *Efficiency* is the share of node time in commands"
         " that succeeded; the rest is scheduling, calibration, refusals, lost work, and waiting for"
-        " other nodes at the end. *Lost* is node time in commands that died with their node. A"
-        " cluster of one node has one processor, and measures"
-        f" {_percent(1 / size.processors)} of the matrix."
+        " other nodes at the end. Some nodes are slower than others, so a cluster's efficiency is"
+        " not that of its node hours. *Lost* is node time in commands that died with their node;"
+        " results that were finished before survive. A cluster of one node has one processor, and"
+        f" measures {_percent(1 / size.processors)} of the matrix. Each cluster was simulated once:"
+        " how many commands die is chance."
     )
     yield ""
     headings = [
         "nodes",
         "results",
         "hours",
-        "in a night",
+        "after 8 hours",
         "efficiency",
-        "lost, node hours",
+        "lost, node minutes",
         "commands that died",
         "refusals",
         "without a result",
@@ -161,7 +162,7 @@ def _clusters(tally: ScaleTally) -> Iterator[str]:
             f"{row.hours:,.1f}",
             f"{row.night_cells:,} ({_percent(row.night_cells / row.cells)})",
             _percent(row.efficiency),
-            f"{row.lost_hours:,.1f}",
+            f"{60 * row.lost_hours:,.0f}",
             f"{row.deaths:,}",
             f"{row.refusals:,}",
             f"{row.given_up:,}",
@@ -221,6 +222,11 @@ def _assumptions(tally: ScaleTally) -> Iterator[str]:
     yield ""
     yield "These values were not measured:"
     yield ""
+    yield (
+        f"- Each of the {tally.size.models} models costs as much as one of those above, drawn at"
+        " random, and each pair of releases as much as the one that was measured."
+    )
+    yield "- All processors are as fast as the one that was measured, and all nodes have its cores."
     yield (
         f"- The time that nodes take differs by {_percent(assumed.slowness_deviation)} (standard"
         " deviation of its logarithm)."

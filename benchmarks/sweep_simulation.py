@@ -210,13 +210,13 @@ def run() -> ScaleTally:
         print(scale_page.row_line(rows[-1]), flush=True)
     kinds = matrix.kind_costs(measured.usable_cores)
     tally = ScaleTally(size, scheduling, assumptions, SEED, kinds, rows)
-    save(tally, measured)
+    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+    write_page(tally, measured)
     return tally
 
 
-def save(tally: ScaleTally, measured: CellTally) -> None:
-    """Write the tally and the page."""
-    TALLY.write_text(tally_file.dumps(tally), encoding="utf-8")
+def write_page(tally: ScaleTally, measured: CellTally) -> None:
+    """Write the page of a tally."""
     PAGE.write_text(scale_page.page(tally, measured), encoding="utf-8")
 
 
@@ -229,7 +229,7 @@ def main(arguments: Sequence[str] | None = None) -> ExitCode:
 
     def action() -> ExitCode:
         if options.page:
-            save(load_scale(TALLY), load_cells(CELLS))
+            write_page(load_scale(TALLY), load_cells(CELLS))
         else:
             run()
         return ExitCode.OK

@@ -76,8 +76,11 @@ def test_a_path_that_fails_ends_the_measurement_in_one_line() -> None:
 
 def test_the_page_says_first_that_rollout_needs_no_ray() -> None:
     lines = ray_page.page(TALLY).splitlines()
-    assert lines[2].startswith("On one machine, Ray pays on none of 1 models: ")
-    assert "They overtake a plain loop on 1 of 1 models, from 20 ms of its work" in lines[2]
+    assert lines[2].startswith("On one machine, Ray does not pay: ")
+    assert (
+        "Ray actors beat a plain loop on 1 of 1 models, once a call takes 20 ms of its work"
+        in lines[2]
+    )
     assert "| m | 5 | 20 ms (4,000 steps) | never up to 20 ms (0.80×) |" in lines
     assert "| 200 | 4,000 | 20 | 8 | 10 |" in lines
 

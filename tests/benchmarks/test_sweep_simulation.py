@@ -207,8 +207,8 @@ def test_the_page_says_what_is_measured_what_is_simulated_and_what_is_assumed() 
     rows = [sweep_simulation.simulated(matrix, count, 2, cost, ROUGH, seed=0) for count in (1, 4)]
     tally = ScaleTally(SMALL, cost, ROUGH, 0, matrix.kind_costs(cores=2), rows)
     lines = scale_page.page(tally, MEASURED).splitlines()
-    assert lines[2].startswith("3 models × 10 releases × 2 processors are 120 results, which take")
-    assert "scheduling cost is measured; what clusters do is simulated." in lines[4]
+    assert lines[2].startswith("3 models on 2 processors need 120 results: for each model")
+    assert "Costs are measured; clusters are simulated." in lines[4]
     assert "| `heavy` | 5 | 40 (3) | 60 (2) | 120 |" in lines
     assert any(line.startswith("- A node refuses 20 % of the commands") for line in lines)
     assert "## Storage" in lines
@@ -238,6 +238,32 @@ def test_a_model_cannot_be_measured_in_other_releases_than_the_others(
     monkeypatch.setattr("shutil.which", lambda name: name)
     with pytest.raises(InputError, match=r"cells\.json is of 3\.3\.0 and 4\.0\.0"):
         cell_cost.run(["cartpole"], "3.5.0", "4.0.0")
+
+
+def test_one_kind_can_be_measured_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cells = tmp_path / "cells.json"
+    cells.write_text(tally_file.dumps(replace(MEASURED, old="3.3.0", new="4.0.0")))
+    model = MEASURED.cells[0].model
+    monkeypatch.setattr(cell_cost, "TALLY", cells)
+    monkeypatch.setattr("shutil.which", lambda name: name)
+    monkeypatch.setattr(cell_cost.models, "shipped", lambda: [model])
+    monkeypatch.setattr(cell_cost, "_install_bytes", lambda release: 100)
+
+    def measured(model: str, old: str, new: str, kind: CellKind, step_us: float | None) -> CellCost:
+        return CellCost(kind, model, step_us or 0.0, 1.0, 2.5, 10, 0.1)
+
+    monkeypatch.setattr(cell_cost, "measured", measured)
+    tally = cell_cost.run([], "3.3.0", "4.0.0", [CellKind.COUNT])
+    earlier = {cell.kind: cell for cell in MEASURED.cells if cell.model == model}
+    later = {cell.kind: cell for cell in tally.cells if cell.model == model}
+    assert later[CellKind.COUNT].cell_s == 2.5
+    assert later[CellKind.COUNT].step_us == earlier[CellKind.COMPARISON].step_us
+    assert later[CellKind.VERDICT] == earlier[CellKind.VERDICT]
+    cells.unlink()
+    with pytest.raises(InputError, match="measure all kinds first"):
+        cell_cost.run([model], "3.3.0", "4.0.0", [CellKind.COUNT])
 
 
 @pytest.mark.parametrize(
