@@ -196,7 +196,7 @@ def cli() -> None:
     MODEL is one of the shipped models, a path to .xml, .urdf or .mjb, or PACKAGE:NAME for a model
     inside an installed package, such as gymnasium:ant or dm_control:humanoid.
 
-    Exit codes: 0 nothing found and everything decided, 1 a finding (paths disagree, or what
-    --fail-on names), 2 bad usage or input, 3 the environment failed (crash, time limit, disk) or
-    left a verdict open that --fail-on needs, 130 interrupted.
+    Exit codes: 0 the command ran, and nothing that it was asked to fail on was found; 1 a finding
+    (paths disagree, or what --fail-on names); 2 bad usage or input; 3 the environment failed
+    (crash, time limit, disk), or a verdict that --fail-on needs is inconclusive; 130 interrupted.
     """

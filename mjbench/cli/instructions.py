@@ -58,7 +58,7 @@ def instructions(
     results: Path,
     json_file: str | None,
 ) -> None:
-    """Count instructions per step, by function and stage; within 0.1 % the same on any machine.
+    """Count instructions per step, by function and stage; within 0.1 % the same on a busy machine.
 
     Needs valgrind. The first RELEASE draws start states and controls; every other one does the same
     work. Without a MODEL: all shipped models.
