@@ -133,7 +133,7 @@ def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -
         stored = _stored(target, matrix)
         done = [cell for cell, how in stored.items() if not options.retry or how.status in FINISHED]
         if len(done) == len(matrix.cells):
-            run.out.print(f"All {len(done)} cells are done; nothing was measured.")
+            run.out.print("The run set has all results of the plan; nothing was measured.")
             report.print_failures(run.out, stored)
             summary = None
         else:
@@ -148,7 +148,7 @@ def _sweep(run: RunContext, matrix: "Matrix", target: Path, options: _Options) -
     elif summary and summary.missing:
         reasons = "; ".join(summary.reasons)
         raise MachineError(
-            f"{len(summary.missing)} of {len(matrix.cells)} cells are not measured: {reasons}"
+            f"{len(summary.missing)} of {len(matrix.cells)} results are missing: {reasons}"
         )
     run.exit(outcome.status for outcome in stored.values())
 

@@ -19,7 +19,7 @@ _FAILED = frozenset({Status.CRASHED, Status.TIMEOUT, Status.FAILED, Status.INPUT
 
 def print_estimates(out: Console, parts: Sequence[PartEstimate]) -> None:
     """Print how many cells there are, how many have a result, and how long the others take."""
-    table = tables.plain_table(["", "cells", "done", "missing", "time"], right=(1, 2, 3))
+    table = tables.plain_table(["", "results", "done", "missing", "time"], right=(1, 2, 3))
     for part in parts:
         table.add_row(
             part.kind if part.metric is None else f"{part.kind}, {part.metric}",
@@ -51,7 +51,7 @@ def duration(seconds: float) -> str:
 
 def print_cells(out: Console, cells: Sequence[Cell], done: Mapping[Cell, Outcome]) -> None:
     """Print the names of all cells, and how those that have a result ended."""
-    table = tables.plain_table(["cell", "result"])
+    table = tables.plain_table(["result", "status"])
     for cell in cells:
         result = done.get(cell)
         table.add_row(cell.name, "" if result is None else result.status.value)
@@ -67,7 +67,7 @@ def describe_progress(progress: Progress) -> str:
     further = len(progress.running) - _MOST_RUNNING
     if further > 0:
         parts.append(f"{further} more")
-    return f"{progress.done} of {progress.count} cells; {', '.join(parts) or 'waiting for nodes'}"
+    return f"{progress.done} of {progress.count} results; {', '.join(parts) or 'waiting for nodes'}"
 
 
 def print_summary(out: Console, summary: Summary, outcomes: Mapping[Cell, Outcome]) -> None:
@@ -93,12 +93,12 @@ def print_failures(out: Console, outcomes: Mapping[Cell, Outcome]) -> None:
     for cell, outcome in failed[:_MOST_CELLS]:
         out.print(tables.headed(cell.name, f": {outcome.status}, {outcome.detail}"), soft_wrap=True)
     if len(failed) > _MOST_CELLS:
-        further = tables.count_of(len(failed) - _MOST_CELLS, "further cell")
+        further = tables.count_of(len(failed) - _MOST_CELLS, "further result")
         out.print(f"{further} failed.")
 
 
 def _print_nodes(out: Console, summary: Summary) -> None:
-    headings = ["node", "machine", "cells", "busy", "refused", "failed", "why"]
+    headings = ["node", "machine", "results", "busy", "refused", "failed", "why"]
     table = tables.plain_table(headings, right=(2, 3, 4, 5))
     for record in summary.nodes:
         table.add_row(

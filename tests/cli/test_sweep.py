@@ -102,7 +102,7 @@ def test_a_sweep_measures_what_is_missing_and_nothing_else(tmp_path: Path) -> No
 
     again = mjbench("sweep", "plan.toml", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
-    assert "All 1 cells are done; nothing was measured." in again.stdout
+    assert "The run set has all results of the plan; nothing was measured." in again.stdout
     assert (tmp_path / SET).read_bytes() == before
 
     (tmp_path / "robots").mkdir()
@@ -123,7 +123,7 @@ def test_without_a_quiet_node_it_ends_with_the_reasons(tmp_path: Path) -> None:
     plan_file(tmp_path, f'models = ["cartpole"]\n{COMPARE}{never}')
     done = mjbench("sweep", "plan.toml", cwd=tmp_path)
     assert done.returncode == 3
-    assert "1 of 1 cells are not measured: " in done.stderr
+    assert "1 of 1 results are missing: " in done.stderr
     assert sections(tmp_path) == []
 
 

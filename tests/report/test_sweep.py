@@ -13,4 +13,4 @@ def test_of_many_failed_cells_the_first_are_named_and_the_others_counted() -> No
     lines = tables.text_of(lambda out: sweep.print_failures(out, outcomes)).splitlines()
     assert lines[0].endswith(": failed, why")
     assert "m049" in lines[49]
-    assert lines[50:] == ["10 further cells failed."]
+    assert lines[50:] == ["10 further results failed."]
