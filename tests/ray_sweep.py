@@ -68,10 +68,17 @@ def kill_where_it_hangs(folder: Path, raylets: list[int]) -> None:
     ):
         threading.Event().wait(0.05)
     for pid in raylets:
-        below = psutil.Process(pid).children(recursive=True)
-        if any(process.cmdline()[-1:] == ["b"] for process in below):
+        if any(last_argument(process) == "b" for process in psutil.Process(pid).children(True)):
             (folder / "killed").touch()
             os.kill(pid, signal.SIGKILL)
+
+
+def last_argument(process: psutil.Process) -> str | None:
+    """Return the last argument of a process; None where it has ended meanwhile."""
+    try:
+        return process.cmdline()[-1]
+    except (psutil.Error, IndexError):
+        return None
 
 
 if __name__ == "__main__":

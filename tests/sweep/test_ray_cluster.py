@@ -30,6 +30,7 @@ def test_of_two_nodes_one_is_killed_and_every_cell_is_measured_once(tmp_path: Pa
         cwd=ROOT,
         capture_output=True,
         text=True,
+        timeout=240,
         check=False,
     )
     assert done.returncode == 0, done.stderr
