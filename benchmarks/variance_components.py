@@ -130,8 +130,9 @@ def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> li
     for _ in range(programs):
         with WorkerPool() as pool:
             placements = placement.schedule(random.Random())
-            pair = TargetPair(pool, baseline, candidate, placements=placements)
-            groups.append([pair.launch() for _ in range(launch_seeds.launches_of_a_program() - 1)])
+            pair = TargetPair(pool, baseline, candidate, placements=placements, at_once=1)
+            count = launch_seeds.launches_of_a_program() - 1
+            groups.append([launch for _ in range(count) for launch in pair.launch()])
             pair.close()
     return groups
 

@@ -90,9 +90,7 @@ def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topo
 
         count = os.cpu_count() or 1
         return Topology(count, psutil.cpu_count(logical=False), quota_cores=quota_cores)
-    cores = {
-        _numbers(system / f"cpu/cpu{number}/topology/thread_siblings_list") for number in usable
-    }
+    cores = {siblings(number, system) for number in usable}
     nodes = [_numbers(file) & usable for file in system.glob("node/node[0-9]*/cpulist")]
     return Topology(
         hardware_threads=len(usable),
@@ -100,6 +98,19 @@ def read(usable: AbstractSet[int] | None = None, system: Path = _SYSTEM) -> Topo
         node_sizes=tuple(sorted((len(node) for node in nodes if node), reverse=True)),
         quota_cores=quota_cores,
     )
+
+
+def siblings(thread: int, system: Path = _SYSTEM) -> frozenset[int]:
+    """Return the hardware threads of the core that one belongs to, itself included.
+
+    Args:
+      thread: number of a hardware thread.
+      system: the kernel's folder of devices.
+
+    Returns:
+      Their numbers; none where the kernel does not say.
+    """
+    return _numbers(system / f"cpu/cpu{thread}/topology/thread_siblings_list")
 
 
 def _numbers(file: Path) -> frozenset[int]:

@@ -5,29 +5,47 @@ import random
 import time
 from collections.abc import Collection, Iterable, Iterator
 
-from mjbench.instrument import platforms
+from mjbench.instrument import platforms, topology
 
 # The cores that this process may use; read before it pins itself to one of them.
 USABLE = platforms.affinity()
-# Cores that `freest_core` looks at, at most.
+# Cores that `freest_cores` looks at, at most.
 _MAX_TRIED = 8
+# Launches that are measured at the same time, at most; more were never tried.
+_MAX_AT_ONCE = 2
 # Shares of the time that differ by less are equal.
 _SHARE_RESOLUTION = 0.02
 
 
-def freest_core(probe_s: float = 0.01) -> int | None:
-    """Return the usable core that other processes use least; None if this system cannot tell.
+def launches_at_once() -> int:
+    """Return how many launches are measured at the same time: each has a core, and one to spare.
+
+    On the other cores, the processes of the next launches start. It is one where the system cannot
+    keep processes on a core.
+    """
+    if not USABLE:
+        return 1
+    cores = topology.read(USABLE)
+    return min(max(1, min(cores.cores or 1, cores.usable) // 2), _MAX_AT_ONCE)
+
+
+def freest_cores(most: int = 1, probe_s: float = 0.01) -> list[int]:
+    """Return the usable core that other processes use least, and others that are as free.
 
     A busy loop runs on each core in turn; the freest one is where it got the largest share of the
     time. The loop lasts longer than Linux lets a newcomer run before others get their turn, which
     is some milliseconds.
 
     Args:
+      most: cores to return at most. No two of them are hyper-threads of one core.
       probe_s: seconds of the busy loop on each core.
+
+    Returns:
+      One core or more; none if this system cannot tell.
     """
     allowed = sorted(platforms.affinity())
     if not allowed:
-        return None
+        return []
     shares: dict[int, float] = {}
     for core in random.sample(allowed, min(len(allowed), _MAX_TRIED)):
         with pinned(core):
@@ -36,7 +54,22 @@ def freest_core(probe_s: float = 0.01) -> int | None:
                 pass
             shares[core] = (time.thread_time() - used) / (time.perf_counter() - begin)
     best = max(shares.values())
-    return random.choice([c for c, share in shares.items() if share > best - _SHARE_RESOLUTION])
+    free = [core for core, share in shares.items() if share > best - _SHARE_RESOLUTION]
+    return _on_different_cores(random.sample(free, len(free)))[:most]
+
+
+def freest_core() -> int | None:
+    """Return the usable core that other processes use least; None if this system cannot tell."""
+    return next(iter(freest_cores()), None)
+
+
+def _on_different_cores(threads: Iterable[int]) -> list[int]:
+    """Return those hardware threads that share a core with none before them."""
+    chosen: list[int] = []
+    for thread in threads:
+        if not topology.siblings(thread) & set(chosen):
+            chosen.append(thread)
+    return chosen
 
 
 def usable(core: int | None) -> list[int]:
@@ -46,7 +79,7 @@ def usable(core: int | None) -> list[int]:
 
 @contextlib.contextmanager
 def pinned(core: int | None) -> Iterator[None]:
-    """Keep this process on one core while the block runs; None leaves it where it is."""
+    """Keep this thread on one core while the block runs; None leaves it where it is."""
     if core is None:
         yield
         return

@@ -199,7 +199,7 @@ def measure(
         time_limit = TimeLimit(plan.time_limit_s, needed, clock, purpose="a spread")
         placements = schedule(random.Random())
         pair = TargetPair(pool, target, target, plan.sizes, time_limit, placements)
-        detail = launch_all(pair.launch, plan, time_limit, launches, on_launch)
+        detail = launch_all(pair.launch, pair.at_once, plan, time_limit, launches, on_launch)
     except ENDING_ERRORS as error:
         ending = ending_of(error)
         status, detail = ending.status, ending.detail
@@ -211,7 +211,8 @@ def measure(
 
 
 def launch_all(
-    launch: Callable[[], Launch],
+    launch: Callable[[], Sequence[Launch]],
+    at_once: int,
     plan: SpreadPlan,
     time_limit: TimeLimit,
     launches: list[Launch],
@@ -220,7 +221,8 @@ def launch_all(
     """Add launches to a list until every residue has its number, or time is up.
 
     Args:
-      launch: measures once.
+      launch: measures once, or several times at once.
+      at_once: how often at most.
       plan: how many.
       time_limit: that has been started.
       launches: those so far.
@@ -234,12 +236,12 @@ def launch_all(
     """
     before_s, most = time_limit.spent_s(), plan.launches * len(RESIDUES)
     while True:
-        launches.append(launch())
+        launches += launch()
         on_launch(len(launches))
         if len(launches) >= most:
             return ""
         has_intervals = len(launches) >= MIN_LAUNCHES * len(RESIDUES)
-        if not time_limit.allows_another(len(launches), before_s, has_intervals):
+        if not time_limit.allows_more(len(launches), before_s, has_intervals, at_once):
             return f"time ran out after {len(launches)} of {most} launches"
 
 

@@ -3,7 +3,9 @@
 import contextlib
 import itertools
 import random
+import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
 
 from mjbench.instrument import machine
 from mjbench.paired import cores, launch_seeds
@@ -14,6 +16,19 @@ from mjbench.releases.placement import AS_SHIPPED, PlacementPair
 
 # Asks new processes, of the baseline and the candidate, for what a launch needs, without waiting.
 Equip = Callable[[Sequence[WorkerProcess]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessPair:
+    """The processes of one launch.
+
+    Attributes:
+      processes: of the baseline and of the candidate.
+      placements: of their libraries.
+    """
+
+    processes: tuple[WorkerProcess, WorkerProcess]
+    placements: PlacementPair
 
 
 class ProcessPairs:
@@ -29,8 +44,9 @@ class ProcessPairs:
         releases: tuple[ReleaseSpec, ReleaseSpec],
         names: tuple[str, str],
         placements: Iterator[PlacementPair] | None = None,
+        count: int = 1,
     ):
-        """Start the processes of the first launch; `equip` tells all of them what they need.
+        """Start the processes of the first launches; `equip` tells all of them what they need.
 
         Args:
           pool: starts the processes.
@@ -38,88 +54,102 @@ class ProcessPairs:
           names: of the two, for error messages.
           placements: of their libraries, launch by launch, as `placement.schedule` yields them;
             None for as shipped.
+          count: of launches that are measured at the same time, at most.
         """
-        self._pool, self._releases, self._names = pool, releases, names
+        self._pool, self._releases, self._names, self._count = pool, releases, names, count
         self._placements = placements or itertools.repeat(AS_SHIPPED)
         # Every pair of releases begins with programs of its own, started at the same time.
         self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
         self._equip: Equip | None = None
-        # Processes that were started ahead, for the next launch, and where their libraries lie.
-        self._next_pair: list[WorkerProcess] = []
-        self._next_placements = AS_SHIPPED
+        # Those that were started ahead, for the next launches; threads ask whether they are ready.
+        self._next: list[ProcessPair] = []
+        self._asking = threading.Lock()
         self._start_ahead(cores.USABLE)
 
     def equip(self, equip: Equip) -> None:
-        """Have the processes of every launch asked for what they need, the next one's at once."""
+        """Have the processes of every launch asked for what they need, the next ones' at once."""
         self._equip = equip
-        equip(self._next_pair)
+        for pair in self._next:
+            equip(pair.processes)
 
     def wait(self) -> None:
-        """Wait until the processes of the next launch are ready.
+        """Wait until the processes of the next launches are ready.
 
         Raises:
           InputError: what they were asked for cannot be.
           TargetError: one crashed, hung or failed.
         """
-        if not self._next_pair:
+        if not self._next:
             self._start_ahead(cores.USABLE)
         try:
-            for process, release in zip(self._next_pair, self._releases, strict=True):
-                self._pool.wait_for(process, release)
+            for pair in self._next:
+                for process, release in zip(pair.processes, self._releases, strict=True):
+                    self._pool.wait_for(process, release)
         except BaseException:
             self.close()
             raise
 
     @contextlib.contextmanager
-    def launch(
-        self, core: int | None
-    ) -> Iterator[tuple[tuple[WorkerProcess, WorkerProcess], PlacementPair]]:
-        """Yield the processes of a launch, which must be ready, and where their libraries lie.
+    def launch(self, chosen: Sequence[int]) -> Iterator[list[ProcessPair]]:
+        """Yield the processes of a launch on each core, which must be ready.
 
-        This process is pinned to a core in the meantime, and the processes of the next launch start
-        on the others. The processes of this one end with the block.
+        The processes of the next launches start on the other cores meanwhile. Those of these
+        launches end with the block.
 
         Args:
-          core: that the launch is measured on; None for all, where nothing else may run.
+          chosen: cores that launches are measured on; none for one launch on all of them, where
+            nothing else may run.
         """
-        baseline, candidate = self._next_pair
-        self._next_pair = []
-        placements = self._next_placements
+        count = max(1, len(chosen))
+        pairs, self._next = self._next[:count], self._next[count:]
         others: Collection[int] = ()
-        if core is not None and machine.usable_cores() > 1:
-            others = cores.USABLE - {core}
+        if chosen and machine.usable_cores() > 1:
+            others = cores.USABLE - set(chosen)
         try:
-            with cores.pinned(core):
-                if others:
-                    self._start_ahead(others)
-                yield (baseline, candidate), placements
-            cores.confine([process.pid for process in self._next_pair], cores.USABLE)
+            if others:
+                self._start_ahead(others)
+            yield pairs
+            for pair in self._next:
+                cores.confine([process.pid for process in pair.processes], cores.USABLE)
         finally:
-            self._pool.end([baseline, candidate])
+            for pair in pairs:
+                self._pool.end(pair.processes)
 
-    def is_next_ready(self) -> bool:
-        """Return whether nothing is started ahead that is still starting."""
-        return all(process.is_ready() for process in self._next_pair)
+    def are_next_ready(self) -> bool:
+        """Return whether nothing is started ahead that is still starting.
+
+        Any thread may ask.
+        """
+        with self._asking:
+            processes = [process for pair in self._next for process in pair.processes]
+            return all(process.is_ready() for process in processes)
 
     def close(self) -> None:
         """End the processes that were started ahead."""
-        self._pool.end(self._next_pair)
-        self._next_pair = []
+        for pair in self._next:
+            self._pool.end(pair.processes)
+        self._next = []
 
     def _start_ahead(self, allowed: Collection[int]) -> None:
-        """Start the processes of the next launch on the allowed cores, without waiting for them."""
+        """Start what is missing for the next launches on the allowed cores, without waiting."""
+        for _ in range(self._count - len(self._next)):
+            self._next.append(self._start(allowed))
+
+    def _start(self, allowed: Collection[int]) -> ProcessPair:
+        """Start the processes of one launch on the allowed cores, without waiting for them."""
         seeds = next(self._seeds)
-        pair = self._next_placements = next(self._placements)
-        placements = (pair.old, pair.new)
+        placements = next(self._placements)
+        both = (placements.old, placements.new)
         started: dict[int, WorkerProcess] = {}
         try:
             for i in random.sample((0, 1), 2):  # neither of the two is always the first
                 started[i] = self._pool.start(
-                    self._releases[i], self._names[i], placements[i], i, allowed, seeds
+                    self._releases[i], self._names[i], both[i], i, allowed, seeds
                 )
         except BaseException:
             self._pool.end(list(started.values()))
             raise
-        self._next_pair = [started[0], started[1]]
+        pair = ProcessPair((started[0], started[1]), placements)
         if self._equip is not None:
-            self._equip(self._next_pair)
+            self._equip(pair.processes)
+        return pair

@@ -5,11 +5,13 @@ turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and th
 both alike; a few times per launch both lay out their memory anew. A launch yields one number, its
 log ratio: the mean of two medians, of the pairs that the baseline began and of those that the
 candidate began. Launches are the samples that `verdict` judges, as many as the verdict needs. While
-one launch is measured, the programs of the next start on the other cores.
+one launch is measured, the programs of the next start on the other cores. From four cores on, two
+launches are measured at the same time.
 """
 
 import random
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +21,7 @@ from mjbench.instrument import stats, timing
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.calibrator import Calibrator
-from mjbench.paired.process_pairs import ProcessPairs
+from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import LAYOUTS, MAX_LAYOUTS, TimeLimit, launch_s, quad_count
@@ -82,6 +84,7 @@ class TargetPair:
       work_check: whether they do the same work.
       baseline_workload: file of the baseline's `PortableWorkload`, final states included; it lasts
         as long as the pool.
+      at_once: launches that are measured at the same time, at most.
     """
 
     def __init__(
@@ -92,6 +95,7 @@ class TargetPair:
         sizes: Sizes | None = None,
         time_limit: TimeLimit | None = None,
         placements: Iterator[PlacementPair] | None = None,
+        at_once: int | None = None,
     ):
         """Load the models, and make sure that both targets can do the same work.
 
@@ -103,6 +107,8 @@ class TargetPair:
           time_limit: starts when the models are loaded; None for no limit.
           placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
             them; None for as shipped.
+          at_once: launches to measure at the same time, at most; None for as many as there are
+            cores for. Targets with threads are launched one by one, whatever it is.
 
         Raises:
           InputError: a target cannot do it.
@@ -115,10 +121,11 @@ class TargetPair:
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator = Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
+        self.at_once = 1 if self._nthread > 1 else at_once or cores.launches_at_once()
         releases = baseline.release, candidate.release
         names = preparation.describe(self._targets)
         # those of the first launch import MuJoCo while the work is prepared
-        self._pairs = ProcessPairs(pool, releases, names, placements)
+        self._pairs = ProcessPairs(pool, releases, names, placements, self.at_once)
         try:
             self._prepared = preparation.prepare(pool, self._targets, sizes, self._time_limit)
         except BaseException:
@@ -128,8 +135,8 @@ class TargetPair:
         self.work_check = self._prepared.work_check
         self.baseline_workload: Path = self._prepared.workloads[0]
 
-    def launch(self) -> Launch:
-        """Measure once, in fresh processes.
+    def launch(self) -> list[Launch]:
+        """Measure once, or several times at once on free cores, each time in fresh processes.
 
         Raises:
           InputError: a target cannot run its path.
@@ -140,15 +147,31 @@ class TargetPair:
         # targets with threads get all cores, so nothing may start on one of them meanwhile
         threaded = self._nthread > 1
         calibrated = self._calibrator.count() if threaded else None
-        core = None if threaded else cores.freest_core()
-        with self._pairs.launch(core) as (processes, placements):
-            layouts = [self._time_layout(processes, core) for _ in range(LAYOUTS)]
-            while len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready():
-                layouts.append(self._time_layout(processes, core))
+        chosen = [] if threaded else cores.freest_cores(self.at_once)
+        where: Sequence[int | None] = chosen or [None]
+        with self._pairs.launch(chosen) as pairs, ThreadPoolExecutor(len(pairs)) as executor:
+            measured = [
+                executor.submit(self._measure, pair, core, calibrated)
+                for pair, core in zip(pairs, where, strict=True)
+            ]
+            try:
+                return [launch.result() for launch in measured]
+            except BaseException:  # such as Ctrl-C: what waits for a process is not to wait longer
+                for pair in pairs:
+                    for process in pair.processes:
+                        process.kill()
+                raise
+
+    def _measure(self, pair: ProcessPair, core: int | None, calibrated: float | None) -> Launch:
+        """Measure a launch on a core, or on all; `calibrated` is how many cores it has."""
+        with cores.pinned(core):
+            layouts = [self._time_layout(pair.processes, core) for _ in range(LAYOUTS)]
+            while len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready():
+                layouts.append(self._time_layout(pair.processes, core))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return Launch(core, calibrated, orders, ns, placements, sizes)
+        return Launch(core, calibrated, orders, ns, pair.placements, sizes)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""

@@ -14,13 +14,12 @@ from mjbench.errors import InputError, MachineError, failure_of
 from mjbench.paired import averaging, cores
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
-from mjbench.paired.process_pairs import ProcessPairs
+from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.protocol import Launch, time_quads
-from mjbench.paired.release_tasks import Processes, ReleaseTask
+from mjbench.paired.release_tasks import ReleaseTask
 from mjbench.paired.time_limit import MIN_QUADS, quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
-from mjbench.releases.placement import PlacementPair
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 
 # How often a launch lays out the memory of a task anew, and by what the quads of a verdict's layout
@@ -85,9 +84,10 @@ def _launch_all(
         remaining = [task for task in tasks if task.failure is None]
         while remaining:
             pairs.wait()
-            core = cores.freest_core()
-            with pairs.launch(core) as (processes, placements):
-                _time_all(random.sample(remaining, len(remaining)), processes, core, placements)
+            chosen = cores.freest_cores()
+            core = chosen[0] if chosen else None
+            with pairs.launch(chosen) as (pair,), cores.pinned(core):
+                _time_all(random.sample(remaining, len(remaining)), pair, core)
             count += 1
             on_launch(count)
             seconds = clock() - begin_s
@@ -98,30 +98,24 @@ def _launch_all(
         pairs.close()
 
 
-def _time_all(
-    tasks: Sequence[ReleaseTask],
-    processes: Processes,
-    core: int | None,
-    placements: PlacementPair,
-) -> None:
+def _time_all(tasks: Sequence[ReleaseTask], pair: ProcessPair, core: int | None) -> None:
     """Time each task once; one that fails says how, and ends the launch if its process may have."""
     for task in tasks:
         try:
-            launch = _time(task, processes, core, placements)
+            launch = _time(task, pair, core)
         except (InputError, MachineError) as error:
             task.failure = failure_of(error)
             if isinstance(error, MachineError):
                 return
         else:
-            task.add(LaunchRatio(launch.log_ratio, placements.new), launch.baseline_ns)
+            task.add(LaunchRatio(launch.log_ratio, pair.placements.new), launch.baseline_ns)
 
 
-def _time(
-    task: ReleaseTask, processes: Processes, core: int | None, placements: PlacementPair
-) -> Launch:
+def _time(task: ReleaseTask, pair: ProcessPair, core: int | None) -> Launch:
     """Time a task in a few layouts of memory, each with fewer quads than a verdict's."""
     orders: list[str] = []
     ns: list[np.ndarray] = []
+    processes = pair.processes
     task.equip(processes)
     for _ in range(_LAYOUTS):
         task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
@@ -130,4 +124,4 @@ def _time(
         layout_orders, layout_ns = time_quads(*processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
-    return Launch(core, None, orders, np.concatenate(ns), placements)
+    return Launch(core, None, orders, np.concatenate(ns), pair.placements)

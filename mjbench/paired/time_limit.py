@@ -85,20 +85,21 @@ class TimeLimit:
         if spent_s + needed_s > self._seconds:
             raise OutOfTimeError(self._sentence(launch_s, spent_s + preparation_s))
 
-    def allows_another(self, launches: int, before_s: float, can_judge: bool) -> bool:
-        """Return whether another launch fits, if it takes as long as those before on average.
+    def allows_more(self, launches: int, before_s: float, can_judge: bool, count: int = 1) -> bool:
+        """Return whether more launches fit, if they take as long as those before on average.
 
         Args:
           launches: so far.
           before_s: what was spent before the first of them.
           can_judge: whether they are enough for a verdict.
+          count: of launches that come next.
 
         Raises:
           OutOfTimeError: it does not, and they are not.
         """
         spent_s = self.spent_s()
         launch_s = (spent_s - before_s) / launches
-        if spent_s + launch_s <= self._seconds:
+        if spent_s + count * launch_s <= self._seconds:
             return True
         if not can_judge:
             raise OutOfTimeError(self._sentence(launch_s, before_s))

@@ -278,12 +278,14 @@ def _launch_until_enough(
     """
     before_s = time_limit.spent_s()
     while True:
-        launches.append(pair.launch())
+        launches += pair.launch()
         judgement = _judge_launches(launches, plan)
         assert judgement is not None, "there is a launch"
         on_launch(judgement)
         can_judge = judgement.launches >= MIN_LAUNCHES
-        if judgement.enough or not time_limit.allows_another(len(launches), before_s, can_judge):
+        if judgement.enough or not time_limit.allows_more(
+            len(launches), before_s, can_judge, pair.at_once
+        ):
             return
 
 

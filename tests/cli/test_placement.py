@@ -21,14 +21,16 @@ def test_a_model_is_measured_and_stored_and_not_measured_again(
         ("broken.xml", "input"),
     ]
     assert "a spread needs at least 36 launches: give --time-limit" in rows[0]["detail"]
-    assert [residue["launches"] for residue in rows[0]["residues"]] == [1]
+    launches = [residue["launches"] for residue in rows[0]["residues"]]
+    assert launches in ([1], [1, 1]), "one, or two at the same time on other residues"
     assert "MuJoCo cannot load it" in rows[1]["detail"]
     (file,) = (tmp_path / "results/runs").glob("*.jsonl")
     _, record, _ = map(json.loads, file.read_text().splitlines())
     assert record["type"] == "placement"
-    (sample,) = record["samples"]
-    assert sample["placements"]["old"] is None
-    assert sample["placements"]["new"]["engine_bytes"] % 64 == rows[0]["residues"][0]["residue"]
+    placements = [sample["placements"] for sample in record["samples"]]
+    assert {placement["old"] for placement in placements} == {None}
+    residues = sorted(placement["new"]["engine_bytes"] % 64 for placement in placements)
+    assert residues == [residue["residue"] for residue in rows[0]["residues"]]
     again = mjbench(*WORDS, "--json", "again.json", "--resume", str(file), cwd=tmp_path)
     assert again.returncode == 2
     assert json.loads((tmp_path / "again.json").read_text())["results"] == rows

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from mjbench.instrument.topology import Topology
 from mjbench.paired import cores
 
 pytestmark = pytest.mark.skipif(
@@ -15,8 +16,46 @@ pytestmark = pytest.mark.skipif(
 
 def test_the_freest_core_is_one_of_ours_and_leaves_the_affinity_as_it_was() -> None:
     allowed = os.sched_getaffinity(0)
-    assert cores.freest_core(probe_s=0.001) in allowed
+    assert cores.freest_core() in allowed
     assert os.sched_getaffinity(0) == allowed
+
+
+@pytest.mark.parametrize(
+    ("cores_and_threads", "expected"),
+    [
+        (Topology(1, 1), 1),
+        (Topology(2, 2), 1),
+        (Topology(4, 2), 1),
+        (Topology(4, 4, quota_cores=2.0), 1),
+        (Topology(4, 4), 2),
+        (Topology(64, 32), 2),
+    ],
+    ids=["one", "two", "hyper-threads of two", "a quota of two", "four", "many"],
+)
+def test_two_launches_are_measured_at_the_same_time_where_each_has_a_core_to_spare(
+    cores_and_threads: Topology, expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cores.topology, "read", lambda usable: cores_and_threads)
+    assert cores.launches_at_once() == expected
+
+
+def test_without_affinity_launches_are_measured_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cores, "USABLE", set())
+    assert cores.launches_at_once() == 1
+
+
+def test_free_cores_are_no_hyper_threads_of_one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cores.topology, "siblings", lambda thread: {thread, thread ^ 1})
+    assert cores._on_different_cores([3, 0, 2, 1, 5]) == [3, 0, 5]
+    monkeypatch.setattr(cores.topology, "siblings", lambda thread: frozenset())
+    assert cores._on_different_cores([3, 0, 2]) == [3, 0, 2], "where the kernel does not say"
+
+
+def test_as_many_free_cores_are_returned_as_are_asked_for() -> None:
+    chosen = cores.freest_cores(2, probe_s=0.001)
+    assert 1 <= len(chosen) <= 2
+    assert len(set(chosen)) == len(chosen)
+    assert set(chosen) <= os.sched_getaffinity(0)
 
 
 def test_pinning_ends_with_its_block_even_when_that_fails() -> None:

@@ -111,9 +111,9 @@ class Clock:
     def __call__(self) -> float:
         return self.now
 
-    def launch(self) -> Launch:
+    def launch(self) -> list[Launch]:
         self.now += 1.0
-        return launch(PlacementPair(None, Placement(0, 0)), 0.0)
+        return [launch(PlacementPair(None, Placement(0, 0)), 0.0)]
 
 
 def launched(limit_s: float, plan: SpreadPlan) -> tuple[int, str]:
@@ -123,7 +123,7 @@ def launched(limit_s: float, plan: SpreadPlan) -> tuple[int, str]:
     limit.start()
     counts: list[int] = []
     try:
-        detail = placement_spread.launch_all(clock.launch, plan, limit, done, counts.append)
+        detail = placement_spread.launch_all(clock.launch, 1, plan, limit, done, counts.append)
     except OutOfTimeError as error:
         detail = str(error)
     assert counts == list(range(1, len(done) + 1))

@@ -1,7 +1,9 @@
 """Launches: order of blocks, log ratios, cores, and processes."""
 
 import os
+import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +12,7 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.instrument import machine
-from mjbench.paired import protocol, time_limit
+from mjbench.paired import cores, protocol, requests, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
@@ -41,7 +43,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
-        spied.started_ahead.append(len(pair._pairs._next_pair))
+        spied.started_ahead.append(len(pair._pairs._next))
         if has_affinity:
             pids = (0, baseline.pid, candidate.pid)
             spied.affinities.append([os.sched_getaffinity(pid) for pid in pids])
@@ -50,15 +52,16 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(protocol, "time_quads", spying)
         patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
-        pair = TargetPair(pool, CARTPOLE, CARTPOLE)
-        spied.launches += [pair.launch() for _ in range(LAUNCHES)]
+        pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
+        for _ in range(LAUNCHES):
+            spied.launches += pair.launch()
         pair.close()
     yield spied
 
 
 @needs_affinity
 def test_the_next_processes_start_on_other_cores_while_a_launch_is_measured(spied: Spied) -> None:
-    expected = 2 if machine.usable_cores() > 1 else 0
+    expected = 1 if machine.usable_cores() > 1 else 0
     assert spied.started_ahead == [expected] * (LAUNCHES * time_limit.LAYOUTS)
 
 
@@ -71,10 +74,10 @@ def test_a_launch_takes_turns_in_balanced_quads(spied: Spied) -> None:
 
 
 @needs_affinity
-def test_both_targets_run_on_the_core_of_this_process(spied: Spied) -> None:
-    cores = [launch.core for launch in spied.launches for _ in range(time_limit.LAYOUTS)]
-    assert spied.affinities == [[{core}] * 3 for core in cores]
-    assert set(cores) <= spied.allowed
+def test_both_targets_run_on_the_core_of_the_thread_that_measures(spied: Spied) -> None:
+    chosen = [launch.core for launch in spied.launches for _ in range(time_limit.LAYOUTS)]
+    assert spied.affinities == [[{core}] * 3 for core in chosen]
+    assert set(chosen) <= spied.allowed
     assert os.sched_getaffinity(0) == spied.allowed
 
 
@@ -87,12 +90,76 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = iter([False, False, True])
-    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
+    monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(protocol, "quad_count", lambda pair_s: time_limit.MIN_QUADS)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
-    launch = pair.launch()
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
+    (launch,) = pair.launch()
     pair.close()
     assert len(launch.orders) == (time_limit.LAYOUTS + 2) * time_limit.MIN_QUADS
+
+
+@needs_affinity
+def test_launches_at_the_same_time_run_on_cores_and_processes_of_their_own(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = sorted(cores.USABLE)[:2]
+    if len(chosen) < 2:
+        pytest.skip("one core")
+    monkeypatch.setattr(cores, "freest_cores", lambda most: chosen[:most])
+    monkeypatch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
+    pids: dict[int, set[int]] = {core: set() for core in chosen}
+    met = threading.Barrier(2, timeout=60.0)
+    time_quads = protocol.time_quads
+
+    def spying(baseline: Any, candidate: Any, count: int) -> Any:
+        met.wait()
+        (core,) = os.sched_getaffinity(0)
+        pids[core].update((baseline.pid, candidate.pid))
+        return time_quads(baseline, candidate, count)
+
+    monkeypatch.setattr(protocol, "time_quads", spying)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
+    launches = pair.launch() + pair.launch()
+    pair.close()
+    assert [launch.core for launch in launches] == chosen + chosen
+    assert [len(of_core) for of_core in pids.values()] == [4, 4]
+    assert not pids[chosen[0]] & pids[chosen[1]]
+
+
+@needs_affinity
+def test_where_fewer_cores_are_free_other_processes_wait_for_their_launch(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cores, "freest_cores", lambda most: [min(cores.USABLE)])
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
+    waiting = pair._pairs._next[1]
+    assert len(pair.launch()) == 1
+    assert pair._pairs._next[0] is waiting
+    assert len(pair.launch()) == 1
+    pair.close()
+
+
+def test_an_interrupt_does_not_wait_for_what_is_measured(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The main thread is interrupted while a worker would go on for as long as nobody ends it."""
+    measuring = threading.Event()
+
+    def hang(baseline: Any, candidate: Any, count: int) -> Any:
+        measuring.set()
+        baseline.ask(requests.TimeBlocks())  # it waits for a block to run, and is asked for none
+        return baseline.wait()
+
+    def interrupted(future: Future[Launch]) -> Launch:
+        measuring.wait(60.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(protocol, "time_quads", hang)
+    monkeypatch.setattr(Future, "result", interrupted)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    with pytest.raises(KeyboardInterrupt):
+        pair.launch()
+    pair.close()
 
 
 def test_a_launch_is_stored_with_its_raw_times(spied: Spied) -> None:
@@ -104,8 +171,8 @@ def test_a_launch_is_stored_with_its_raw_times(spied: Spied) -> None:
 
 def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: WorkerPool) -> None:
     threaded = replace(CARTPOLE, path="rollout", options={"threads": 2})
-    pair = TargetPair(pool, threaded, threaded)
-    launch = pair.launch()
+    pair = TargetPair(pool, threaded, threaded, at_once=2)
+    (launch,) = pair.launch()
     pair.close()
     assert launch.core is None
     assert launch.cores is not None
