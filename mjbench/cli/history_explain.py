@@ -17,6 +17,7 @@ from mjbench.errors import InputError
 if TYPE_CHECKING:
     from mjbench.counts.explain import Explainer
     from mjbench.counts.instructions import InstructionCounter, ModelCount
+    from mjbench.counts.messages import OperationRequest
     from mjbench.counts.records import ExplainRecord
 
 # Of each model and pair of releases, as many functions are stored, and those that exchanged cost
@@ -26,19 +27,27 @@ TOP = 12
 
 @history.command("explain")
 @click.argument("names", nargs=-1, metavar="[RELEASE]…")
-@with_options(*history_options.SELECTING, HISTORY, RESUME)
+@with_options(
+    history_options.STEPS,
+    history_options.OPERATIONS,
+    *history_options.SELECTING,
+    HISTORY,
+    RESUME,
+)
 def explain(
     names: tuple[str, ...],
+    steps: bool,
+    operations: bool | None,
     since: str | None,
     models: tuple[str, ...],
     results: Path,
     history: Path | None,
     resume: Path | None,
 ) -> None:
-    """Count the instructions of a step by function, from each RELEASE to the next.
+    """Count instructions of steps and operations by function, from each RELEASE to the next.
 
-    Needs valgrind, but no quiet machine. A release takes three to eight minutes for the ten shipped
-    models. The workload is that of one fixed release.
+    Needs valgrind, but no quiet machine. A release takes TIME for the ten shipped models and the
+    operations. The workload of steps is that of one fixed release.
 
     \b
     Example:
@@ -48,7 +57,7 @@ def explain(
     from mjbench.counts.instructions import InstructionCounter
     from mjbench.report.counts import print_changes
 
-    selection = history_options.select(names, since, models, history)
+    selection = history_options.select(names, since, models, history, steps, operations)
     if len(selection.releases) < 2:
         raise InputError("give two releases or more")
     storage = Storage(results, selection.arguments(), resume, records.finished)
@@ -72,14 +81,16 @@ def _count_all(
     from mjbench.counts.explain import Explainer
 
     stored = list(records.finished(run.resumed_records))
-    done = {(record.old, record.new, record.model) for record in stored}
+    done = {(record.old, record.new, record.series) for record in stored}
+    selected = [source.name for source in selection.sources]
+    selected += [operation.name for operation in selection.operations]
     missing = {
         version
         for old, new in itertools.pairwise(release.version for release in selection.releases)
         for version in (old, new)
-        if any((old, new, source.name) not in done for source in selection.sources)
+        if any((old, new, name) not in done for name in selected)
     }
-    if missing:
+    if missing and selection.sources:
         counter.count(selection.reference, selection.sources)  # draws the workloads
     explainer = Explainer()
     before: Sequence[ModelCount] = ()
@@ -90,13 +101,27 @@ def _count_all(
                 before = ()
                 continue
             counts = counter.count(release, selection.sources)
+            counts += counter.count_operations(release, _requests(selection))
             for old, new in zip(before, counts, strict=bool(before)):
-                if (old.release, new.release, new.model) not in done:
+                if (old.release, new.release, new.operation or new.model) not in done:
                     record = _record(explainer, old, new)
                     run.record(record)
                     stored.append(record)
             before = counts
     return stored
+
+
+def _requests(selection: history_options.Selection) -> list["OperationRequest"]:
+    """Return what is asked of each release beside the steps of models."""
+    from mjbench.counts.messages import OperationRequest
+    from mjbench.simulation import models
+
+    return [
+        OperationRequest(
+            operation.name, models.resolve(operation.model) if operation.model else None
+        )
+        for operation in selection.operations
+    ]
 
 
 def _record(explainer: "Explainer", old: "ModelCount", new: "ModelCount") -> "ExplainRecord":

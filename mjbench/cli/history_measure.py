@@ -1,6 +1,5 @@
 """`mjbench history measure`: steps and operations in releases against one fixed release."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,19 +20,15 @@ if TYPE_CHECKING:
 
 @history.command("measure")
 @click.argument("names", nargs=-1, metavar="[RELEASE]…")
-@click.option(
-    "--steps/--no-steps",
-    default=True,
-    show_default=True,
-    help="Measure steps of models",
+@with_options(
+    history_options.STEPS,
+    history_options.OPERATIONS,
+    *history_options.SELECTING,
+    HISTORY,
+    RESUME,
+    WAIT,
+    JSON,
 )
-@click.option(
-    "--operations/--no-operations",
-    default=None,
-    help="Also measure loading, MjSpec, MjData, resets, rays, rollout and Batch on shipped models"
-    "  [default: unless --model is given]",
-)
-@with_options(*history_options.SELECTING, HISTORY, RESUME, WAIT, JSON)
 def measure(
     names: tuple[str, ...],
     steps: bool,
@@ -60,21 +55,13 @@ def measure(
     from mjbench.report import release_ratios as report
     from mjbench.report.documents import HistoryDocument
 
-    if not steps and models:
-        raise click.UsageError("--model is for steps; leave it out with --no-steps")
-    if not steps and operations is False:
-        raise click.UsageError("without steps and operations, nothing is left to measure")
-    selection = history_options.select(names, since, models, history)
-    if not steps:
-        selection = replace(selection, sources=())
-    operations = not models if operations is None else operations
+    selection = history_options.select(names, since, models, history, steps, operations)
     paired_options.warn_if_unpinned()
-    arguments = {**selection.arguments(), "operations": operations}
-    storage = Storage(results, arguments, resume, release_ratios.finished)
+    storage = Storage(results, selection.arguments(), resume, release_ratios.finished)
     wheels = [wheel for release in selection.releases for wheel in release.wheels]
     files = [*(source.path for source in selection.sources), *wheels]
     with RunContext("history", json_file, files, storage, wait) as run:
-        records = _measure(run, selection, operations)
+        records = _measure(run, selection)
         if any(record.status == Status.INTERRUPTED for record in records):
             run.interrupt()
         report.print_table(run.out, records)
@@ -82,9 +69,7 @@ def measure(
     run.exit(record.status for record in records)
 
 
-def _measure(
-    run: RunContext, selection: history_options.Selection, operations: bool
-) -> list["RatioRecord"]:
+def _measure(run: RunContext, selection: history_options.Selection) -> list["RatioRecord"]:
     """Measure what is not yet in the run file, and store it; return all records."""
     from mjbench.paired import release_ratio
     from mjbench.paired.worker_pool import WorkerPool
@@ -97,7 +82,7 @@ def _measure(
         for number, release in enumerate(selection.releases):
             tasks = [
                 task
-                for task in _tasks(selection, release, operations)
+                for task in _tasks(selection, release)
                 if (task.record_type, release.key, task.series) not in done
             ]
             if not tasks:
@@ -116,18 +101,14 @@ def _measure(
     return records
 
 
-def _tasks(
-    selection: history_options.Selection, release: "ReleaseSpec", operations: bool
-) -> list["ReleaseTask"]:
-    """Return what is timed in a release: the steps of models, and operations if they are asked."""
-    from mjbench.paired.operations import registry
+def _tasks(selection: history_options.Selection, release: "ReleaseSpec") -> list["ReleaseTask"]:
+    """Return what is timed in a release: the steps of models, and operations."""
     from mjbench.paired.release_tasks import OperationTask, StepTask
     from mjbench.simulation import models
 
     releases = selection.reference, release
     tasks: list[ReleaseTask] = [StepTask(releases, source) for source in selection.sources]
-    if operations:
-        for operation in registry().values():
-            model = models.resolve(operation.model) if operation.model else None
-            tasks.append(OperationTask(releases, operation, model))
+    for operation in selection.operations:
+        model = models.resolve(operation.model) if operation.model else None
+        tasks.append(OperationTask(releases, operation, model))
     return tasks

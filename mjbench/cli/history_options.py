@@ -10,9 +10,19 @@ import click
 from mjbench.errors import InputError
 
 if TYPE_CHECKING:
+    from mjbench.paired.operations import Operation
     from mjbench.releases.installs import ReleaseSpec
     from mjbench.simulation.models import ModelSource
 
+STEPS = click.option(
+    "--steps/--no-steps", default=True, show_default=True, help="Include steps of models."
+)
+OPERATIONS = click.option(
+    "--operations/--no-operations",
+    default=None,
+    help="Include loading, MjSpec, MjData, resets, rays, rollout and Batch on shipped models"
+    "  [default: unless --model is given]",
+)
 SELECTING = (
     click.option(
         "--since",
@@ -44,12 +54,14 @@ class Selection:
     Attributes:
       reference: release that others are compared with, or whose workload they do.
       releases: in the order of the command line or of the history.
-      sources: models.
+      sources: models whose steps are included.
+      operations: around the step; what they are done with is theirs.
     """
 
     reference: "ReleaseSpec"
     releases: Sequence["ReleaseSpec"]
     sources: Sequence["ModelSource"]
+    operations: Sequence["Operation"]
 
     def arguments(self) -> dict[str, object]:
         """Return what a run file's header says of it."""
@@ -57,24 +69,39 @@ class Selection:
             "reference": self.reference.key,
             "releases": [release.key for release in self.releases],
             "models": [source.name for source in self.sources],
+            "operations": bool(self.operations),
         }
 
 
 def select(
-    names: Sequence[str], since: str | None, models: Sequence[str], history: Path | None
+    names: Sequence[str],
+    since: str | None,
+    models: Sequence[str],
+    history: Path | None,
+    steps: bool,
+    operations: bool | None,
 ) -> Selection:
     """Return what the options and arguments of a subcommand select; see `_releases`.
 
     Raises:
       InputError: there is no such release or model.
+      UsageError: nothing is selected, or models without their steps.
     """
+    from mjbench.paired.operations import registry
     from mjbench.releases import installs, release_ratios
     from mjbench.simulation import models as model_sources
 
+    if not steps and models:
+        raise click.UsageError("--model is for steps; leave it out with --no-steps")
+    if not steps and operations is False:
+        raise click.UsageError("without steps and operations, nothing is left")
+    model_names = (models or model_sources.shipped()) if steps else ()
+    has_operations = not models if operations is None else operations
     return Selection(
         installs.parse_release(release_ratios.REFERENCE),
         _releases(names, since, history),
-        [model_sources.resolve(name) for name in models or model_sources.shipped()],
+        [model_sources.resolve(name) for name in model_names],
+        list(registry().values()) if has_operations else [],
     )
 
 

@@ -85,6 +85,18 @@ class CallgrindProfile:
             cost for (caller, callee), cost in self.arcs.items() if caller == name != callee
         )
 
+    def costs(self) -> list[FunctionCost]:
+        """Return all functions, costliest first."""
+        inclusive = dict(self.self_cost)
+        for (caller, callee), cost in self.arcs.items():
+            if caller != callee:
+                inclusive[caller] = inclusive.get(caller, 0) + cost
+        costs = [
+            FunctionCost(name, self.self_cost.get(name, 0), cost)
+            for name, cost in inclusive.items()
+        ]
+        return sorted(costs, key=lambda cost: (-cost.self_cost, cost.name))
+
     def reachable_from(self, root: str) -> list[FunctionCost]:
         """Return the functions that `root` calls, directly or not, and itself; costliest first."""
         callees: dict[str, set[str]] = defaultdict(set)
@@ -193,9 +205,42 @@ def _library(name: str) -> str:
 
 
 def source_name(name: str) -> str:
-    """Return a function's name as in its source.
+    """Return a function's name as in its source, without the types of C++.
 
     Callgrind appends the depth of a recursion (`'2`), the compiler the kind of a clone
-    (`.constprop.0`).
+    (`.constprop.0`). Of C++, types of arguments, of results and of templates are left out, so that
+    overloads and instances have one name: `std::vector<int> f::read<int>(char*)` is `f::read`.
     """
-    return re.sub(r"('\d+|\.(constprop|isra|part|cold|lto_priv|llvm)\.?\d*)+$", "", name)
+    name = re.sub(r"('\d+|\.(constprop|isra|part|cold|lto_priv|llvm)\.?\d*)+$", "", name)
+    name = name.replace("(anonymous namespace)", "{anonymous}")
+    is_typed = "(" in name[1:] and name[0] not in "(_0123456789"
+    return _without_types(name) if is_typed else name
+
+
+def _without_types(name: str) -> str:
+    """Return a demangled name of C++ without types; see `source_name`."""
+    name = name.replace("std::__1::", "std::")
+    # of an operator such as `operator()` or `operator<<` the signs belong to the name
+    before, operator, signs = name.partition("operator")
+    match = re.match(r"(\(\)|[-+*/%^&|~!=<>,\[\]]+|[ ]?(new|delete)(\[\])?)", signs)
+    symbol = match.group() if operator and match else ""
+    rest = signs[len(symbol) :] if symbol else operator + signs
+    before, rest = _without_brackets(before), _without_brackets(rest)
+    plain = (before + operator + symbol if symbol else before) + rest
+    plain = plain.removesuffix(" const").strip()
+    beginning, space, end = plain.rpartition(" ")
+    is_operator = beginning.endswith("operator")  # such as `operator new`
+    return beginning.rpartition(" ")[2] + space + end if is_operator else end
+
+
+def _without_brackets(text: str) -> str:
+    """Return a text without what stands in round or angle brackets."""
+    depth, characters = 0, []
+    for character in text:
+        if character in "(<":
+            depth += 1
+        if depth == 0:
+            characters.append(character)
+        if character in ")>":
+            depth -= 1
+    return "".join(characters)

@@ -7,6 +7,7 @@ to; so mangled names, clones made by the compiler and static functions of one na
 Needs capstone and pyelftools.
 """
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,9 @@ from mjbench.errors import MachineError
 
 # How much can have changed in a function of both releases, from least to most.
 _SEVERITY = (CodeChange.IDENTICAL, CodeChange.OFFSETS, CodeChange.CHANGED)
+
+# How the name of the engine's library begins.
+_PREFIX = "libmujoco."
 
 # Where each executed function lies, by Callgrind's name.
 Places = Mapping[str, Sequence[CodePlace]]
@@ -60,9 +64,7 @@ class CodeComparer:
 
     def _executed(self, places: Places) -> "_Executed":
         """Return the functions of the engine that a release executes."""
-        file = next((place.library for place in places.get(ENGINE, ()) if place.addresses), "")
-        if not file:
-            raise MachineError(f"Callgrind does not say in which library {ENGINE} is")
+        file = _engine_file(places)
         if file not in self._libraries:
             self._libraries[file] = _Library(self._read(Path(file)))
         library = self._libraries[file]
@@ -73,6 +75,20 @@ class CodeComparer:
             if place.library == file
         }
         return _Executed(library, {name: symbols for name, symbols in functions.items() if symbols})
+
+
+def _engine_file(places: Places) -> str:
+    """Return the engine's library: that of its step, or the one named so where none executes.
+
+    Raises:
+      MachineError: neither is known.
+    """
+    in_files = itertools.chain(places.get(ENGINE, ()), *places.values())
+    for place in in_files:
+        is_engine = place in places.get(ENGINE, ()) or Path(place.library).name.startswith(_PREFIX)
+        if is_engine and place.addresses:
+            return place.library
+    raise MachineError(f"Callgrind does not say in which library {ENGINE} is")
 
 
 class _Library:

@@ -1,13 +1,14 @@
-"""The program that Callgrind counts: it steps models between calls of a marker function.
+"""The program that Callgrind counts: it does its tasks between calls of a marker function.
 
-It runs inside the environment of any release (see instructions.py). It does the work of each
-model once to warm up, then twice between markers. Callgrind's options make it write out its counts,
-and start again from zero, whenever the marker is called. Only the work and the markers run with
-its instrumentation, where that can be switched.
+It runs inside the environment of any release (see instructions.py). It does each task, the steps of
+a model or an operation around the step, once to warm up, then twice between markers. Callgrind's
+options make it write out its counts, and start again from zero, whenever the marker is called. Only
+the work and the markers run with its instrumentation, where that can be switched.
 """
 
+import gc
 import pickle
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import mujoco
@@ -17,40 +18,50 @@ from mjbench import paths
 from mjbench.comparison.sizes import check_memory
 from mjbench.counts import messages
 from mjbench.counts.instrumentation import Instrumentation
-from mjbench.counts.messages import CountedWork, ModelAnswer, ModelRequest
-from mjbench.errors import Failure, MjbenchError, failure_of
+from mjbench.counts.messages import (
+    CountAnswer,
+    CountedOperation,
+    CountedWork,
+    ModelRequest,
+    OperationRequest,
+    TaskRequest,
+)
+from mjbench.errors import MjbenchError, failure_of
+from mjbench.paired import operations
 from mjbench.releases import install_check
 from mjbench.simulation import models, sampling, work, work_check, workload
 from mjbench.simulation.starts import Starts
 
-# A function of the engine that nothing else calls, and how often it is called for each model.
+# A function of the engine that nothing else calls, and how often it is called for each task.
 MARKER = "mj_version"
 MARKERS = 3
+# How often an operation is done first. Python rewrites the code of its loop meanwhile.
+WARM_UPS = 10
 # The way of stepping that is counted.
 PATH = paths.BASE
 
 
 def main(request_file: str, answers_file: str) -> None:
-    """Step the models of a request; append an answer for each (see messages.py)."""
+    """Do the tasks of a request; append an answer for each (see messages.py)."""
     request = messages.read_request(Path(request_file))
     problem = install_check.imported_problem(request.version)
     if problem:
         raise SystemExit(problem)
     instrumentation = Instrumentation()
     with Path(answers_file).open("wb") as stream:
-        for model_request in request.models:
-            outcome = _outcome(model_request, instrumentation)
-            answer = ModelAnswer(model_request.source.name, outcome)
-            messages.append_answer(stream, answer)
+        for task in request.tasks:
+            messages.append_answer(stream, _answer(task, instrumentation))
 
 
-def _outcome(request: ModelRequest, instrumentation: Instrumentation) -> CountedWork | Failure:
-    """Do the work of one model; return it, or why it could not be done."""
+def _answer(task: TaskRequest, instrumentation: Instrumentation) -> CountAnswer:
+    """Do one task; return what was done, or why it could not be done."""
     try:
-        return _step_between_markers(request, instrumentation)
+        if isinstance(task, OperationRequest):
+            return _operate_between_markers(task, instrumentation)
+        return _step_between_markers(task, instrumentation)
     except MjbenchError as error:
         instrumentation.start()
-        for _ in range(MARKERS):  # dumps are numbered: the next model's must have theirs
+        for _ in range(MARKERS):  # dumps are numbered: the next task's must have theirs
             mujoco.mj_version()
         instrumentation.stop()
         return failure_of(error)
@@ -61,11 +72,7 @@ def _step_between_markers(request: ModelRequest, instrumentation: Instrumentatio
     shared, probe, came_from = _workload(model, request)
     observation = work.observe(shared)
     run = paths.find(PATH).prepare(shared, {}, paths.Resources(shared)).run
-    instrumentation.start()
-    for _ in range(MARKERS):  # the first time to warm up
-        run()
-        mujoco.mj_version()
-    instrumentation.stop()
+    _run_between_markers(run, instrumentation)
     return CountedWork(
         steps=shared.steps,
         work=observation.work,
@@ -75,6 +82,26 @@ def _step_between_markers(request: ModelRequest, instrumentation: Instrumentatio
         followed=None if probe is None else work_check.follow(shared, probe),
         starts=came_from,
     )
+
+
+def _operate_between_markers(
+    request: OperationRequest, instrumentation: Instrumentation
+) -> CountedOperation:
+    operation = operations.registry()[request.operation]
+    run = operation.prepared(request.source.path if request.source else Path()).run
+    gc.disable()  # when it would run depends on what ran before
+    for _ in range(WARM_UPS):
+        run()
+    _run_between_markers(run, instrumentation)
+    return CountedOperation(operation.repeats)
+
+
+def _run_between_markers(run: Callable[[], object], instrumentation: Instrumentation) -> None:
+    instrumentation.start()
+    for _ in range(MARKERS):  # the first time to warm up
+        run()
+        mujoco.mj_version()
+    instrumentation.stop()
 
 
 def _workload(

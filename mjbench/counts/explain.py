@@ -160,6 +160,7 @@ class Explainer:
         functions = function_differences(baseline, candidate, code)
         return ExplainRow(
             model=candidate.model,
+            operation=candidate.operation,
             old=baseline.release,
             new=candidate.release,
             status=failed.status if failed else Status.OK,

@@ -3,9 +3,9 @@
 One process under Callgrind (counted_program.py) steps all models of a release. Callgrind writes out
 its counts at each call of a marker; between two markers of a model lies one pass over its workload
 by a Python loop. `mj_step` with all that it calls is the engine; the rest is the bindings and
-Python. Counts repeat to about 1e-4, and a second pass checks that for each model. They say what the
-code did, not how long it took: cache misses, mispredicted branches and system calls take time
-without taking instructions.
+Python. Operations around the step are counted likewise, but as a whole. Counts repeat to about
+1e-4, and a second pass checks that for each. They say what the code did, not how long it took:
+cache misses, mispredicted branches and system calls take time without taking instructions.
 """
 
 import contextlib
@@ -22,8 +22,16 @@ from typing import Any
 import numpy as np
 
 from mjbench.counts import callgrind, counted_program, instrumentation, messages
-from mjbench.counts.callgrind import CodePlace
-from mjbench.counts.messages import CountRequest, ModelAnswer, ModelRequest
+from mjbench.counts.callgrind import CallgrindProfile, CodePlace
+from mjbench.counts.messages import (
+    CountAnswer,
+    CountedOperation,
+    CountedWork,
+    CountRequest,
+    ModelRequest,
+    OperationRequest,
+    TaskRequest,
+)
 from mjbench.counts.records import FunctionCount, InstructionsRecord, InstructionsRow
 from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
@@ -60,7 +68,10 @@ TUNABLES = (
 class ModelCount(InstructionsRow):
     """What one model's steps cost in one release: a row, and what two releases compare.
 
+    Of an operation around the step, it is what doing it once costs.
+
     Attributes:
+      operation: name of the operation; empty for a step.
       places: where the code of each of the functions lies that were executed, by name.
       calls: (caller, callee) of them.
       healthy: (nbatch,) bool: the simulations that did not diverge; None where the model was not
@@ -68,6 +79,7 @@ class ModelCount(InstructionsRow):
       followed: what the release did from the states of the workload's probe; None likewise.
     """
 
+    operation: str = ""
     places: Mapping[str, Sequence[CodePlace]] = field(default_factory=dict)
     calls: AbstractSet[tuple[str, str]] = frozenset()
     healthy: np.ndarray | None = None
@@ -147,15 +159,29 @@ class InstructionCounter:
           InputError: the release does not exist.
           MachineError: the release cannot be installed, or valgrind fails.
         """
-        requests = [self._request(source) for source in sources]
-        counts: list[ModelCount] = []
-        begin = time.monotonic()
-        while len(counts) < len(requests):
-            # a model that ends the process costs only its own row: a new process counts the rest
-            with scratch.folder() as folder:
-                counts += _count_until_death(release, requests[len(counts) :], folder, limit_s)
-        seconds = (time.monotonic() - begin) / max(1, len(counts))
-        return [replace(count, seconds=seconds) for count in counts]
+        return _count(release, [self._request(source) for source in sources], limit_s)
+
+    def count_operations(
+        self,
+        release: installs.ReleaseSpec,
+        operations: Sequence[OperationRequest],
+        limit_s: float = 600.0,
+    ) -> list[ModelCount]:
+        """Count the instructions of operations around the step in one release.
+
+        Args:
+          release: of MuJoCo; installed if it is missing.
+          operations: to count.
+          limit_s: kill the process when it finishes no operation for this long.
+
+        Returns:
+          One count per operation, in their order; what the release cannot do is unavailable.
+
+        Raises:
+          InputError: the release does not exist.
+          MachineError: the release cannot be installed, or valgrind fails.
+        """
+        return _count(release, operations, limit_s)
 
     def _request(self, source: ModelSource) -> ModelRequest:
         unused = self._folder / f"{len(self._workload_files)}.pickle"
@@ -177,21 +203,35 @@ class InstructionCounter:
         )
 
 
-def _count_until_death(
-    release: installs.ReleaseSpec, requests: Sequence[ModelRequest], folder: Path, limit_s: float
+def _count(
+    release: installs.ReleaseSpec, requests: Sequence[TaskRequest], limit_s: float
 ) -> list[ModelCount]:
-    """Count models until one ends the process; the last count then says how."""
+    """Return a count for each task; see `InstructionCounter.count`."""
+    counts: list[ModelCount] = []
+    begin = time.monotonic()
+    while len(counts) < len(requests):
+        # a task that ends the process costs only its own row: a new process counts the rest
+        with scratch.folder() as folder:
+            counts += _count_until_death(release, requests[len(counts) :], folder, limit_s)
+    seconds = (time.monotonic() - begin) / max(1, len(counts))
+    return [replace(count, seconds=seconds) for count in counts]
+
+
+def _count_until_death(
+    release: installs.ReleaseSpec, requests: Sequence[TaskRequest], folder: Path, limit_s: float
+) -> list[ModelCount]:
+    """Count tasks until one ends the process; the last count then says how."""
     request = CountRequest(release.version, tuple(requests))
     failure = _run_program(release, request, folder, limit_s)
     answers = messages.read_answers(_answers_file(folder))
     counts = [
-        _model_count(release, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
-        for i, answer in enumerate(answers)
+        _task_count(release, task, answer, [folder / f"callgrind.out.{n}" for n in _dumps(i)])
+        for i, (task, answer) in enumerate(zip(requests, answers, strict=False))
     ]
     if len(counts) < len(requests):
         if failure is None:
-            raise MachineError("valgrind ended before it had counted all models")
-        counts.append(_failed(requests[len(counts)].source.name, release, failure))
+            raise MachineError("valgrind ended before it had counted everything")
+        counts.append(_failed(requests[len(counts)], release, failure))
     return counts
 
 
@@ -276,29 +316,70 @@ def _wait(process: "subprocess.Popen[bytes]", answers_file: Path, limit_s: float
 
 
 def _dumps(index: int) -> range:
-    """Return the numbers of the dumps that hold the passes of the model at `index`.
+    """Return the numbers of the dumps that hold the passes of the task at `index`.
 
-    Dumps are numbered from 1. Each model's first one holds what came before its passes.
+    Dumps are numbered from 1. Each task's first one holds what came before its passes.
     """
     first = counted_program.MARKERS * index + 2
     return range(first, first + counted_program.MARKERS - 1)
 
 
-def _model_count(
-    release: installs.ReleaseSpec, answer: ModelAnswer, dumps: Sequence[Path]
+def _task_count(
+    release: installs.ReleaseSpec, task: TaskRequest, answer: CountAnswer, dumps: Sequence[Path]
 ) -> ModelCount:
-    """Return the count of one model, from its answer and the dumps of its two passes."""
-    counted = answer.outcome
-    if isinstance(counted, Failure):
-        return _failed(answer.model, release, counted)
+    """Return the count of one task, from its answer and the dumps of its two passes."""
+    if isinstance(answer, Failure):
+        return _failed(task, release, answer)
     profile, repeated = (callgrind.parse(child.text(dump)) for dump in dumps)
+    if isinstance(task, OperationRequest):
+        assert isinstance(answer, CountedOperation), "the program answers what it was asked"
+        return _operation_count(release, task, answer, profile, repeated)
+    assert isinstance(answer, CountedWork), "the program answers what it was asked"
+    return _model_count(release, task, answer, profile, repeated)
+
+
+def _operation_count(
+    release: installs.ReleaseSpec,
+    task: OperationRequest,
+    counted: CountedOperation,
+    profile: CallgrindProfile,
+    repeated: CallgrindProfile,
+) -> ModelCount:
+    """Return the count of one operation, from the profiles of its two passes."""
+    executed = {cost.name: cost for cost in profile.costs() if cost.self_cost}
+    return ModelCount(
+        model=task.source.name if task.source else "",
+        operation=task.operation,
+        release=release.version,
+        build=release.key,
+        instructions_per_step=profile.total / counted.repeats,
+        functions=[
+            FunctionCount(
+                cost.name, cost.self_cost / counted.repeats, cost.inclusive_cost / counted.repeats
+            )
+            for cost in executed.values()
+        ],
+        repeats=abs(repeated.total / profile.total - 1),
+        places={name: profile.places[name] for name in executed},
+        calls={arc for arc in profile.arcs if executed.keys() >= {*arc}},
+    )
+
+
+def _model_count(
+    release: installs.ReleaseSpec,
+    task: ModelRequest,
+    counted: CountedWork,
+    profile: CallgrindProfile,
+    repeated: CallgrindProfile,
+) -> ModelCount:
+    """Return the count of one model, from the profiles of its two passes."""
     steps, engine = counted.steps, profile.inclusive(ENGINE)
     if engine == 0:
         raise MachineError(f"Callgrind saw no {ENGINE} in MuJoCo {release.version}")
     costs = profile.reachable_from(ENGINE)
     executed = {cost.name for cost in costs if cost.self_cost}
     return ModelCount(
-        model=answer.model,
+        model=task.source.name,
         release=release.version,
         build=release.key,
         instructions_per_step=engine / steps,
@@ -321,9 +402,10 @@ def _model_count(
     )
 
 
-def _failed(model: str, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
+def _failed(task: TaskRequest, release: installs.ReleaseSpec, failure: Failure) -> ModelCount:
     return ModelCount(
-        model=model,
+        model=task.source.name if task.source else "",
+        operation=task.operation if isinstance(task, OperationRequest) else "",
         release=release.version,
         build=release.key,
         status=failure.status,

@@ -1,7 +1,7 @@
 """What `instructions` asks of the counted program, and what that answers: pickles in files.
 
 Both sides run the same code under the same Python and NumPy. The program appends an answer after
-each model; a program that is killed loses only the answer that it was writing.
+each task; a program that is killed loses only the answer that it was writing.
 """
 
 import pickle
@@ -36,16 +36,33 @@ class ModelRequest:
 
 
 @dataclass(frozen=True)
+class OperationRequest:
+    """An operation around the step to count.
+
+    Attributes:
+      operation: its name (see `paired.operations`).
+      source: of the model that it is done with; None where it builds its own.
+    """
+
+    operation: str
+    source: ModelSource | None
+
+
+# What is counted between the markers of one turn.
+TaskRequest = ModelRequest | OperationRequest
+
+
+@dataclass(frozen=True)
 class CountRequest:
     """The program's work.
 
     Attributes:
       version: that MuJoCo must have there.
-      models: to count, in this order.
+      tasks: to count, in this order.
     """
 
     version: str
-    models: tuple[ModelRequest, ...]
+    tasks: tuple[TaskRequest, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +88,19 @@ class CountedWork:
     starts: Starts | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class ModelAnswer:
-    """What became of one model.
+@dataclass(frozen=True)
+class CountedOperation:
+    """An operation that was done between two markers.
 
     Attributes:
-      model: its name.
-      outcome: the work whose instructions Callgrind wrote out, or why there is none.
+      repeats: how often.
     """
 
-    model: str
-    outcome: CountedWork | Failure
+    repeats: int
+
+
+# What became of a task: the work whose instructions Callgrind wrote out, or why there is none.
+CountAnswer = CountedWork | CountedOperation | Failure
 
 
 def write_request(file: Path, request: CountRequest) -> None:
@@ -95,15 +114,15 @@ def read_request(file: Path) -> CountRequest:
     return request
 
 
-def append_answer(stream: BinaryIO, answer: ModelAnswer) -> None:
+def append_answer(stream: BinaryIO, answer: CountAnswer) -> None:
     """Append an answer to an open file, and flush it."""
     pickle.dump(answer, stream)
     stream.flush()
 
 
-def read_answers(file: Path) -> list[ModelAnswer]:
+def read_answers(file: Path) -> list[CountAnswer]:
     """Return the complete answers in a file, also while it is being written; [] without a file."""
-    answers: list[ModelAnswer] = []
+    answers: list[CountAnswer] = []
     if not file.exists():
         return answers
     with file.open("rb") as stream:

@@ -153,10 +153,12 @@ class CodeShare:
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainRow:
-    """What changed from one release to another on one model.
+    """What changed from one release to another on one model, or in an operation around the step.
+
+    Of an operation, instructions are those of doing it once, bindings and Python included.
 
     Attributes:
-      model: its name.
+      model: its name; empty for an operation that builds its own.
       old: MuJoCo release of the baseline.
       new: MuJoCo release of the candidate.
       status: how counting ended; the baseline's, if both failed.
@@ -169,6 +171,7 @@ class ExplainRow:
         code was not compared.
       code_detail: why the code was not compared, in one line; empty where it was.
       time: the paired comparison of time; None where time was not compared.
+      operation: name of the operation (see `paired.operations`); empty for a step.
     """
 
     model: str
@@ -183,6 +186,12 @@ class ExplainRow:
     code: Mapping[CodeChange, CodeShare] | None = None
     code_detail: str = ""
     time: VerdictRow | None
+    operation: str = ""
+
+    @property
+    def series(self) -> str:
+        """Which rows are of the same thing, in other releases; its name for people."""
+        return self.operation or self.model
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -143,10 +143,15 @@ def _forest(rows: Sequence[VerdictRow]) -> Figure:
 
 
 def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[Section]:
-    """Yield a section for each model and pair of releases: which functions account for a change."""
+    """Yield a section for each model and pair of releases: which functions account for a change.
+
+    Operations around the step have sections, too, where both releases have the operation.
+    """
     for row in rows:
+        if row.status == Status.UNAVAILABLE:
+            continue
         old, new = row.instructions_per_step.old, row.instructions_per_step.new
-        heading = f"{row.model}, instructions, {row.old} → {row.new}"
+        heading = f"{row.series}, instructions, {row.old} → {row.new}"
         if not old or not new:
             text = f"{heading}: not counted"
             if row.status != Status.OK:
@@ -154,9 +159,9 @@ def explanation_sections(rows: Sequence[ExplainRow], command: str) -> Iterator[S
             yield Section(heading, command, [Conclusion(text, Tone.BAD)])
             continue
         change = 100 * (new / old - 1)
-        conclusion = Conclusion(
-            f"{heading}: a step executes {change:+.1f} % instructions ({old:,.0f} → {new:,.0f})"
-        )
+        subject = "it" if row.operation else "a step"
+        counts = f"{change:+.1f} % instructions ({old:,.0f} → {new:,.0f})"
+        conclusion = Conclusion(f"{heading}: {subject} executes {counts}")
         changes = largest_differences(row.functions, _MOST_FUNCTIONS)
         figures = [_function_figure(changes, old)] if changes else []
         yield Section(heading, command, [conclusion], figures)

@@ -80,18 +80,20 @@ def print_explanation(
 
 
 def print_changes(out: Console, rows: Sequence[ExplainRow]) -> None:
-    """Print a row for each model and pair of releases whose instructions differ, or that failed."""
-    headings = ["model", "old", "new", "instructions/step", "functions that account for most"]
+    """Print a row for each model or operation, and pair of releases, that differ or failed."""
+    headings = ["", "old", "new", "instructions", "functions that account for most"]
     table = tables.plain_table(headings, right=(3,))
     for row in rows:
         old, new = row.instructions_per_step.old, row.instructions_per_step.new
+        if row.status == Status.UNAVAILABLE:  # such as Batch, of releases that do not have it
+            continue
         if not old or not new:
-            table.add_row(row.model, row.old, row.new, "", f"not counted: {row.status}")
+            table.add_row(row.series, row.old, row.new, "", f"not counted: {row.status}")
         elif abs(new / old - 1) > explain.REPEATABILITY:
             differences = largest_differences(row.functions, MAIN_FUNCTIONS)
             texts = [f"{' and '.join(d.names)} {d.difference:+,.0f}" for d in differences]
             change = f"{100 * (new / old - 1):+.1f} %"
-            table.add_row(row.model, row.old, row.new, change, ", ".join(texts))
+            table.add_row(row.series, row.old, row.new, change, ", ".join(texts))
     out.print(table)
 
 

@@ -21,7 +21,7 @@ from mjbench.status import Status
 
 # How a measurement ends that a release crashed, hung or failed in.
 FAILURES = (Status.FAILED, Status.CRASHED, Status.TIMEOUT)
-# By model, old release and new release.
+# By model or operation, old release and new release.
 Counts = Mapping[tuple[str, str, str], ExplainRecord]
 
 
@@ -102,7 +102,7 @@ def from_records(
       operations_machine: that measured operations; None where it is the same.
     """
     ratios = [record for record in records if isinstance(record, RatioRecord)]
-    counts = {(r.model, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
+    counts = {(r.series, r.old, r.new): r for r in records if isinstance(r, ExplainRecord)}
     models, operations = (
         speed_history.histories(
             r for r in ratios if isinstance(r, OperationRatioRecord) == is_operation

@@ -62,17 +62,18 @@ def operation_changes(history: SpeedHistory, only: str | None = None) -> Iterato
       only: the release that they came with; None for all.
     """
     listed = _listed(history, history.operations, only)
-    headings = ["releases", "operation", "time", "cause", "what accounts for it"]
+    headings = ["releases", "operation", "time", "instructions", "cause", "what accounts for it"]
     rows = [
         [
             *_releases(each),
             _with_error(each.point.change, each.point.deviation),
+            instruction_change(each.counts),
             str(each.cause),
             "<br>".join(_accounts(each, history.background.changelog)),
         ]
         for each in listed
     ]
-    return _table_or(_none_listed(), headings, rows, right_aligned=("time",))
+    return _table_or(_none_listed(), headings, rows, right_aligned=("time", "instructions"))
 
 
 def _listed(
@@ -146,7 +147,7 @@ def _main_differences(listed: Listed) -> Sequence[NetDifference]:
 
 
 def _is_opposite(listed: Listed) -> bool:
-    """Return whether the instructions of a step changed in the other direction than its time."""
+    """Return whether instructions changed in the other direction than the time."""
     per_step = listed.counts.instructions_per_step if listed.counts else None
     if per_step is None or not per_step.old or not per_step.new:
         return False
@@ -154,7 +155,7 @@ def _is_opposite(listed: Listed) -> bool:
 
 
 def instruction_change(counts: ExplainRecord | None) -> str:
-    """Return the change of a step's instructions; empty where they were not counted."""
+    """Return the change of instructions; empty where they were not counted."""
     if counts is None:
         return ""
     old, new = counts.instructions_per_step.old, counts.instructions_per_step.new

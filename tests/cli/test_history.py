@@ -11,9 +11,11 @@ from click.testing import CliRunner, Result
 
 from mjbench.cli import cli
 from mjbench.counts.instructions import InstructionCounter, ModelCount
+from mjbench.counts.messages import OperationRequest
 from mjbench.counts.records import FunctionCount
 from mjbench.errors import Failure
 from mjbench.paired import operations, release_ratio
+from mjbench.paired.operations import registry
 from mjbench.paired.release_tasks import ReleaseTask
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases.installs import ReleaseSpec
@@ -126,7 +128,7 @@ def test_operations_can_be_measured_alone(monkeypatch: pytest.MonkeyPatch) -> No
     ("options", "message"),
     [
         (("--model", "pile"), "--model is for steps"),
-        (("--no-operations",), "nothing is left to measure"),
+        (("--no-operations",), "nothing is left"),
     ],
 )
 def test_without_steps_some_options_make_no_sense(options: tuple[str, ...], message: str) -> None:
@@ -224,6 +226,40 @@ def test_instructions_are_counted_from_release_to_release(
     again = invoke("explain", *words, "--resume", str(only_run_file()))
     assert again.exit_code == 0
     assert len(only_run_file().read_text().splitlines()) == 3
+
+
+def test_instructions_of_operations_are_counted_and_explain_their_changes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    costs = {"3.3.0": 100.0, "3.3.1": 150.0}
+
+    def count_release(
+        counter: InstructionCounter, release: ReleaseSpec, requests: Sequence[OperationRequest]
+    ) -> list[ModelCount]:
+        cost = costs[release.version]
+        return [
+            ModelCount(
+                model=request.source.name if request.source else "",
+                operation=request.operation,
+                release=release.version,
+                instructions_per_step=900.0 + cost,
+                functions=[FunctionCount("mjXReader::Parse", cost, cost)],
+            )
+            for request in requests
+        ]
+
+    monkeypatch.setattr("mjbench.counts.instructions.unavailable", lambda: None)
+    monkeypatch.setattr(InstructionCounter, "count_operations", count_release)
+    done = invoke("explain", "3.3.0", "3.3.1", "--no-steps")
+    assert done.exit_code == 0, done.output
+    assert "load pile" in done.output
+    assert "mjXReader::Parse +50" in done.output
+    records = [json.loads(line) for line in only_run_file().read_text().splitlines()[1:]]
+    assert [r["operation"] for r in records] == [*registry()]
+    assert {r["model"] for r in records} == {"cartpole", "humanoid", "pile", ""}
+    again = invoke("explain", "3.3.0", "3.3.1", "--no-steps", "--resume", str(only_run_file()))
+    assert again.exit_code == 0
+    assert len(only_run_file().read_text().splitlines()) == 1 + len(registry())
 
 
 def test_change_points_are_reported_from_what_was_measured_and_counted(

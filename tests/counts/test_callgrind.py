@@ -1,5 +1,6 @@
 """Callgrind's format: compressed names, relative positions, calls and recursion."""
 
+import pytest
 from callgrind_dump import DUMP, DUMP_WITH_ADDRESSES
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -56,6 +57,30 @@ def test_functions_that_call_each_other_are_listed_once() -> None:
     calls_back = "fn=(5)\ncfn=(3)\ncalls=1 30\n51 20\n"
     costs = callgrind.parse(DUMP + calls_back).reachable_from("mj_forward")
     assert sorted(cost.name for cost in costs) == ["mj_collision", "mj_forward", "mj_solNewton"]
+
+
+@pytest.mark.parametrize(
+    ("symbol", "name"),
+    [
+        ("mj_step", "mj_step"),
+        ("mj_rne'2", "mj_rne"),
+        ("mju_dot.constprop.0", "mju_dot"),
+        ("(below main)", "(below main)"),
+        ("__libc_start_main@@GLIBC_2.34", "__libc_start_main@@GLIBC_2.34"),
+        ("mjCModel::TryCompile(mjModel_*&, mjData_*&, mjVFS_ const*)", "mjCModel::TryCompile"),
+        ("(anonymous namespace)::parse(int)", "{anonymous}::parse"),
+        ("std::__1::vector<double, a<b> > f::read<double>(char*)", "f::read"),
+        ("bool std::__1::set<a>::find<b<c> >(b<c> const&) const", "std::set::find"),
+        ("operator new(unsigned long)", "operator new"),
+        ("void* operator new[](unsigned long)", "operator new[]"),
+        ("a::B::operator()(int) const", "a::B::operator()"),
+        ("bool std::__1::operator< <char>(a const&, b)", "std::operator<"),
+        ("a::B::operator double() const", "a::B::operator double"),
+        ("a::{lambda(int)#1}::operator()(int) const", "a::{lambda#1}::operator()"),
+    ],
+)
+def test_a_name_is_that_of_the_source_without_types(symbol: str, name: str) -> None:
+    assert callgrind.source_name(symbol) == name
 
 
 LINES = [

@@ -8,10 +8,19 @@ import pytest
 
 from mjbench.counts import counted_program, messages
 from mjbench.counts.instrumentation import Instrumentation
-from mjbench.counts.messages import CountedWork, CountRequest, ModelAnswer, ModelRequest
+from mjbench.counts.messages import (
+    CountAnswer,
+    CountedOperation,
+    CountedWork,
+    CountRequest,
+    ModelRequest,
+    OperationRequest,
+    TaskRequest,
+)
 from mjbench.errors import Failure
+from mjbench.paired import operations
 from mjbench.releases import installs
-from mjbench.simulation import workload
+from mjbench.simulation import models, workload
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
 from mjbench.status import Status
@@ -28,8 +37,8 @@ def marked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def run(
-    folder: Path, *requests: ModelRequest, version: str = INSTALLED.version
-) -> list[ModelAnswer]:
+    folder: Path, *requests: TaskRequest, version: str = INSTALLED.version
+) -> list[CountAnswer]:
     request_file, answers_file = folder / "request", folder / "answers"
     messages.write_request(request_file, CountRequest(version, requests))
     counted_program.main(str(request_file), str(answers_file))
@@ -45,14 +54,13 @@ def test_an_answer_says_what_work_was_done(
     contact_file: str, tmp_path: Path, marked: list[str]
 ) -> None:
     (answer,) = run(tmp_path, request_for(contact_file, tmp_path / "0.pickle"))
-    assert answer.model == "contact"
-    assert isinstance(answer.outcome, CountedWork)
-    assert answer.outcome.steps == 12
-    assert answer.outcome.diverged == 0
-    assert answer.outcome.work.contacts > 0
-    assert answer.outcome.followed is not None
-    assert answer.outcome.followed.stepped["qpos"].shape[1] == 2
-    assert answer.outcome.starts is not None
+    assert isinstance(answer, CountedWork)
+    assert answer.steps == 12
+    assert answer.diverged == 0
+    assert answer.work.contacts > 0
+    assert answer.followed is not None
+    assert answer.followed.stepped["qpos"].shape[1] == 2
+    assert answer.starts is not None
     assert len(marked) == counted_program.MARKERS
 
 
@@ -85,9 +93,9 @@ def test_a_workload_without_a_probe_is_counted_all_the_same(
     file = tmp_path / "0.pickle"
     file.write_bytes(pickle.dumps(workload.portable(small)))
     (answer,) = run(tmp_path, request_for(contact_file, file))
-    assert isinstance(answer.outcome, CountedWork)
-    assert answer.outcome.steps == small.steps
-    assert answer.outcome.followed is None
+    assert isinstance(answer, CountedWork)
+    assert answer.steps == small.steps
+    assert answer.followed is None
 
 
 def test_the_second_release_does_the_work_that_the_first_one_drew(
@@ -98,11 +106,11 @@ def test_the_second_release_does_the_work_that_the_first_one_drew(
     workload = file.read_bytes()
     (second,) = run(tmp_path, request_for(contact_file, file, seed=7))
     assert file.read_bytes() == workload
-    assert isinstance(second.outcome, CountedWork)
-    assert second.outcome.starts is None  # only the first knows
-    assert isinstance(first.outcome, CountedWork)
-    assert isinstance(second.outcome, CountedWork)
-    stepped, again = (o.outcome.followed.stepped["qpos"] for o in (first, second))
+    assert isinstance(second, CountedWork)
+    assert second.starts is None  # only the first knows
+    assert isinstance(first, CountedWork)
+    assert isinstance(second, CountedWork)
+    stepped, again = (o.followed.stepped["qpos"] for o in (first, second))
     assert stepped.tolist() == again.tolist()
 
 
@@ -116,10 +124,36 @@ def test_a_broken_model_leaves_the_numbers_of_later_dumps_as_they_are(
         request_for(str(broken_file), tmp_path / "0.pickle"),
         request_for(contact_file, tmp_path / "1.pickle"),
     )
-    assert isinstance(broken.outcome, Failure)
-    assert broken.outcome.status is Status.INPUT
-    assert isinstance(whole.outcome, CountedWork)
+    assert isinstance(broken, Failure)
+    assert broken.status is Status.INPUT
+    assert isinstance(whole, CountedWork)
     assert len(marked) == 2 * counted_program.MARKERS
+
+
+def test_an_operation_is_repeated_as_often_as_it_is_timed(
+    tmp_path: Path, marked: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    operation = operations.registry()["reset cartpole"]
+    monkeypatch.setattr(mujoco, "mj_resetData", lambda model, data: marked.append("reset"))
+    request = OperationRequest(operation.name, models.resolve(operation.model))
+    assert run(tmp_path, request) == [CountedOperation(operation.repeats)]
+    block = ["reset"] * operation.repeats
+    expected = block * counted_program.WARM_UPS + [*block, "marker"] * counted_program.MARKERS
+    assert marked == expected
+
+
+def test_an_operation_without_a_model_builds_its_own(tmp_path: Path, marked: list[str]) -> None:
+    assert run(tmp_path, OperationRequest("spec", None)) == [CountedOperation(500)]
+
+
+def test_an_operation_that_a_release_cannot_do_is_unavailable(
+    tmp_path: Path, marked: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(operations.compat, "spec_unavailable", lambda: "it has no MjSpec")
+    assert run(tmp_path, OperationRequest("spec", None)) == [
+        Failure(Status.UNAVAILABLE, "it has no MjSpec")
+    ]
+    assert len(marked) == counted_program.MARKERS
 
 
 def test_another_release_than_the_one_asked_for_is_refused(tmp_path: Path) -> None:

@@ -78,6 +78,7 @@ def test_the_json_row_has_both_releases_under_old_and_new() -> None:
     work = {"contacts": 4.0, "constraints": 16.0, "solver_iterations": 3.0}
     assert to_json(row) == {
         "model": "pile",
+        "operation": "",
         "old": "1.0",
         "new": "2.0",
         "status": "ok",

@@ -15,6 +15,7 @@ from commands import ROOT, mjbench
 
 from mjbench.counts import instructions
 from mjbench.counts.instructions import InstructionCounter, ModelCount
+from mjbench.counts.messages import OperationRequest
 from mjbench.counts.records import FunctionCount
 from mjbench.instrument import child
 from mjbench.instrument.runs import to_json
@@ -107,6 +108,25 @@ def test_a_broken_model_costs_its_own_row(counts: dict[str, ModelCount]) -> None
     assert counts["broken"].status == Status.INPUT
     assert "no degree of freedom" in counts["broken"].detail
     assert counts["cartpole"].status == Status.OK
+
+
+@needs_valgrind
+def test_operations_are_counted_whole_and_by_function(counter: InstructionCounter) -> None:
+    requests = [
+        OperationRequest("load cartpole", models.resolve("cartpole")),
+        OperationRequest("copy pile", models.resolve("pile")),
+    ]
+    load, copy = counter.count_operations(INSTALLED, requests)
+    for count, request in ((load, requests[0]), (copy, requests[1])):
+        assert (count.status, count.operation) == (Status.OK, request.operation)
+        assert count.repeats is not None
+        assert count.repeats < 5e-3  # where memory lies decides how long malloc searches
+        total = sum(function.self for function in count.functions)
+        assert total == pytest.approx(count.instructions_per_step)
+    assert any(function.name.startswith("mjXReader") for function in load.functions)
+    assert not any(re.search("[(<]", function.name[1:]) for function in load.functions)
+    names = {function.name for function in copy.functions}
+    assert any(name.startswith("mj_copyData") for name in names)
 
 
 @needs_valgrind

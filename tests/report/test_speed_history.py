@@ -156,10 +156,16 @@ def test_operations_have_tables_of_their_own() -> None:
     item = ChangelogItem("1.6", (), "Casting a ray with mj_ray is slower.")
     others = [ChangelogItem("1.2", (), f"Sensor {i}.") for i in range(99)]
     changelog = Changelog([item, *others])
-    around = speed_history.from_records([*records, *(record(v, 1.0) for v in VERSIONS)], changelog)
+    counts = replace(COUNTS, operation="rays pile", model="pile")
+    steps = [record(v, 1.0) for v in VERSIONS]
+    around = speed_history.from_records([*records, *steps, counts], changelog)
     assert [series.name for series in around.models] == ["pile"]
     (*_, row) = speed_tables.operation_changes(around)
-    assert row.startswith("| 1.5 → 1.6 | mj_ray, `pile` | +50.0 ±0.1 % | code | changelog, perhaps")
+    assert row.startswith(
+        "| 1.5 → 1.6 | mj_ray, `pile` | +50.0 ±0.1 % | +20.0 % | code | `mj_island`"
+    )
+    assert "changelog, perhaps: “Casting a ray with mj_ray is slower.”" in row
+    assert around.instructions("pile") == {}, "they are those of the operation"
     rows = [*speed_tables.times(around, around.operations)]
     assert rows[2 + 6] == "| 1.6 | 4.5▲ |"
 
