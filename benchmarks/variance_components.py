@@ -143,7 +143,7 @@ def measure(
             placements = placement.schedule(random.Random())
             pair = TargetPair(pool, baseline, candidate, placements=placements, at_once=at_once)
             count = launch_seeds.launches_of_a_program() // at_once - 1
-            together = [pair.launch() for _ in range(count)]
+            together = [pair.launch_batch() for _ in range(count)]
             groups.append([launches for launches in together if len(launches) == at_once])
             pair.close()
     return groups

@@ -209,9 +209,11 @@ def source_name(name: str) -> str:
 
     Callgrind appends the depth of a recursion (`'2`), the compiler the kind of a clone
     (`.constprop.0`). Of C++, types of arguments, of results and of templates are left out, so that
-    overloads and instances have one name: `std::vector<int> f::read<int>(char*)` is `f::read`.
+    overloads and instances have one name: `std::vector<int> f::read<int>(char*)` is `f::read`. So
+    are versions of the standard library (`[abi:ne200100]`).
     """
     name = re.sub(r"('\d+|\.(constprop|isra|part|cold|lto_priv|llvm)\.?\d*)+$", "", name)
+    name = re.sub(r"\[abi:\w+\]", "", name)
     name = name.replace("(anonymous namespace)", "{anonymous}")
     is_typed = "(" in name[1:] and name[0] not in "(_0123456789"
     return _without_types(name) if is_typed else name

@@ -168,7 +168,10 @@ class AdoptedChild(ChildProcess):
                     return None
             finally:
                 os.close(descriptor)
-            self._exit_code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+            try:
+                self._exit_code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+            except ChildProcessError:  # another thread was faster
+                self._exit_code = -signal.SIGKILL if self._exit_code is None else self._exit_code
         return self._exit_code
 
 

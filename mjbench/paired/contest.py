@@ -219,7 +219,7 @@ def run(
                         raise
                     continue
                 on_launch(len(launches), min(limit.spent_s() / time_limit_s, 1.0))
-                if not limit.allows_more(len(launches), before_s, can_judge=True):
+                if not limit.allows_another(len(launches), before_s, can_judge=True):
                     break
                 going_on = remaining(launches, positions)
         if len(launches) < MIN_LAUNCHES and going_on:

@@ -1,6 +1,7 @@
 """Which core a launch runs on, and how processes are kept on it."""
 
 import contextlib
+import math
 import random
 import time
 from collections.abc import Collection, Iterable, Iterator
@@ -18,15 +19,33 @@ _SHARE_RESOLUTION = 0.02
 
 
 def launches_at_once() -> int:
-    """Return how many launches are measured at the same time: each has a core, and one to spare.
+    """Return how many launches are measured at the same time, at most, each on one core.
 
-    On the other cores, the processes of the next launches start. It is one where the system cannot
-    keep processes on a core.
+    They take up to half of the cores, since the processes of the next launches start on the others.
+    It is one where the system cannot keep processes on a core, or does not say what its cores are.
     """
     if not USABLE:
         return 1
-    cores = topology.read(USABLE)
-    return min(max(1, min(cores.cores or 1, cores.usable) // 2), _MAX_AT_ONCE)
+    machine_cores = topology.read(USABLE)
+    count = machine_cores.cores or 1
+    if machine_cores.quota_cores is not None:
+        count = min(count, math.floor(machine_cores.quota_cores))
+    return min(max(1, count // 2), _MAX_AT_ONCE)
+
+
+def beside(chosen: Collection[int]) -> set[int]:
+    """Return the cores for processes that start while launches are measured on some others.
+
+    They are not hyper-threads of these, unless there are no others, and no more than the quota of
+    the control group allows beside them: it would stop the launches, too.
+    """
+    siblings = set().union(*map(topology.siblings, chosen))
+    others = USABLE - set(chosen) - siblings or USABLE - set(chosen)
+    quota = topology.read(USABLE).quota_cores
+    if quota is None:
+        return others
+    most = max(1, math.floor(quota) - len(chosen))
+    return set(sorted(others)[:most])
 
 
 def freest_cores(most: int = 1, probe_s: float = 0.01) -> list[int]:

@@ -3,6 +3,7 @@
 import contextlib
 import shutil
 import socket
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -82,6 +83,8 @@ class ForkServerProcess:
         self._is_retired = False
         self._pending: dict[str, ForkedWorker] = {}  # by mark
         self._workers: set[ForkedWorker] = set()
+        # Launches at the same time ask from threads of their own.
+        self._receiving = threading.Lock()
 
     @property
     def has_ended(self) -> bool:
@@ -115,19 +118,24 @@ class ForkServerProcess:
         return worker
 
     def await_fork(self, worker: ForkedWorker) -> None:
-        """Wait until it is known whether a worker was forked."""
+        """Wait until it is known whether a worker was forked; any thread may ask."""
+        with self._receiving:
+            while worker.mark in self._pending:
+                self._receive(worker.deadline_s)
+
+    def _receive(self, deadline_s: float) -> None:
+        """Receive one answer, which may be about another worker."""
         size = fork_server.PID.size
-        while worker.mark in self._pending:
-            answer = b""
-            with contextlib.suppress(OSError):
-                self._control.settimeout(max(worker.deadline_s - self._clock(), 0.0))
-                answer = self._control.recv(size + fork_server.MAX_MARK_BYTES)
-            forked = self._pending.pop(answer[size:].decode(), None)
-            if forked is not None:
-                forked.adopt(*fork_server.PID.unpack(answer[:size]))
-            else:
-                self.process.end()
-                self._give_up()
+        answer = b""
+        with contextlib.suppress(OSError):
+            self._control.settimeout(max(deadline_s - self._clock(), 0.0))
+            answer = self._control.recv(size + fork_server.MAX_MARK_BYTES)
+        forked = self._pending.pop(answer[size:].decode(), None)
+        if forked is not None:
+            forked.adopt(*fork_server.PID.unpack(answer[:size]))
+        else:
+            self.process.end()
+            self._give_up()
 
     def _give_up(self) -> None:
         """Note that no other worker will be forked, and leave them the reason as their output."""

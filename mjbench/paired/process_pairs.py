@@ -1,4 +1,4 @@
-"""The processes of one launch after the other: those of the next start while one is measured."""
+"""The processes of launches: those of the next ones start while others are measured."""
 
 import contextlib
 import itertools
@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
+from mjbench.errors import MjbenchError
 from mjbench.instrument import machine
 from mjbench.paired import cores, launch_seeds
 from mjbench.paired.worker_pool import WorkerPool
@@ -34,7 +35,7 @@ class ProcessPair:
 class ProcessPairs:
     """Starts two processes for each launch, one in each of two releases.
 
-    A process that fails raises its error in `wait`, so that it does not end the launch before its
+    A process that fails raises its error in `wait`, so that it does not end the launches before its
     own.
     """
 
@@ -64,7 +65,12 @@ class ProcessPairs:
         # Those that were started ahead, for the next launches; threads ask whether they are ready.
         self._next: list[ProcessPair] = []
         self._asking = threading.Lock()
-        self._start_ahead(cores.USABLE)
+        self._failure: MjbenchError | None = None
+        try:
+            self._start_ahead(cores.USABLE)
+        except BaseException:
+            self.close()
+            raise
 
     def equip(self, equip: Equip) -> None:
         """Have the processes of every launch asked for what they need, the next ones' at once."""
@@ -79,9 +85,10 @@ class ProcessPairs:
           InputError: what they were asked for cannot be.
           TargetError: one crashed, hung or failed.
         """
-        if not self._next:
-            self._start_ahead(cores.USABLE)
         try:
+            if self._failure is not None:
+                raise self._failure
+            self._start_ahead(cores.USABLE)
             for pair in self._next:
                 for process, release in zip(pair.processes, self._releases, strict=True):
                     self._pool.wait_for(process, release)
@@ -90,45 +97,43 @@ class ProcessPairs:
             raise
 
     @contextlib.contextmanager
-    def launch(self, chosen: Sequence[int]) -> Iterator[list[ProcessPair]]:
+    def batch(self, chosen: Sequence[int]) -> Iterator[list[ProcessPair]]:
         """Yield the processes of a launch on each core, which must be ready.
 
-        The processes of the next launches start on the other cores meanwhile. Those of these
-        launches end with the block.
+        The processes of the next launches start on other cores meanwhile. Those of these launches
+        end with the block.
 
         Args:
           chosen: cores that launches are measured on; none for one launch on all of them, where
             nothing else may run.
         """
         count = max(1, len(chosen))
-        pairs, self._next = self._next[:count], self._next[count:]
-        others: Collection[int] = ()
-        if chosen and machine.usable_cores() > 1:
-            others = cores.USABLE - set(chosen)
+        others = cores.beside(chosen) if chosen and machine.usable_cores() > 1 else ()
+        pairs = self._next[:count]
         try:
+            self._next = self._next[count:]
             if others:
                 self._start_ahead(others)
             yield pairs
             for pair in self._next:
                 cores.confine([process.pid for process in pair.processes], cores.USABLE)
         finally:
-            for pair in pairs:
-                self._pool.end(pair.processes)
+            self._pool.end([process for pair in pairs for process in pair.processes])
 
     def are_next_ready(self) -> bool:
-        """Return whether nothing is started ahead that is still starting.
-
-        Any thread may ask.
-        """
+        """Return whether nothing is started ahead that is still starting; any thread may ask."""
         with self._asking:
             processes = [process for pair in self._next for process in pair.processes]
-            return all(process.is_ready() for process in processes)
+            try:
+                return self._failure is not None or all(p.is_ready() for p in processes)
+            except MjbenchError as error:
+                self._failure = error
+                return True
 
     def close(self) -> None:
         """End the processes that were started ahead."""
-        for pair in self._next:
-            self._pool.end(pair.processes)
-        self._next = []
+        pairs, self._next, self._failure = self._next, [], None
+        self._pool.end([process for pair in pairs for process in pair.processes])
 
     def _start_ahead(self, allowed: Collection[int]) -> None:
         """Start what is missing for the next launches on the allowed cores, without waiting."""
@@ -146,10 +151,10 @@ class ProcessPairs:
                 started[i] = self._pool.start(
                     self._releases[i], self._names[i], both[i], i, allowed, seeds
                 )
+            pair = ProcessPair((started[0], started[1]), placements)
+            if self._equip is not None:
+                self._equip(pair.processes)
         except BaseException:
             self._pool.end(list(started.values()))
             raise
-        pair = ProcessPair((started[0], started[1]), placements)
-        if self._equip is not None:
-            self._equip(pair.processes)
         return pair

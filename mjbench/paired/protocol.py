@@ -1,22 +1,23 @@
 """Two targets, timed in alternating blocks in fresh processes: the engine of paired comparisons.
 
-A launch starts one program for each target anew. Both run on one core, with this process, and take
-turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the order of turns hit
-both alike; a few times per launch both lay out their memory anew. A launch yields one number, its
-log ratio: the mean of two medians, of the pairs that the baseline began and of those that the
-candidate began. Launches are the samples that `verdict` judges, as many as the verdict needs. While
-one launch is measured, the programs of the next start on the other cores. From four cores on, two
-launches are measured at the same time.
+A launch starts one program for each target anew. Both run on one core, with a thread of this
+process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
+order of turns hit both alike; a few times per launch both lay out their memory anew. A launch
+yields one number, its log ratio: the mean of two medians, of the pairs that the baseline began and
+of those that the candidate began. Launches are the samples that `verdict` judges, as many as the
+verdict needs. While one launch is measured, the programs of the next start on the other cores. From
+four cores on, two launches are measured at the same time.
 """
 
 import random
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from mjbench.errors import MachineError, one_line
 from mjbench.instrument import stats, timing
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
@@ -107,8 +108,7 @@ class TargetPair:
           time_limit: starts when the models are loaded; None for no limit.
           placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
             them; None for as shipped.
-          at_once: launches to measure at the same time, at most; None for as many as there are
-            cores for. Targets with threads are launched one by one, whatever it is.
+          at_once: launches to measure at the same time, at most; None for `launches_at_once`.
 
         Raises:
           InputError: a target cannot do it.
@@ -121,7 +121,7 @@ class TargetPair:
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator = Calibrator(pool, baseline.release, self._nthread)
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        self.at_once = 1 if self._nthread > 1 else at_once or cores.launches_at_once()
+        self.at_once = launches_at_once(baseline, candidate) if at_once is None else at_once
         releases = baseline.release, candidate.release
         names = preparation.describe(self._targets)
         # those of the first launch import MuJoCo while the work is prepared
@@ -135,12 +135,13 @@ class TargetPair:
         self.work_check = self._prepared.work_check
         self.baseline_workload: Path = self._prepared.workloads[0]
 
-    def launch(self) -> list[Launch]:
+    def launch_batch(self) -> list[Launch]:
         """Measure once, or several times at once on free cores, each time in fresh processes.
 
         Raises:
           InputError: a target cannot run its path.
           TargetError: a target crashed, hung or failed.
+          MachineError: no thread can be started.
           OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
         self._pairs.wait()
@@ -149,29 +150,33 @@ class TargetPair:
         calibrated = self._calibrator.count() if threaded else None
         chosen = [] if threaded else cores.freest_cores(self.at_once)
         where: Sequence[int | None] = chosen or [None]
-        with self._pairs.launch(chosen) as pairs, ThreadPoolExecutor(len(pairs)) as executor:
-            measured = [
-                executor.submit(self._measure, pair, core, calibrated)
-                for pair, core in zip(pairs, where, strict=True)
-            ]
+        with self._pairs.batch(chosen) as pairs, ThreadPoolExecutor(len(pairs)) as executor:
+            measured: list[Future[Launch]] = []
             try:
-                return [launch.result() for launch in measured]
+                for pair, core in zip(pairs, where, strict=True):
+                    is_first = not self._has_timed and not measured
+                    measured.append(_submit(executor, self._measure, pair, core, is_first))
+                launches = _results(measured)
             except BaseException:  # such as Ctrl-C: what waits for a process is not to wait longer
                 for pair in pairs:
                     for process in pair.processes:
                         process.kill()
                 raise
+        self._has_timed = True
+        return [replace(launch, cores=calibrated) for launch in launches]
 
-    def _measure(self, pair: ProcessPair, core: int | None, calibrated: float | None) -> Launch:
-        """Measure a launch on a core, or on all; `calibrated` is how many cores it has."""
+    def _measure(self, pair: ProcessPair, core: int | None, is_first: bool) -> Launch:
+        """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
+        layouts: list[tuple[list[str], np.ndarray]] = []
         with cores.pinned(core):
-            layouts = [self._time_layout(pair.processes, core) for _ in range(LAYOUTS)]
-            while len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready():
-                layouts.append(self._time_layout(pair.processes, core))
+            while len(layouts) < LAYOUTS or (
+                len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready()
+            ):
+                layouts.append(self._time_layout(pair.processes, core, is_first and not layouts))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return Launch(core, calibrated, orders, ns, pair.placements, sizes)
+        return Launch(core, None, orders, ns, pair.placements, sizes)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
@@ -188,9 +193,13 @@ class TargetPair:
             process.ask(requests.Equip(model, workload, target.path, target.import_from))
 
     def _time_layout(
-        self, processes: Sequence[WorkerProcess], core: int | None
+        self, processes: Sequence[WorkerProcess], core: int | None, is_first: bool
     ) -> tuple[list[str], np.ndarray]:
-        """Time some quads with memory laid out anew; return their orders and (quads, 4) ns."""
+        """Time some quads with memory laid out anew; return their orders and (quads, 4) ns.
+
+        Raises:
+          OutOfTimeError: this is the first layout of all, and the time limit does not allow it.
+        """
         rows = random.sample(range(self._prepared.nsim), self.work_check.nbatch)
         warm_ns = 0
         for i in random.sample((0, 1), 2):
@@ -207,10 +216,35 @@ class TargetPair:
                     metric=self._metric,
                 )
             )
-        if not self._has_timed:  # steps may have become heavier than those at the start
+        if is_first:  # steps may have become heavier than those at the start
             self._time_limit.check_first_launch(launch_s(1e-9 * warm_ns))
-        self._has_timed = True
         return time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
+
+
+def launches_at_once(*targets: Target) -> int:
+    """Return how many launches are measured at the same time; one if a target uses threads."""
+    return 1 if any(target.nthread > 1 for target in targets) else cores.launches_at_once()
+
+
+def _submit(
+    executor: ThreadPoolExecutor,
+    measure: Callable[[ProcessPair, int | None, bool], Launch],
+    pair: ProcessPair,
+    core: int | None,
+    is_first: bool,
+) -> "Future[Launch]":
+    try:
+        return executor.submit(measure, pair, core, is_first)
+    except RuntimeError as error:
+        raise MachineError(f"cannot start a thread: {one_line(error)}") from error
+
+
+def _results(measured: Sequence["Future[Launch]"]) -> list[Launch]:
+    """Wait for launches; raise the error of the first that fails, not waiting for the others."""
+    finished, _ = wait(measured, return_when=FIRST_EXCEPTION)
+    for launch in finished:
+        launch.result()
+    return [launch.result() for launch in measured]
 
 
 def time_quads(

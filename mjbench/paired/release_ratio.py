@@ -86,7 +86,7 @@ def _launch_all(
             pairs.wait()
             chosen = cores.freest_cores()
             core = chosen[0] if chosen else None
-            with pairs.launch(chosen) as (pair,), cores.pinned(core):
+            with pairs.batch(chosen) as (pair,), cores.pinned(core):
                 _time_all(random.sample(remaining, len(remaining)), pair, core)
             count += 1
             on_launch(count)

@@ -18,7 +18,7 @@ from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch, TargetPair
+from mjbench.paired.protocol import Launch, TargetPair, launches_at_once
 from mjbench.paired.records import (
     MAX_E_VALUE,
     DivergedPair,
@@ -225,7 +225,7 @@ def decide(
       baseline: the one target.
       candidate: the other.
       plan: how certain, and for how long.
-      on_launch: called after each launch, with what all launches say so far.
+      on_launch: called after each batch of launches, with what all launches say so far.
       clock: returns seconds.
     """
     begin = clock()
@@ -239,8 +239,12 @@ def decide(
             if plan.as_shipped
             else averaging(pool, baseline.release, candidate.release)
         )
-        time_limit = TimeLimit(plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock)
-        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, averaged.placements())
+        at_once = launches_at_once(baseline, candidate)
+        time_limit = TimeLimit(
+            plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock, at_once=at_once
+        )
+        placements = averaged.placements()
+        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, placements, at_once)
         _launch_until_enough(pair, plan, time_limit, launches, on_launch)
     except ENDING_ERRORS as error:
         ending = ending_of(error)
@@ -276,16 +280,15 @@ def _launch_until_enough(
     Raises:
       OutOfTimeError: time is up before there are enough launches for a verdict.
     """
-    before_s = time_limit.spent_s()
+    before_s, batches = time_limit.spent_s(), 0
     while True:
-        launches += pair.launch()
+        launches += pair.launch_batch()
+        batches += 1
         judgement = _judge_launches(launches, plan)
         assert judgement is not None, "there is a launch"
         on_launch(judgement)
         can_judge = judgement.launches >= MIN_LAUNCHES
-        if judgement.enough or not time_limit.allows_more(
-            len(launches), before_s, can_judge, pair.at_once
-        ):
+        if judgement.enough or not time_limit.allows_another(batches, before_s, can_judge):
             return
 
 

@@ -151,9 +151,14 @@ class WorkerPool:
         self._checked.add(release.key)
 
     def end(self, processes: Sequence[WorkerProcess]) -> None:
-        """End processes of this pool."""
-        for process in processes:
-            process.end()
+        """End processes of this pool, all of them even where ending one is interrupted."""
+        with contextlib.ExitStack() as ending:
+            for process in processes:
+                ending.callback(self._end, process)
+
+    def _end(self, process: WorkerProcess) -> None:
+        process.end()
+        if process in self._processes:
             self._processes.remove(process)
 
     def _install(self, release: installs.ReleaseSpec) -> Path | None:

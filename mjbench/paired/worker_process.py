@@ -134,8 +134,9 @@ class WorkerProcess:
 
         It only sends the signal: that thread may wait for the end of the process, too.
         """
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGKILL)
+        for kill in (os.killpg, os.kill):  # it may not lead its group yet
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                kill(self.pid, signal.SIGKILL)
 
     def end(self) -> None:
         """End the process, whatever it is doing."""

@@ -77,6 +77,8 @@ def test_functions_that_call_each_other_are_listed_once() -> None:
         ("bool std::__1::operator< <char>(a const&, b)", "std::operator<"),
         ("a::B::operator double() const", "a::B::operator double"),
         ("a::{lambda(int)#1}::operator()(int) const", "a::{lambda#1}::operator()"),
+        ("a::B<c>::operator()[abi:ne200100](void const*) const", "a::B::operator()"),
+        ("std::__1::f[abi:v15000]<int>(int)", "std::f"),
     ],
 )
 def test_a_name_is_that_of_the_source_without_types(symbol: str, name: str) -> None:

@@ -124,7 +124,8 @@ def test_operations_are_counted_whole_and_by_function(counter: InstructionCounte
         total = sum(function.self for function in count.functions)
         assert total == pytest.approx(count.instructions_per_step)
     assert any(function.name.startswith("mjXReader") for function in load.functions)
-    assert not any(re.search("[(<]", function.name[1:]) for function in load.functions)
+    untyped = {function.name[1:].replace("operator()", "") for function in load.functions}
+    assert not {name for name in untyped if re.search("[(<]", name)}
     names = {function.name for function in copy.functions}
     assert any(name.startswith("mj_copyData") for name in names)
 

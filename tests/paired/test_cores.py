@@ -27,16 +27,40 @@ def test_the_freest_core_is_one_of_ours_and_leaves_the_affinity_as_it_was() -> N
         (Topology(2, 2), 1),
         (Topology(4, 2), 1),
         (Topology(4, 4, quota_cores=2.0), 1),
+        (Topology(4, 4, quota_cores=3.5), 1),
+        (Topology(4, None), 1),
         (Topology(4, 4), 2),
         (Topology(64, 32), 2),
     ],
-    ids=["one", "two", "hyper-threads of two", "a quota of two", "four", "many"],
+    ids=[
+        "one",
+        "two",
+        "hyper-threads of two",
+        "a quota of two",
+        "a quota below four",
+        "unknown",
+        "four",
+        "many",
+    ],
 )
 def test_two_launches_are_measured_at_the_same_time_where_each_has_a_core_to_spare(
     cores_and_threads: Topology, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cores.topology, "read", lambda usable: cores_and_threads)
     assert cores.launches_at_once() == expected
+
+
+def test_processes_start_on_other_cores_than_those_that_are_measured_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cores, "USABLE", set(range(8)))
+    monkeypatch.setattr(cores.topology, "siblings", lambda thread: {thread, (thread + 4) % 8})
+    monkeypatch.setattr(cores.topology, "read", lambda usable: Topology(8, 4))
+    assert cores.beside([0, 1]) == {2, 3, 6, 7}
+    assert cores.beside([0, 1, 2, 3]) == {4, 5, 6, 7}, "hyper-threads, where nothing else is left"
+    monkeypatch.setattr(cores.topology, "read", lambda usable: Topology(8, 4, quota_cores=3.5))
+    assert cores.beside([0, 1]) == {2}
+    assert cores.beside([0, 1, 2]) == {3}
 
 
 def test_without_affinity_launches_are_measured_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import process_tree
@@ -13,7 +14,7 @@ from commands import ROOT
 from paired_examples import INSTALLED
 
 from mjbench.instrument import child, platforms
-from mjbench.paired import release_python, requests
+from mjbench.paired import fork_server, release_python, requests
 from mjbench.paired.fork_server_process import ForkServerProcess
 from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker_pool import WorkerPool
@@ -147,6 +148,45 @@ def test_a_server_that_hangs_is_killed_once_the_limit_has_passed(tmp_path: Path)
         assert worker.wait() == -signal.SIGKILL
     assert worker_output.read_text() == "last words"
     worker.end()
+    server.end()
+
+
+class WatchedLock:
+    """A lock that says when a second thread wants it."""
+
+    def __init__(self) -> None:
+        self._lock, self._first = threading.Lock(), threading.Lock()
+        self.second_asks = threading.Event()
+
+    def __enter__(self) -> None:
+        if not self._first.acquire(blocking=False):
+            self.second_asks.set()
+        self._lock.acquire()
+
+    def __exit__(self, *exception: object) -> None:
+        self._lock.release()
+
+
+def test_two_threads_can_wait_for_workers_of_one_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first one receives both answers while the second waits, which then asks for none."""
+    ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
+    process = child.Child([sys.executable, "-c", "import time; time.sleep(600)"])
+    server = ForkServerProcess(process, ours, 60.0, tmp_path / "server.output")
+    workers = [server.fork(theirs.fileno(), tmp_path / f"{i}.output") for i in range(2)]
+    lock = WatchedLock()
+    monkeypatch.setattr(server, "_receiving", lock)
+    threads = [threading.Thread(target=server.await_fork, args=[worker]) for worker in workers]
+    with theirs:
+        for thread in threads:
+            thread.start()
+        lock.second_asks.wait()
+        for worker in workers:
+            theirs.send(fork_server.PID.pack(os.getpid()) + worker.mark.encode())
+        for thread in threads:
+            thread.join()
+    assert [worker.pid for worker in workers] == [os.getpid()] * 2
     server.end()
 
 

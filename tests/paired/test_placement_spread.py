@@ -123,7 +123,7 @@ def launched(limit_s: float, plan: SpreadPlan) -> tuple[int, str]:
     limit.start()
     counts: list[int] = []
     try:
-        detail = placement_spread.launch_all(clock.launch, 1, plan, limit, done, counts.append)
+        detail = placement_spread.launch_all(clock.launch, plan, limit, done, counts.append)
     except OutOfTimeError as error:
         detail = str(error)
     assert counts == list(range(1, len(done) + 1))

@@ -32,7 +32,7 @@ def test_models_of_different_size_do_as_many_simulations_each(
     )
     other = Target(INSTALLED, models.resolve(str(file)))
     pair = TargetPair(pool, CARTPOLE, other, Sizes(nbatch=3))
-    launch, *_ = pair.launch()
+    launch, *_ = pair.launch_batch()
     pair.close()
     assert pair.work_check.nbatch == 3
     assert pair.work_check.drift is None
@@ -44,7 +44,7 @@ def test_simulations_that_diverge_in_one_target_only_are_changed_work(
 ) -> None:
     candidate = replace(stiff, model_options={"timestep": "0.0025"})
     pair = TargetPair(pool, stiff, candidate, Sizes(8, 13, starts=KEYFRAME_STARTS))
-    launch, *_ = pair.launch()
+    launch, *_ = pair.launch_batch()
     pair.close()
     assert pair.work_check.diverged[0] == 0
     assert 0 < pair.work_check.diverged[1] < 8

@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from paired_examples import CARTPOLE
 
+from mjbench.errors import MachineError
 from mjbench.instrument import machine
 from mjbench.paired import cores, protocol, requests, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import TargetError
 
 needs_affinity = pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="no affinity on this system"
@@ -54,7 +56,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
         patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
         pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
         for _ in range(LAUNCHES):
-            spied.launches += pair.launch()
+            spied.launches += pair.launch_batch()
         pair.close()
     yield spied
 
@@ -93,7 +95,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(protocol, "quad_count", lambda pair_s: time_limit.MIN_QUADS)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
-    (launch,) = pair.launch()
+    (launch,) = pair.launch_batch()
     pair.close()
     assert len(launch.orders) == (time_limit.LAYOUTS + 2) * time_limit.MIN_QUADS
 
@@ -119,7 +121,7 @@ def test_launches_at_the_same_time_run_on_cores_and_processes_of_their_own(
 
     monkeypatch.setattr(protocol, "time_quads", spying)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
-    launches = pair.launch() + pair.launch()
+    launches = pair.launch_batch() + pair.launch_batch()
     pair.close()
     assert [launch.core for launch in launches] == chosen + chosen
     assert [len(of_core) for of_core in pids.values()] == [4, 4]
@@ -133,9 +135,9 @@ def test_where_fewer_cores_are_free_other_processes_wait_for_their_launch(
     monkeypatch.setattr(cores, "freest_cores", lambda most: [min(cores.USABLE)])
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
     waiting = pair._pairs._next[1]
-    assert len(pair.launch()) == 1
+    assert len(pair.launch_batch()) == 1
     assert pair._pairs._next[0] is waiting
-    assert len(pair.launch()) == 1
+    assert len(pair.launch_batch()) == 1
     pair.close()
 
 
@@ -144,22 +146,90 @@ def test_an_interrupt_does_not_wait_for_what_is_measured(
 ) -> None:
     """The main thread is interrupted while a worker would go on for as long as nobody ends it."""
     measuring = threading.Event()
+    interrupted: list[Future[Launch]] = []
 
     def hang(baseline: Any, candidate: Any, count: int) -> Any:
         measuring.set()
         baseline.ask(requests.TimeBlocks())  # it waits for a block to run, and is asked for none
         return baseline.wait()
 
-    def interrupted(future: Future[Launch]) -> Launch:
+    def interrupt(measured: Sequence[Future[Launch]]) -> list[Launch]:
         measuring.wait(60.0)
+        interrupted.extend(measured)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(protocol, "time_quads", hang)
-    monkeypatch.setattr(Future, "result", interrupted)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    monkeypatch.setattr(protocol, "_results", interrupt)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
     with pytest.raises(KeyboardInterrupt):
-        pair.launch()
+        pair.launch_batch()
     pair.close()
+    (measured,) = interrupted
+    assert "killed by signal 9" in str(measured.exception()), "not: no answer within its time"
+
+
+def test_of_two_launches_that_fails_first_says_why(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen = sorted(cores.USABLE)[:2]
+    if len(chosen) < 2:
+        pytest.skip("one core, or no affinity")
+    monkeypatch.setattr(cores, "freest_cores", lambda most: chosen[:most])
+    hanging = threading.Event()
+
+    def fail_or_hang(baseline: Any, candidate: Any, count: int) -> Any:
+        if os.sched_getaffinity(0) == {chosen[0]}:
+            hanging.set()
+            baseline.ask(requests.TimeBlocks())
+            return baseline.wait()
+        hanging.wait(60.0)
+        raise TargetError("the second one failed")
+
+    monkeypatch.setattr(protocol, "time_quads", fail_or_hang)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
+    with pytest.raises(TargetError, match="the second one failed"):
+        pair.launch_batch()
+    pair.close()
+
+
+@needs_affinity
+def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if machine.usable_cores() < 2:
+        pytest.skip("one core: nothing starts ahead")
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
+    time_quads = protocol.time_quads
+
+    def kill_next(baseline: Any, candidate: Any, count: int) -> Any:
+        pair._pairs._next[0].processes[0].kill()
+        return time_quads(baseline, candidate, count)
+
+    monkeypatch.setattr(protocol, "time_quads", kill_next)
+    assert len(pair.launch_batch()) == 1
+    with pytest.raises(TargetError, match=r"baseline .*killed by signal 9"):
+        pair.launch_batch()
+    pair.close()
+
+
+def test_where_the_processes_of_a_second_launch_cannot_start_those_of_the_first_end(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, started = pool.start, list[Any]()
+
+    def start_three(*arguments: Any) -> Any:
+        if len(started) == 3:
+            raise MachineError("no process is left")
+        started.append(start(*arguments))
+        return started[-1]
+
+    monkeypatch.setattr(pool, "start", start_three)
+    release = CARTPOLE.release
+    before = list(pool._processes)
+    with pytest.raises(MachineError, match="no process is left"):
+        ProcessPairs(pool, (release, release), ("baseline", "candidate"), count=2)
+    assert len(started) == 3
+    assert pool._processes == before
 
 
 def test_a_launch_is_stored_with_its_raw_times(spied: Spied) -> None:
@@ -172,7 +242,7 @@ def test_a_launch_is_stored_with_its_raw_times(spied: Spied) -> None:
 def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: WorkerPool) -> None:
     threaded = replace(CARTPOLE, path="rollout", options={"threads": 2})
     pair = TargetPair(pool, threaded, threaded, at_once=2)
-    (launch,) = pair.launch()
+    (launch,) = pair.launch_batch()
     pair.close()
     assert launch.core is None
     assert launch.cores is not None
