@@ -20,7 +20,7 @@ functions that it called executed, directly or through others.
 """
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -70,6 +70,19 @@ class CallgrindProfile:
     self_cost: Mapping[str, int]
     arcs: Mapping[tuple[str, str], int]
     places: Mapping[str, tuple[CodePlace, ...]]
+
+    def __add__(self, other: "CallgrindProfile") -> "CallgrindProfile":
+        """Return the profile of the work of both."""
+        addresses: dict[tuple[str, str], set[int]] = defaultdict(set)
+        for profile in (self, other):
+            for name, places in profile.places.items():
+                for place in places:
+                    addresses[name, place.library].update(place.addresses)
+        return CallgrindProfile(
+            Counter(self.self_cost) + Counter(other.self_cost),
+            Counter(self.arcs) + Counter(other.arcs),
+            _places(addresses),
+        )
 
     @property
     def total(self) -> int:

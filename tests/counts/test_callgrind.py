@@ -36,6 +36,14 @@ def test_a_dump_with_addresses_says_where_functions_lie() -> None:
     assert not callgrind.parse(DUMP).places
 
 
+def test_the_sum_of_two_dumps_has_the_costs_of_both_and_each_place_once() -> None:
+    profile = callgrind.parse(DUMP_WITH_ADDRESSES)
+    both = profile + profile
+    assert both.total == 2 * profile.total
+    assert both.arcs == {arc: 2 * cost for arc, cost in profile.arcs.items()}
+    assert both.places == profile.places
+
+
 def test_functions_of_the_engine_are_those_that_mj_step_reaches() -> None:
     costs = callgrind.parse(DUMP).reachable_from("mj_step")
     assert [(cost.name, cost.self_cost, cost.inclusive_cost) for cost in costs] == [

