@@ -127,6 +127,23 @@ class WorkerPool:
         worker.ask(requests.StartRelease(release.version, check_files, self._seeds.memory, move))
         return worker
 
+    def start_program_early(
+        self, release: installs.ReleaseSpec, side: int, cores: Collection[int], seeds: LaunchSeeds
+    ) -> None:
+        """Start the program that workers of a later launch are forked from, where they are forked.
+
+        Args:
+          release: of MuJoCo.
+          side: 0 or 1 for baseline and candidate.
+          cores: that it may run on, for now; none for all that this process may use.
+          seeds: of the launch.
+
+        Raises:
+          MachineError: no process can be started.
+        """
+        program = WorkerProgram(release.key, self._install(release), side, seeds.program)
+        self._programs.start_early(program, cores)
+
     def movable(self, release: installs.ReleaseSpec) -> MovableInstall:
         """Return what moves in a release; it is installed first if it is missing.
 
