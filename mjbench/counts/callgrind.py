@@ -27,6 +27,14 @@ from dataclasses import dataclass
 from mjbench.errors import MachineError, describe
 
 
+# What follows `operator` in the name of one. Longer signs come first, and a template's bracket may
+# follow without a space: `operator>><char>`.
+_OPERATOR = re.compile(
+    r"\(\)|\[\]|<=>|->\*|->|<<=|>>=|<<|>>|&&|\|\||\+\+|--|[-+*/%^&|!=<>]=|[-+*/%^&|~!=<>,]"
+    r"|[ ]?(new|delete)(\[\])?"
+)
+
+
 @dataclass(frozen=True)
 class FunctionCost:
     """What one function cost, in instructions.
@@ -237,7 +245,7 @@ def _without_types(name: str) -> str:
     name = name.replace("std::__1::", "std::")
     # of an operator such as `operator()` or `operator<<` the signs belong to the name
     before, operator, signs = name.partition("operator")
-    match = re.match(r"(\(\)|[-+*/%^&|~!=<>,\[\]]+|[ ]?(new|delete)(\[\])?)", signs)
+    match = _OPERATOR.match(signs)
     symbol = match.group() if operator and match else ""
     rest = signs[len(symbol) :] if symbol else operator + signs
     before, rest = _without_brackets(before), _without_brackets(rest)
