@@ -26,7 +26,6 @@ from dataclasses import dataclass
 
 from mjbench.errors import MachineError, describe
 
-
 # What follows `operator` in the name of one. Longer signs come first, and a template's bracket may
 # follow without a space: `operator>><char>`.
 _OPERATOR = re.compile(
