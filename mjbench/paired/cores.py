@@ -18,11 +18,14 @@ _MAX_AT_ONCE = 2
 _SHARE_RESOLUTION = 0.02
 
 
-def launches_at_once() -> int:
+def launches_at_once(others_start: bool = True) -> int:
     """Return how many launches are measured at the same time, at most, each on one core.
 
-    They take up to half of the cores, since the processes of the next launches start on the others.
     It is one where the system cannot keep processes on a core, or does not say what its cores are.
+
+    Args:
+      others_start: whether the processes of the next launches are to start meanwhile, which takes
+        as many cores again.
     """
     if not USABLE:
         return 1
@@ -30,7 +33,7 @@ def launches_at_once() -> int:
     count = machine_cores.cores or 1
     if machine_cores.quota_cores is not None:
         count = min(count, math.floor(machine_cores.quota_cores))
-    return min(max(1, count // 2), _MAX_AT_ONCE)
+    return min(max(1, count // 2 if others_start else count), _MAX_AT_ONCE)
 
 
 def beside(chosen: Collection[int]) -> set[int]:

@@ -13,7 +13,7 @@ from paired_examples import CARTPOLE
 
 from mjbench.errors import MachineError
 from mjbench.instrument import machine, platforms
-from mjbench.paired import cores, launch_seeds, protocol, requests, time_limit
+from mjbench.paired import at_once, cores, launch_seeds, protocol, requests, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
@@ -159,7 +159,7 @@ def test_an_interrupt_does_not_wait_for_what_is_measured(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(protocol, "time_quads", hang)
-    monkeypatch.setattr(protocol, "_results", interrupt)
+    monkeypatch.setattr(at_once, "_results", interrupt)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
     with pytest.raises(KeyboardInterrupt):
         pair.launch_batch()
