@@ -28,12 +28,18 @@ _SEVERITY = (CodeChange.IDENTICAL, CodeChange.OFFSETS, CodeChange.CHANGED)
 # How the name of the engine's library begins.
 _PREFIX = "libmujoco."
 
+# Libraries that are held, with the functions that were decoded: each takes 60 MB or more.
+_MAX_LIBRARIES = 3
+
 # Where each executed function lies, by Callgrind's name.
 Places = Mapping[str, Sequence[CodePlace]]
 
 
 class CodeComparer:
-    """Compares the code of releases; reads each library, and decodes each function, once."""
+    """Compares the code of releases.
+
+    It reads a library, and decodes each of its functions, once while it compares the same few.
+    """
 
     def __init__(self, read: Callable[[Path], SharedLibrary] = shared_library.read) -> None:
         """Start without libraries; `read` returns that of a file."""
@@ -65,9 +71,10 @@ class CodeComparer:
     def _executed(self, places: Places) -> "_Executed":
         """Return the functions of the engine that a release executes."""
         file = _engine_file(places)
-        if file not in self._libraries:
-            self._libraries[file] = _Library(self._read(Path(file)))
-        library = self._libraries[file]
+        library = self._libraries.pop(file, None) or _Library(self._read(Path(file)))
+        self._libraries[file] = library  # the one used last comes last
+        if len(self._libraries) > _MAX_LIBRARIES:
+            del self._libraries[next(iter(self._libraries))]
         functions = {
             name: library.functions_at(place.addresses)
             for name, in_files in places.items()

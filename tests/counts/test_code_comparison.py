@@ -1,6 +1,7 @@
 """Code of two releases, compared by the functions that each executes."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -121,3 +122,21 @@ def test_a_function_in_another_library_is_known_by_its_file() -> None:
 def test_without_addresses_there_is_nothing_to_compare() -> None:
     with pytest.raises(MachineError, match="Callgrind does not say"):
         CodeComparer().compare({"mj_step": [CodePlace(OLD, ())]}, {})
+
+
+def test_a_library_is_read_once_while_it_is_compared_and_again_after_many_others() -> None:
+    files = [f"/{number}/libmujoco.so.1" for number in range(5)]
+    content = library({"mj_step": STEP})
+    read: list[str] = []
+
+    def reading(file: Path) -> SharedLibrary:
+        read.append(str(file))
+        return content
+
+    comparer = CodeComparer(reading)
+    for old, new in pairwise(files):
+        for _ in range(2):
+            comparer.compare(executed(old, content), executed(new, content))
+    assert read == files
+    comparer.compare(executed(files[0], content), executed(files[4], content))
+    assert read == [*files, files[0]]
