@@ -11,7 +11,7 @@ ratio to a reference release. A benchmark passes if `asv continuous` calls the n
 for every model, calls no unchanged release slower, and the regressions page of `asv publish` shows
 every model. The exit code is 0 if at least one of the two passes, and 1 otherwise.
 
-It takes about eight minutes; leave the machine alone meanwhile.
+It takes about twenty minutes; leave the machine alone meanwhile.
 """
 
 import argparse

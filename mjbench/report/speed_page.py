@@ -104,9 +104,10 @@ def _changes(history: SpeedHistory, measure: str, explain: str) -> Iterator[Sect
             "Change points around the step",
             "Changes of the time of operations around `mj_step`, on one thread; large ones as a"
             " factor, where ×2 is twice the time. `rollout` and `Batch` step, so they change with"
-            " `mj_step`, too.",
+            " `mj_step`, too. After a function: by how many percent of the operation's instructions"
+            " its own count changed; C's and Python's functions count, too.",
             operation_changes(history),
-            [measure],
+            [measure, explain],
         )
     yield Section(
         "Single releases that are off",
