@@ -46,8 +46,9 @@ def explain(
 ) -> None:
     """Count instructions of steps and operations by function, from each RELEASE to the next.
 
-    Needs valgrind, but no quiet machine. A release takes several minutes for the ten shipped models,
-    and less than one for the operations. The workload of steps is that of one fixed release.
+    Needs valgrind, but no quiet machine. A release takes several minutes for the ten shipped
+    models, and less than one for the operations. The workload of steps is that of one fixed
+    release.
 
     \b
     Example:
