@@ -157,7 +157,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--releases", nargs=2, default=2 * [installs.INSTALLED])
     parser.add_argument("--at-once", type=int, default=1, choices=(1, 2))
     options = parser.parse_args(arguments)
-    if cores.launches_at_once() < options.at_once:
+    if cores.launches_at_once(options.at_once) < options.at_once:
         parser.error("--at-once 2 needs four cores")
     old, new = map(installs.parse_release, options.releases)
     for model in options.models or models.shipped():

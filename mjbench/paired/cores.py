@@ -12,20 +12,21 @@ from mjbench.instrument import platforms, topology
 USABLE = platforms.affinity()
 # Cores that `freest_cores` looks at, at most.
 _MAX_TRIED = 8
-# Launches that are measured at the same time, at most; more were never tried.
-_MAX_AT_ONCE = 2
+# Launches that are measured at the same time, at most: more may not be independent
+# (docs/method/paired.md, "Launches").
+_MAX_AT_ONCE = 1
 # Shares of the time that differ by less are equal.
 _SHARE_RESOLUTION = 0.02
 
 
-def launches_at_once(others_start: bool = True) -> int:
+def launches_at_once(most: int = _MAX_AT_ONCE) -> int:
     """Return how many launches are measured at the same time, at most, each on one core.
 
+    They take up to half of the cores, since the processes of the next launches start on the others.
     It is one where the system cannot keep processes on a core, or does not say what its cores are.
 
     Args:
-      others_start: whether the processes of the next launches are to start meanwhile, which takes
-        as many cores again.
+      most: launches, whatever the cores.
     """
     if not USABLE:
         return 1
@@ -33,7 +34,7 @@ def launches_at_once(others_start: bool = True) -> int:
     count = machine_cores.cores or 1
     if machine_cores.quota_cores is not None:
         count = min(count, math.floor(machine_cores.quota_cores))
-    return min(max(1, count // 2 if others_start else count), _MAX_AT_ONCE)
+    return min(max(1, count // 2), most)
 
 
 def beside(chosen: Collection[int]) -> set[int]:

@@ -1,8 +1,4 @@
-"""The processes of launches: those of the next ones start while others are measured.
-
-One launch more than comes next is started. Where other programs keep cores busy, starting may take
-longer than measuring at times, and then no launch waits.
-"""
+"""The processes of launches: those of the next ones start while others are measured."""
 
 import contextlib
 import itertools
@@ -13,7 +9,7 @@ from dataclasses import dataclass
 
 from mjbench.errors import MjbenchError
 from mjbench.instrument import machine
-from mjbench.paired import cores
+from mjbench.paired import cores, launch_seeds
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -63,15 +59,15 @@ class ProcessPairs:
         """
         self._pool, self._releases, self._names, self._count = pool, releases, names, count
         self._placements = placements or itertools.repeat(AS_SHIPPED)
-        self._seeds = pool.seeds(releases)
-        self._next_seeds = next(self._seeds)
+        # Every pair of releases begins with programs of its own, started at the same time.
+        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
         self._equip: Equip | None = None
-        # Those that were started ahead; threads ask whether those that come next are ready.
+        # Those that were started ahead, for the next launches; threads ask whether they are ready.
         self._next: list[ProcessPair] = []
         self._asking = threading.Lock()
         self._failure: MjbenchError | None = None
         try:
-            self._start_ahead(count, cores.USABLE)
+            self._start_ahead(cores.USABLE)
         except BaseException:
             self.close()
             raise
@@ -92,8 +88,8 @@ class ProcessPairs:
         try:
             if self._failure is not None:
                 raise self._failure
-            self._start_ahead(self._count, cores.USABLE)
-            for pair in self._next[: self._count]:
+            self._start_ahead(cores.USABLE)
+            for pair in self._next:
                 for process, release in zip(pair.processes, self._releases, strict=True):
                     self._pool.wait_for(process, release)
         except BaseException:
@@ -117,18 +113,17 @@ class ProcessPairs:
         try:
             self._next = self._next[count:]
             if others:
-                self._confine(self._next, others)
-                self._start_ahead(self._count + 1, others)
+                self._start_ahead(others)
             yield pairs
-            self._confine(self._next[: self._count], cores.USABLE)
+            for pair in self._next:
+                cores.confine([process.pid for process in pair.processes], cores.USABLE)
         finally:
             self._pool.end([process for pair in pairs for process in pair.processes])
 
     def are_next_ready(self) -> bool:
-        """Return whether the processes that come next have started; any thread may ask."""
+        """Return whether nothing is started ahead that is still starting; any thread may ask."""
         with self._asking:
-            coming = self._next[: self._count]
-            processes = [process for pair in coming for process in pair.processes]
+            processes = [process for pair in self._next for process in pair.processes]
             try:
                 return self._failure is not None or all(p.is_ready() for p in processes)
             except MjbenchError as error:
@@ -140,19 +135,14 @@ class ProcessPairs:
         pairs, self._next, self._failure = self._next, [], None
         self._pool.end([process for pair in pairs for process in pair.processes])
 
-    def _confine(self, pairs: Sequence[ProcessPair], allowed: Collection[int]) -> None:
-        """Have processes run on the allowed cores only."""
-        for pair in pairs:
-            cores.confine([process.pid for process in pair.processes], allowed)
-
-    def _start_ahead(self, launches: int, allowed: Collection[int]) -> None:
-        """Start what so many launches lack on the allowed cores, without waiting."""
-        for _ in range(launches - len(self._next)):
+    def _start_ahead(self, allowed: Collection[int]) -> None:
+        """Start what is missing for the next launches on the allowed cores, without waiting."""
+        for _ in range(self._count - len(self._next)):
             self._next.append(self._start(allowed))
 
     def _start(self, allowed: Collection[int]) -> ProcessPair:
         """Start the processes of one launch on the allowed cores, without waiting for them."""
-        seeds, self._next_seeds = self._next_seeds, next(self._seeds)
+        seeds = next(self._seeds)
         placements = next(self._placements)
         both = (placements.old, placements.new)
         started: dict[int, WorkerProcess] = {}
@@ -164,9 +154,6 @@ class ProcessPairs:
             pair = ProcessPair((started[0], started[1]), placements)
             if self._equip is not None:
                 self._equip(pair.processes)
-            if self._next_seeds.program != seeds.program:
-                for i, release in enumerate(self._releases):
-                    self._pool.start_program_early(release, i, allowed, self._next_seeds)
         except BaseException:
             self._pool.end(list(started.values()))
             raise

@@ -5,19 +5,20 @@ process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so
 order of turns hit both alike; a few times per launch both lay out their memory anew. A launch
 yields one number, its log ratio: the mean of two medians, of the pairs that the baseline began and
 of those that the candidate began. Launches are the samples that `verdict` judges, as many as the
-verdict needs. While one launch is measured, the programs of the next start on the other cores. From
-four cores on, two launches are measured at the same time.
+verdict needs. While one launch is measured, the programs of the next start on the other cores.
 """
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from mjbench.errors import MachineError, one_line
 from mjbench.instrument import stats, timing
-from mjbench.paired import at_once, cores, preparation, requests
+from mjbench.paired import cores, preparation, requests
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
@@ -148,12 +149,18 @@ class TargetPair:
         calibrated = self._calibrator.count() if threaded else None
         chosen = [] if threaded else cores.freest_cores(self.at_once)
         where: Sequence[int | None] = chosen or [None]
-
-        def measure(index: int, pair: ProcessPair) -> Launch:
-            return self._measure(pair, where[index], not self._has_timed and index == 0)
-
-        with self._pairs.batch(chosen) as pairs:
-            launches = at_once.measure(pairs, measure)
+        with self._pairs.batch(chosen) as pairs, ThreadPoolExecutor(len(pairs)) as executor:
+            measured: list[Future[Launch]] = []
+            try:
+                for pair, core in zip(pairs, where, strict=True):
+                    is_first = not self._has_timed and not measured
+                    measured.append(_submit(executor, self._measure, pair, core, is_first))
+                launches = _results(measured)
+            except BaseException:  # such as Ctrl-C: what waits for a process is not to wait longer
+                for pair in pairs:
+                    for process in pair.processes:
+                        process.kill()
+                raise
         self._has_timed = True
         return [replace(launch, cores=calibrated) for launch in launches]
 
@@ -216,6 +223,27 @@ class TargetPair:
 def launches_at_once(*targets: Target) -> int:
     """Return how many launches are measured at the same time; one if a target uses threads."""
     return 1 if any(target.nthread > 1 for target in targets) else cores.launches_at_once()
+
+
+def _submit(
+    executor: ThreadPoolExecutor,
+    measure: Callable[[ProcessPair, int | None, bool], Launch],
+    pair: ProcessPair,
+    core: int | None,
+    is_first: bool,
+) -> "Future[Launch]":
+    try:
+        return executor.submit(measure, pair, core, is_first)
+    except RuntimeError as error:
+        raise MachineError(f"cannot start a thread: {one_line(error)}") from error
+
+
+def _results(measured: Sequence["Future[Launch]"]) -> list[Launch]:
+    """Wait for launches; raise the error of the first that fails, not waiting for the others."""
+    finished, _ = wait(measured, return_when=FIRST_EXCEPTION)
+    for launch in finished:
+        launch.result()
+    return [launch.result() for launch in measured]
 
 
 def time_quads(

@@ -1,8 +1,7 @@
 """Measure a release against the reference, as the history needs it: steps and operations.
 
 Unlike a verdict, which ends when it is certain, a ratio ends when it is known well enough, whatever
-it is: so none is biased by when it ended. A launch takes much longer than its processes take to
-start, so launches are measured on all cores at the same time, up to two.
+it is: so none is biased by when it ended.
 """
 
 import random
@@ -12,7 +11,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from mjbench.errors import InputError, MachineError, failure_of
-from mjbench.paired import at_once as launches
 from mjbench.paired import averaging, cores
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
@@ -34,7 +32,6 @@ def measure(
     tasks: Sequence[ReleaseTask],
     on_launch: Callable[[int], None] = lambda count: None,
     clock: Callable[[], float] = time.monotonic,
-    at_once: int | None = None,
 ) -> list[RatioRecord]:
     """Compare a release with the reference in each of the tasks, which are of the same two.
 
@@ -44,9 +41,8 @@ def measure(
     Args:
       pool: starts the processes.
       tasks: what to time; one or more.
-      on_launch: called after launches, with their number so far.
+      on_launch: called after each launch, with the number of launches so far.
       clock: returns seconds.
-      at_once: launches to measure at the same time, at most; None for as many as cores allow.
 
     Returns:
       A record for each task, in their order.
@@ -55,8 +51,7 @@ def measure(
     reference, release = tasks[0].releases
     try:
         averaged = averaging.averaging(pool, reference, release)
-        most = at_once or cores.launches_at_once(others_start=False)
-        _launch_all(pool, tasks, averaged, on_launch, clock, most)
+        _launch_all(pool, tasks, averaged, on_launch, clock)
     except ENDING_ERRORS as error:
         for task in tasks:
             if not task.is_complete:
@@ -74,12 +69,11 @@ def _launch_all(
     averaged: Averaging,
     on_launch: Callable[[int], None],
     clock: Callable[[], float],
-    most: int,
 ) -> None:
-    """Launch until all tasks are known well enough, at most `most` times at once."""
+    """Launch until all tasks are known well enough."""
     reference, release = tasks[0].releases
     names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
-    pairs = ProcessPairs(pool, (reference, release), names, averaged.placements(), most)
+    pairs = ProcessPairs(pool, (reference, release), names, averaged.placements())
     try:
         for task in tasks:
             try:
@@ -90,8 +84,11 @@ def _launch_all(
         remaining = [task for task in tasks if task.failure is None]
         while remaining:
             pairs.wait()
-            left = release_ratios.SCHEDULE - count % release_ratios.SCHEDULE
-            count += _launch(remaining, pairs, cores.freest_cores(min(most, left)))
+            chosen = cores.freest_cores()
+            core = chosen[0] if chosen else None
+            with pairs.batch(chosen) as (pair,), cores.pinned(core):
+                _time_all(random.sample(remaining, len(remaining)), pair, core)
+            count += 1
             on_launch(count)
             seconds = clock() - begin_s
             for task in remaining:
@@ -101,23 +98,9 @@ def _launch_all(
         pairs.close()
 
 
-def _launch(tasks: Sequence[ReleaseTask], pairs: ProcessPairs, chosen: Sequence[int]) -> int:
-    """Time tasks in a launch on each of the chosen cores; return how many launches that was."""
-
-    def time_all(index: int, pair: ProcessPair) -> None:
-        core = chosen[index] if chosen else None
-        with cores.pinned(core):
-            _time_all(random.sample(tasks, len(tasks)), pair, core)
-
-    with pairs.batch(chosen) as batch:
-        return len(launches.measure(batch, time_all))
-
-
 def _time_all(tasks: Sequence[ReleaseTask], pair: ProcessPair, core: int | None) -> None:
     """Time each task once; one that fails says how, and ends the launch if its process may have."""
     for task in tasks:
-        if task.failure is not None:  # in a launch at the same time
-            continue
         try:
             launch = _time(task, pair, core)
         except (InputError, MachineError) as error:

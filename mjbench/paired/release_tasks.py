@@ -1,6 +1,7 @@
 """What the history times in two releases: the steps of a model, or an operation.
 
-All tasks of two releases share their launches, so that processes start once for all of them.
+All tasks of two releases share their launches, because most of a launch's time is the start of its
+processes.
 """
 
 import math

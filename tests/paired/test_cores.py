@@ -43,23 +43,12 @@ def test_the_freest_core_is_one_of_ours_and_leaves_the_affinity_as_it_was() -> N
         "many",
     ],
 )
-def test_two_launches_are_measured_at_the_same_time_where_each_has_a_core_to_spare(
+def test_two_launches_can_be_measured_at_the_same_time_where_each_has_a_core_to_spare(
     cores_and_threads: Topology, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cores.topology, "read", lambda usable: cores_and_threads)
-    assert cores.launches_at_once() == expected
-
-
-@pytest.mark.parametrize(
-    ("cores_and_threads", "expected"),
-    [(Topology(1, 1), 1), (Topology(4, 2), 2), (Topology(8, 8, quota_cores=1.5), 1)],
-    ids=["one", "hyper-threads of two", "a quota below two"],
-)
-def test_each_core_has_a_launch_where_no_processes_start_meanwhile(
-    cores_and_threads: Topology, expected: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cores.topology, "read", lambda usable: cores_and_threads)
-    assert cores.launches_at_once(others_start=False) == expected
+    assert cores.launches_at_once(most=2) == expected
+    assert cores.launches_at_once() == 1
 
 
 def test_processes_start_on_other_cores_than_those_that_are_measured_on(

@@ -8,7 +8,7 @@ import pytest
 from paired_examples import CARTPOLE, INSTALLED
 
 from mjbench.errors import InputError
-from mjbench.paired import averaging, cores, operations, preparation, release_ratio
+from mjbench.paired import averaging, operations, preparation, release_ratio
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.release_tasks import OperationTask, Processes, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
@@ -42,7 +42,7 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
     counts: list[int] = []
     clock = itertools.count(10.0).__next__
     tasks = [StepTask(BOTH, CARTPOLE.model), OperationTask(BOTH, SPEC, None)]
-    step, spec = release_ratio.measure(pool, tasks, counts.append, clock, at_once=1)
+    step, spec = release_ratio.measure(pool, tasks, counts.append, clock)
     assert counts == [1, 2]
     assert isinstance(step, StepRatioRecord)
     assert isinstance(spec, OperationRatioRecord)
@@ -125,29 +125,13 @@ def test_a_task_that_fails_says_so_and_the_others_go_on(
         InventedTask("crashing", crash_later),
         InventedTask("refused", refuse),
     ]
-    good, impossible, crashing, refused = release_ratio.measure(pool, tasks, at_once=1)
+    good, impossible, crashing, refused = release_ratio.measure(pool, tasks)
     assert (good.status, len(good.launches)) == (Status.OK, 3)
     assert (impossible.status, impossible.detail) == (Status.INPUT, "there is no such thing")
     assert (crashing.status, crashing.detail) == (Status.FAILED, "it fell over")
     assert len(crashing.launches) == 1
     assert (refused.status, refused.launches) == (Status.INPUT, [])
     assert all(task.closed for task in tasks)
-
-
-@pytest.mark.usefixtures("no_blocks")
-def test_launches_at_the_same_time_complete_a_schedule_of_placements_before_the_next(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    two = sorted(cores.USABLE)[:2]
-    if len(two) < 2:
-        pytest.skip("one core, or no affinity")
-    monkeypatch.setattr(cores, "freest_cores", lambda most: two[:most])
-    enough_after(monkeypatch, release_ratios.SCHEDULE + 1)
-    counts: list[int] = []
-    task = InventedTask("good", fine)
-    (record,) = release_ratio.measure(pool, [task], counts.append, at_once=2)
-    assert counts == [2, 4, 6, 8, 9, 11]
-    assert len(record.launches) == 11
 
 
 @pytest.mark.usefixtures("no_blocks")
@@ -164,7 +148,7 @@ def test_ctrl_c_ends_tasks_that_are_not_complete_and_what_was_measured_stays(
     complete = InventedTask("complete", fine)
     complete.launches.append(last)
     tasks = [InventedTask("interrupted", interrupt_later), complete]
-    records = release_ratio.measure(pool, tasks, at_once=1)
+    records = release_ratio.measure(pool, tasks)
     assert [r.status for r in records] == [Status.INTERRUPTED, Status.OK]
     assert [len(r.launches) for r in records] == [2, 2]
 
@@ -182,8 +166,7 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
     monkeypatch.setattr(release_ratio, "quad_count", count_quads)
     enough_after(monkeypatch, 1)
     times = iter([(2 * 10**6, 10**6), (10**6, 10**6), *[(50 * 10**6, 10**6)] * 9])
-    task = InventedTask("good", lambda count: next(times))
-    release_ratio.measure(pool, [task], at_once=1)
+    release_ratio.measure(pool, [InventedTask("good", lambda count: next(times))])
     assert counts[:3] == [3, 2, 2]
     assert set(counts[2:]) == {2}
 
