@@ -23,8 +23,11 @@ from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 
 # How often a launch lays out the memory of a task anew, and by what the quads of a verdict's layout
-# are divided: times differ between layouts, and all tasks together must not take too long.
-_LAYOUTS, _QUADS_DIVISOR = 5, 3
+# are divided. Many short launches are better than a few long ones: the time of some models differs
+# more between launches than within one, and the processes of the next start meanwhile.
+_LAYOUTS, _QUADS_DIVISOR = 2, 3
+# A task that is alone is timed in more layouts until these are ready, up to this number.
+_MAX_LAYOUTS = 6
 
 
 def measure(
@@ -87,7 +90,8 @@ def _launch_all(
             chosen = cores.freest_cores()
             core = chosen[0] if chosen else None
             with pairs.batch(chosen) as (pair,), cores.pinned(core):
-                _time_all(random.sample(remaining, len(remaining)), pair, core)
+                tasks_in_turn = random.sample(remaining, len(remaining))
+                _time_all(tasks_in_turn, pair, core, pairs.are_next_ready)
             count += 1
             on_launch(count)
             seconds = clock() - begin_s
@@ -98,11 +102,17 @@ def _launch_all(
         pairs.close()
 
 
-def _time_all(tasks: Sequence[ReleaseTask], pair: ProcessPair, core: int | None) -> None:
+def _time_all(
+    tasks: Sequence[ReleaseTask],
+    pair: ProcessPair,
+    core: int | None,
+    are_next_ready: Callable[[], bool],
+) -> None:
     """Time each task once; one that fails says how, and ends the launch if its process may have."""
+    is_enough = are_next_ready if len(tasks) == 1 else lambda: True
     for task in tasks:
         try:
-            launch = _time(task, pair, core)
+            launch = _time(task, pair, core, is_enough)
         except (InputError, MachineError) as error:
             task.failure = failure_of(error)
             if isinstance(error, MachineError):
@@ -111,13 +121,15 @@ def _time_all(tasks: Sequence[ReleaseTask], pair: ProcessPair, core: int | None)
             task.add(LaunchRatio(launch.log_ratio, pair.placements.new), launch.baseline_ns)
 
 
-def _time(task: ReleaseTask, pair: ProcessPair, core: int | None) -> Launch:
+def _time(
+    task: ReleaseTask, pair: ProcessPair, core: int | None, is_enough: Callable[[], bool]
+) -> Launch:
     """Time a task in a few layouts of memory, each with fewer quads than a verdict's."""
     orders: list[str] = []
     ns: list[np.ndarray] = []
     processes = pair.processes
     task.equip(processes)
-    for _ in range(_LAYOUTS):
+    while len(ns) < _LAYOUTS or (len(ns) < _MAX_LAYOUTS and not is_enough()):
         task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
         count = max(MIN_QUADS, quad_count(task.pair_s) // _QUADS_DIVISOR)
         # the first quad warms up both: what was prepared last would have the advantage in it

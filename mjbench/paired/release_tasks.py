@@ -17,6 +17,7 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, preparation, requests
+from mjbench.paired.balanced_draws import BalancedDraws
 from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.operations import Operation
 from mjbench.paired.preparation import Preparation
@@ -155,6 +156,8 @@ class StepTask(ReleaseTask):
         self.model = model
         self._targets = Target(releases[0], model), Target(releases[1], model)
         self._prepared: Preparation | None = None
+        # Simulations differ in how much slower they are. So all of them are timed equally often.
+        self._draws = BalancedDraws(0, random.Random())
         self._digest = ""
 
     @property
@@ -173,6 +176,7 @@ class StepTask(ReleaseTask):
             raise UnavailableError(str(error)) from error
         workload: PortableWorkload = pickle.loads(self._prepared.workloads[0].read_bytes())
         self._digest = workload.digest()
+        self._draws = BalancedDraws(self._prepared.nsim, random.Random())
 
     def equip(self, processes: Processes) -> None:
         """See `ReleaseTask.equip`."""
@@ -187,14 +191,14 @@ class StepTask(ReleaseTask):
         """See `ReleaseTask.ready`."""
         prepared = self._prepared
         assert prepared is not None, "a task is prepared before it is timed"
-        rows = np.random.default_rng().permutation(prepared.nsim)[: prepared.work_check.nbatch]
+        rows = self._draws.draw(prepared.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):
             request = requests.Prepare(
                 path=self._targets[i].path,
                 options={},
                 cores=cores.usable(core),
-                simulations=rows.tolist(),
+                simulations=rows,
             )
             ns[i] = processes[i].call(request)
         return ns[0], ns[1]

@@ -28,11 +28,11 @@ from mjbench.status import FINISHED, Status
 # The release that all are compared with.
 REFERENCE = "4.0.0"
 # Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many;
-# two turns, and more until the standard error is small enough, but no more than four, and none that
+# two turns, and more until the standard error is small enough, but no more than ten, and none that
 # would end later than so many seconds after the release's first began.
-SCHEDULE, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 36
-TARGET_DEVIATION = 0.0025
-TARGET_S = 100.0
+SCHEDULE, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 90
+TARGET_DEVIATION = 0.002
+TARGET_S = 110.0
 # The least standard error, since few launches can agree by chance. Estimates between builds of
 # equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
 MIN_DEVIATION = 0.001

@@ -85,8 +85,8 @@ def test_too_few_launches_say_nothing() -> None:
 @pytest.mark.parametrize(("spread", "expected"), [(0.001, MIN_LAUNCHES), (0.05, MAX_LAUNCHES)])
 def test_noisy_launches_are_repeated_but_not_for_ever(spread: float, expected: int) -> None:
     block = [moved(residue, sign * spread) for residue in (0, 16, 32, 48) for sign in (-1, 1)]
-    schedule = 4 * [*block, LaunchRatio(0.0)]
-    assert next(n for n in range(37) if are_enough(schedule[:n], seconds=0.2 * n)) == expected
+    schedule = 10 * [*block, LaunchRatio(0.0)]
+    assert next(n for n in range(91) if are_enough(schedule[:n], seconds=0.2 * n)) == expected
 
 
 @pytest.mark.parametrize(
