@@ -44,7 +44,7 @@ def measure(
     """Time steps and operations in RELEASEs against one fixed release.
 
     A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes three
-    to four minutes, half as long without operations. The run file has every launch.
+    TODO The run file has every launch.
 
     \b
     Examples:
@@ -77,27 +77,30 @@ def _measure(run: RunContext, selection: history_options.Selection) -> list["Rat
 
     earlier = release_ratios.finished(run.resumed_records)
     done = {(record.record_type, record.build, record.series) for record in earlier}
-    records = [*earlier]
-    with run.progress(len(selection.releases)) as advance, WorkerPool() as pool:
-        for number, release in enumerate(selection.releases):
-            tasks = [
+    releases = [
+        (release, tasks)
+        for release in selection.releases
+        if (
+            tasks := [
                 task
                 for task in _tasks(selection, release)
                 if (task.record_type, release.key, task.series) not in done
             ]
-            if not tasks:
-                continue
-            name = f"MuJoCo {release.version}"
+        )
+    ]
+    records = [*earlier]
+    shares = [0.0] * len(releases)
+    with run.progress(len(releases)) as advance, WorkerPool() as pool:
 
-            def on_launch(count: int, number: int = number, name: str = name) -> None:
-                advance(number, name, min(1.0, count / release_ratios.MIN_LAUNCHES))
+        def on_launch(index: int, share: float) -> None:
+            shares[index] = share
+            advance(0, f"MuJoCo {releases[index][0].version}", sum(shares))
 
-            measured = release_ratio.measure(pool, tasks, on_launch=on_launch)
-            for record in measured:
+        measured = release_ratio.measure_each(pool, [tasks for _, tasks in releases], on_launch)
+        for of_release in measured:
+            for record in of_release:
                 run.record(record)
-            records += measured
-            if any(record.status == Status.INTERRUPTED for record in measured):
-                break
+            records += of_release
     return records
 
 

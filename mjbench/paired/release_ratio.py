@@ -4,13 +4,15 @@ Unlike a verdict, which ends when it is certain, a ratio ends when it is known w
 it is: so none is biased by when it ended.
 """
 
+import functools
+import math
 import random
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from mjbench.errors import InputError, MachineError, failure_of
+from mjbench.errors import Failure, InputError, MachineError, failure_of
 from mjbench.paired import averaging, cores
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
@@ -26,6 +28,8 @@ from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 # are divided. Many short launches are better than a few long ones: the time of some models differs
 # more between launches than within one, and the processes of the next start meanwhile.
 _LAYOUTS, _QUADS_DIVISOR = 2, 3
+# Releases that are measured in turns, at most: their workloads are stored meanwhile.
+_MAX_IN_TURNS = 8
 # A task that is alone is timed in more layouts until these are ready, up to this number.
 _MAX_LAYOUTS = 6
 
@@ -33,73 +37,171 @@ _MAX_LAYOUTS = 6
 def measure(
     pool: WorkerPool,
     tasks: Sequence[ReleaseTask],
-    on_launch: Callable[[int], None] = lambda count: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> list[RatioRecord]:
-    """Compare a release with the reference in each of the tasks, which are of the same two.
+    """Compare a release with the reference in each of the tasks; see `measure_each`."""
+    (records,) = measure_each(pool, [tasks], clock=clock)
+    return records
 
-    Where a release crashes, hangs or fails in a task, or Ctrl-C is pressed, the records say so, and
-    hold what was measured until then.
+
+def measure_each(
+    pool: WorkerPool,
+    releases: Sequence[Sequence[ReleaseTask]],
+    on_launch: Callable[[int, float], None] = lambda index, share: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[list[RatioRecord]]:
+    """Compare releases with the reference, up to eight of them in turns.
+
+    What disturbs launches for half a minute then does not decide the ratio of one release. Where a
+    release crashes, hangs or fails in a task, or Ctrl-C is pressed, the records say so, and hold
+    what was measured until then.
 
     Args:
       pool: starts the processes.
-      tasks: what to time; one or more.
-      on_launch: called after each launch, with the number of launches so far.
+      releases: the tasks of each, one or more, which are of the same two releases.
+      on_launch: called after each launch, with the index of the release and the share of its
+        launches that is done, at least.
       clock: returns seconds.
 
-    Returns:
-      A record for each task, in their order.
+    Yields:
+      The records of a release once it is complete, one for each of its tasks, in their order. After
+      Ctrl-C, those of all that were begun, and none of the others.
     """
-    begin_s, averaged = clock(), Averaging(False)
-    reference, release = tasks[0].releases
+    count = math.ceil(len(releases) / _MAX_IN_TURNS)
+    for indices in np.array_split(np.arange(len(releases)), count) if count else ():
+        group = [
+            _Measurement(pool, releases[i], functools.partial(on_launch, int(i)), clock)
+            for i in indices
+        ]
+        yield from _measure_in_turns(group)
+        if any(each.is_interrupted for each in group):
+            return
+
+
+def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRecord]]:
+    """Measure releases in turns; yield the records of each, as `measure_each` does."""
+    launches = release_ratios.SCHEDULE if len(group) > 1 else None
+    remaining = list(group)
     try:
-        averaged = averaging.averaging(pool, reference, release)
-        _launch_all(pool, tasks, averaged, on_launch, clock)
-    except ENDING_ERRORS as error:
-        for task in tasks:
-            if not task.is_complete:
-                task.failure = task.failure or ending_of(error)
+        while remaining:
+            for each in random.sample(remaining, len(remaining)):
+                each.take_turn(launches)
+                if each.is_complete:
+                    remaining.remove(each)
+                    each.close()
+                    yield each.records()
+                if each.is_interrupted:
+                    for other in remaining:
+                        other.interrupt()
+                    yield from (other.records() for other in remaining)
+                    if not remaining:  # no record says it
+                        raise KeyboardInterrupt
+                    return
     finally:
-        for task in tasks:
+        for each in group:
+            each.close()
+
+
+class _Measurement:
+    """One release, which is measured in one turn or several.
+
+    Attributes:
+      is_interrupted: whether Ctrl-C was pressed in one of its turns.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool,
+        tasks: Sequence[ReleaseTask],
+        on_launch: Callable[[float], None],
+        clock: Callable[[], float],
+    ):
+        self._pool, self._tasks, self._on_launch, self._clock = pool, tasks, on_launch, clock
+        self._averaging: Averaging | None = None
+        # launches so far; seconds that they took, and the turns with all that belongs to them
+        self._count, self._launches_s, self._turns_s = 0, 0.0, 0.0
+        self.is_interrupted = False
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no task needs more launches, or can have any."""
+        return not self._remaining()
+
+    def _remaining(self) -> list[ReleaseTask]:
+        return [task for task in self._tasks if not task.is_complete and task.failure is None]
+
+    def take_turn(self, launches: int | None) -> None:
+        """Launch until all tasks are known well enough, or as often as a turn allows.
+
+        Args:
+          launches: of the turn, at most; None for no bound.
+        """
+        begin_s = self._clock()
+        try:
+            self._launch(launches)
+        except KeyboardInterrupt:
+            self.is_interrupted = True  # and so are the others
+        except ENDING_ERRORS as error:
+            self._fail(ending_of(error))
+        self._turns_s += self._clock() - begin_s
+
+    def interrupt(self) -> None:
+        """Note that Ctrl-C was pressed."""
+        self._fail(ending_of(KeyboardInterrupt()))
+
+    def records(self) -> list[RatioRecord]:
+        """Return what was measured, one record for each task."""
+        problem = self._averaging.problem if self._averaging else ""
+        seconds = self._turns_s / len(self._tasks)
+        return [task.record(problem, seconds) for task in self._tasks]
+
+    def close(self) -> None:
+        """Remove what the tasks stored."""
+        for task in self._tasks:
             task.close()
-    seconds = (clock() - begin_s) / len(tasks)
-    return [task.record(averaged.problem, seconds) for task in tasks]
 
+    def _fail(self, failure: Failure) -> None:
+        for task in self._remaining():
+            task.failure = failure
 
-def _launch_all(
-    pool: WorkerPool,
-    tasks: Sequence[ReleaseTask],
-    averaged: Averaging,
-    on_launch: Callable[[int], None],
-    clock: Callable[[], float],
-) -> None:
-    """Launch until all tasks are known well enough."""
-    reference, release = tasks[0].releases
-    names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
-    pairs = ProcessPairs(pool, (reference, release), names, averaged.placements())
-    try:
-        for task in tasks:
+    def _launch(self, launches: int | None) -> None:
+        reference, release = self._tasks[0].releases
+        is_first = self._averaging is None
+        if self._averaging is None:
+            self._averaging = averaging.averaging(self._pool, reference, release)
+        names = f"reference (MuJoCo {reference.version})", f"release (MuJoCo {release.version})"
+        placements = self._averaging.placements()
+        pairs = ProcessPairs(self._pool, (reference, release), names, placements)
+        try:
+            if is_first:
+                self._prepare()
+            begin_s, before_s = self._clock(), self._launches_s
+            last = None if launches is None else self._count + launches
+            while (remaining := self._remaining()) and self._count != last:
+                _launch_once(remaining, pairs)
+                self._count += 1
+                self._launches_s = before_s + self._clock() - begin_s
+                for task in remaining:
+                    task.is_complete = release_ratios.are_enough(task.launches, self._launches_s)
+                self._on_launch(release_ratios.completed_share(self._count, self._launches_s))
+        finally:
+            pairs.close()
+
+    def _prepare(self) -> None:
+        for task in self._tasks:
             try:
-                task.prepare(pool)
+                task.prepare(self._pool)
             except (InputError, MachineError) as error:
                 task.failure = failure_of(error)
-        begin_s, count = clock(), 0
-        remaining = [task for task in tasks if task.failure is None]
-        while remaining:
-            pairs.wait()
-            chosen = cores.freest_cores()
-            core = chosen[0] if chosen else None
-            with pairs.batch(chosen) as (pair,), cores.pinned(core):
-                tasks_in_turn = random.sample(remaining, len(remaining))
-                _time_all(tasks_in_turn, pair, core, pairs.are_next_ready)
-            count += 1
-            on_launch(count)
-            seconds = clock() - begin_s
-            for task in remaining:
-                task.is_complete = release_ratios.are_enough(task.launches, seconds)
-            remaining = [t for t in remaining if not t.is_complete and t.failure is None]
-    finally:
-        pairs.close()
+
+
+def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:
+    """Time all tasks in one launch."""
+    pairs.wait()
+    chosen = cores.freest_cores()
+    core = chosen[0] if chosen else None
+    with pairs.batch(chosen) as (pair,), cores.pinned(core):
+        _time_all(random.sample(tasks, len(tasks)), pair, core, pairs.are_next_ready)
 
 
 def _time_all(

@@ -158,6 +158,16 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
     return ratio is not None and ratio.deviation <= TARGET_DEVIATION
 
 
+def completed_share(count: int, seconds: float) -> float:
+    """Return the share of a release's launches that is done, at least; see `are_enough`.
+
+    Args:
+      count: of launches so far.
+      seconds: that they took.
+    """
+    return min(1.0, max(count / MAX_LAUNCHES, seconds / TARGET_S))
+
+
 @dataclass(frozen=True, kw_only=True)
 class RatioRecord:
     """What one model or operation and one release took, as run files store it; None is not known.

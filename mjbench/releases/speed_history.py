@@ -53,6 +53,11 @@ def in_order(versions: Iterable[str]) -> list[str]:
     return sorted(versions, key=order)
 
 
+def in_order_of_release(records: Iterable[RatioRecord]) -> list[RatioRecord]:
+    """Return records in the order of their releases; those of one release keep theirs."""
+    return sorted(records, key=lambda record: order(record.release))
+
+
 def order(version: str) -> tuple[Version, str]:
     """Return a key by which the versions of releases sort."""
     try:

@@ -27,6 +27,7 @@ from mjbench.paired.placement_spread import SpreadRecord, SpreadRow
 from mjbench.paired.records import VerdictRecord, VerdictRow
 from mjbench.paired.selfcheck_records import SelfcheckRow, TrialRecord
 from mjbench.program.records import ProgramRow
+from mjbench.releases import speed_history
 from mjbench.releases.catalogue import ReleaseRow
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.report.advice import Advice, ClockAdvice, advise, advise_clock
@@ -199,7 +200,8 @@ class HistoryDocument:
 
     @classmethod
     def of(cls, machine: Machine, records: Sequence[RatioRecord]) -> "HistoryDocument":
-        """Return the document of records of both kinds."""
+        """Return the document of records of both kinds, in the order of their releases."""
+        records = speed_history.in_order_of_release(records)
         steps = [record for record in records if isinstance(record, StepRatioRecord)]
         operations = [record for record in records if isinstance(record, OperationRatioRecord)]
         return cls(machine=machine, results=steps, operations=operations)

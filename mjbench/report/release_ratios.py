@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from mjbench.releases import release_ratios
+from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.release_ratios import Ratio, RatioRecord, StepRatioRecord
 from mjbench.report import tables
 from mjbench.report.markdown import change_with_error
@@ -23,7 +23,7 @@ def print_table(out: Console, records: Sequence[RatioRecord]) -> None:
         "work",
     ]
     table = tables.plain_table(headings, right=(2, 3, 4, 5))
-    for record in records:
+    for record in speed_history.in_order_of_release(records):
         table.add_row(
             record.series,
             record.release,

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,10 +58,17 @@ def measured(
     """Have no time measured; return the list of what is to be."""
     measured: list[tuple[str, str]] = []
 
-    def measure(
-        pool: WorkerPool, tasks: Sequence[ReleaseTask], on_launch: Callable[[int], None]
-    ) -> list[RatioRecord]:
-        on_launch(1)
+    def measure_each(
+        pool: WorkerPool,
+        releases: Sequence[Sequence[ReleaseTask]],
+        on_launch: Callable[[int, float], None],
+    ) -> Iterator[list[RatioRecord]]:
+        records = [records_of(tasks) for tasks in releases]
+        for index in reversed(range(len(releases))):  # they end in any order
+            on_launch(index, 1.0)
+            yield records[index]
+
+    def records_of(tasks: Sequence[ReleaseTask]) -> list[RatioRecord]:
         records: list[RatioRecord] = []
         for task in tasks:
             reference, release = task.releases
@@ -77,7 +84,7 @@ def measured(
             records.append(record)
         return records
 
-    monkeypatch.setattr(release_ratio, "measure", measure)
+    monkeypatch.setattr(release_ratio, "measure_each", measure_each)
     return measured
 
 

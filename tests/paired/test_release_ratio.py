@@ -10,6 +10,7 @@ from paired_examples import CARTPOLE, INSTALLED
 from mjbench.errors import InputError
 from mjbench.paired import averaging, operations, preparation, release_ratio
 from mjbench.paired.averaging import Averaging
+from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.release_tasks import OperationTask, Processes, ReleaseTask, StepTask
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
@@ -39,11 +40,15 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     enough_after(monkeypatch, 2)
-    counts: list[int] = []
+    launches: list[tuple[int, float]] = []
     clock = itertools.count(10.0).__next__
     tasks = [StepTask(BOTH, CARTPOLE.model), OperationTask(BOTH, SPEC, None)]
-    step, spec = release_ratio.measure(pool, tasks, counts.append, clock)
-    assert counts == [1, 2]
+
+    def on_launch(index: int, share: float) -> None:
+        launches.append((index, share))
+
+    ((step, spec),) = release_ratio.measure_each(pool, [tasks], on_launch, clock)
+    assert launches == [(0, release_ratios.completed_share(n, float(n))) for n in (1, 2)]
     assert isinstance(step, StepRatioRecord)
     assert isinstance(spec, OperationRatioRecord)
     for record in (step, spec):
@@ -153,6 +158,88 @@ def test_ctrl_c_ends_tasks_that_are_not_complete_and_what_was_measured_stays(
     assert [len(r.launches) for r in records] == [2, 2]
 
 
+def test_releases_take_turns_until_each_is_known_well_enough(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, no_blocks: None
+) -> None:
+    """A release that needs no more than one turn is stored while the other goes on."""
+    monkeypatch.setattr(release_ratios, "SCHEDULE", 2)
+    counts = {"brief": 2, "long": 5}
+    timed: list[str] = []
+    last: dict[str, int] = {}
+
+    def ready(name: str) -> Callable[[int], Sequence[int]]:
+        def record(count: int) -> Sequence[int]:
+            if count != last.get(name):
+                timed.append(name)
+            last[name] = count
+            return fine(count)
+
+        return record
+
+    tasks = {name: InventedTask(name, ready(name)) for name in counts}
+
+    def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
+        (task,) = (task for task in tasks.values() if task.launches is launches)
+        return len(launches) >= counts[task.name]
+
+    monkeypatch.setattr(release_ratios, "are_enough", are_enough)
+    measured = release_ratio.measure_each(pool, [[task] for task in tasks.values()])
+    names = []
+    for (record,) in measured:
+        names.append(record.model)
+        assert record.status == Status.OK
+        assert len(record.launches) == counts[record.model]
+        assert tasks[record.model].closed
+    assert names == ["brief", "long"]
+    assert timed[:4] in (["brief", "brief", "long", "long"], ["long", "long", "brief", "brief"])
+    assert timed[4:] == ["long"] * 3
+
+
+@pytest.mark.usefixtures("no_blocks")
+def test_ctrl_c_ends_all_releases_that_take_turns_and_begins_no_others(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(release_ratios, "SCHEDULE", 2)
+    enough_after(monkeypatch, 100)
+    monkeypatch.setattr(release_ratio, "_MAX_IN_TURNS", 2)
+
+    def interrupt_later(count: int) -> Sequence[int]:
+        if count == 3:
+            raise KeyboardInterrupt
+        return fine(count)
+
+    ready = (interrupt_later, interrupt_later, fine, fine)
+    tasks = [InventedTask(str(i), each) for i, each in enumerate(ready)]
+    records = [r for (r,) in release_ratio.measure_each(pool, [[task] for task in tasks])]
+    assert {r.model for r in records} == {"0", "1"}
+    assert {r.status for r in records} == {Status.INTERRUPTED}
+    assert sorted(len(r.launches) for r in records) in ([2, 3], [3, 4])
+    assert not tasks[2].launches
+
+
+@pytest.mark.usefixtures("no_blocks")
+def test_ctrl_c_after_the_last_launch_is_not_lost(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enough_after(monkeypatch, 1)
+    close = ProcessPairs.close
+
+    def interrupted(pairs: ProcessPairs) -> None:
+        close(pairs)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProcessPairs, "close", interrupted)
+    measured = release_ratio.measure_each(pool, [[InventedTask("good", fine)]])
+    ((record,),) = itertools.islice(measured, 1)
+    assert record.status == Status.OK
+    with pytest.raises(KeyboardInterrupt):
+        next(measured)
+
+
+def test_nothing_to_measure_gives_nothing(pool: WorkerPool) -> None:
+    assert list(release_ratio.measure_each(pool, [])) == []
+
+
 @pytest.mark.usefixtures("no_blocks")
 def test_a_disturbed_block_does_not_decide_how_many_are_timed(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
@@ -169,6 +256,39 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
     release_ratio.measure(pool, [InventedTask("good", lambda count: next(times))])
     assert counts[:3] == [3, 2, 2]
     assert set(counts[2:]) == {2}
+
+
+@pytest.mark.usefixtures("no_blocks")
+@pytest.mark.parametrize(("tasks", "layouts"), [(1, 4), (2, 2)])
+def test_a_task_that_is_alone_is_timed_until_the_next_processes_are_ready(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, tasks: int, layouts: int
+) -> None:
+    answers = iter([False, False, *[True] * 9])
+    monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
+    enough_after(monkeypatch, 1)
+    prepared: list[str] = []
+
+    def ready(name: str) -> Callable[[int], Sequence[int]]:
+        def record(count: int) -> Sequence[int]:
+            prepared.append(name)
+            return fine(count)
+
+        return record
+
+    names = [str(i) for i in range(tasks)]
+    release_ratio.measure(pool, [InventedTask(name, ready(name)) for name in names])
+    assert [prepared.count(name) for name in names] == tasks * [layouts]
+
+
+@pytest.mark.usefixtures("no_blocks")
+def test_a_task_that_is_alone_does_not_wait_for_ever(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: False)
+    enough_after(monkeypatch, 1)
+    ready = itertools.count()
+    release_ratio.measure(pool, [InventedTask("alone", lambda count: fine(next(ready)))])
+    assert next(ready) == release_ratio._MAX_LAYOUTS
 
 
 @pytest.mark.parametrize(
