@@ -23,8 +23,9 @@ from mjbench.instrument import child
 
 # What workers import, or MuJoCo does.
 _MODULES = (
-    *("copy", "csv", "ctypes.util", "hashlib", "importlib.metadata", "mmap", "platform", "random"),
-    *("subprocess", "typing", "warnings", "zipfile", "numpy", "numpy.typing"),
+    *("copy", "csv", "ctypes.util", "hashlib", "importlib.metadata", "json", "mmap", "pkgutil"),
+    *("platform", "random", "subprocess", "typing", "warnings", "zipfile"),
+    *("numpy", "numpy.random", "numpy.typing"),
     *("mjbench.paired.worker", "mjbench.releases.install_check", "mjbench.releases.moved_install"),
 )
 # A request is a mark, with two files: the worker's connection and its output. The answer is the

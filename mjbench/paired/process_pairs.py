@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from mjbench.errors import MjbenchError
 from mjbench.instrument import machine
-from mjbench.paired import cores, launch_seeds
+from mjbench.paired import cores
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -59,8 +59,8 @@ class ProcessPairs:
         """
         self._pool, self._releases, self._names, self._count = pool, releases, names, count
         self._placements = placements or itertools.repeat(AS_SHIPPED)
-        # Every pair of releases begins with programs of its own, started at the same time.
-        self._seeds = launch_seeds.schedule(random.Random(), launch_seeds.launches_of_a_program())
+        self._seeds = pool.seeds(releases)
+        self._next_seeds = next(self._seeds)
         self._equip: Equip | None = None
         # Those that were started ahead, for the next launches; threads ask whether they are ready.
         self._next: list[ProcessPair] = []
@@ -142,7 +142,7 @@ class ProcessPairs:
 
     def _start(self, allowed: Collection[int]) -> ProcessPair:
         """Start the processes of one launch on the allowed cores, without waiting for them."""
-        seeds = next(self._seeds)
+        seeds, self._next_seeds = self._next_seeds, next(self._seeds)
         placements = next(self._placements)
         both = (placements.old, placements.new)
         started: dict[int, WorkerProcess] = {}
@@ -154,6 +154,10 @@ class ProcessPairs:
             pair = ProcessPair((started[0], started[1]), placements)
             if self._equip is not None:
                 self._equip(pair.processes)
+            if self._next_seeds.program != seeds.program:
+                for i in random.sample((0, 1), 2):
+                    release = self._releases[i]
+                    self._pool.start_program_early(release, i, allowed, self._next_seeds)
         except BaseException:
             self._pool.end(list(started.values()))
             raise

@@ -2,13 +2,14 @@
 
 import contextlib
 import pickle
+import random
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mjbench.errors import writing
 from mjbench.instrument import platforms, scratch
-from mjbench.paired import release_python, requests
+from mjbench.paired import launch_seeds, release_python, requests
 from mjbench.paired.launch_seeds import LaunchSeeds
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.paired.worker_programs import WorkerProgram, WorkerPrograms
@@ -41,6 +42,8 @@ class WorkerPool:
         self._checked: set[str] = set()
         self._file_count = 0
         self._seeds = LaunchSeeds(0, 0)
+        # Of launches, by the keys of their two releases.
+        self._schedules: dict[tuple[str, str], Iterator[LaunchSeeds]] = {}
 
     def __enter__(self) -> "WorkerPool":
         with contextlib.ExitStack() as closing:
@@ -126,6 +129,38 @@ class WorkerPool:
         check_files = release.key not in self._checked
         worker.ask(requests.StartRelease(release.version, check_files, self._seeds.memory, move))
         return worker
+
+    def seeds(
+        self, releases: tuple[installs.ReleaseSpec, installs.ReleaseSpec]
+    ) -> Iterator[LaunchSeeds]:
+        """Return the seeds of the next launches of two releases.
+
+        Programs that fork their workers are always started for both at the same time. Comparisons
+        of the same two releases, one after the other, share them: to start a program takes as long
+        as a launch.
+        """
+        keys = releases[0].key, releases[1].key
+        if keys not in self._schedules:
+            launches = launch_seeds.launches_of_a_program()
+            self._schedules[keys] = launch_seeds.schedule(random.Random(), launches)
+        return self._schedules[keys]
+
+    def start_program_early(
+        self, release: installs.ReleaseSpec, side: int, cores: Collection[int], seeds: LaunchSeeds
+    ) -> None:
+        """Start the program that workers of a later launch are forked from, where they are forked.
+
+        Args:
+          release: of MuJoCo.
+          side: 0 or 1 for baseline and candidate.
+          cores: that it may run on, for now; none for all that this process may use.
+          seeds: of the launch.
+
+        Raises:
+          MachineError: no process can be started.
+        """
+        program = WorkerProgram(release.key, self._install(release), side, seeds.program)
+        self._programs.start_early(program, cores)
 
     def movable(self, release: installs.ReleaseSpec) -> MovableInstall:
         """Return what moves in a release; it is installed first if it is missing.

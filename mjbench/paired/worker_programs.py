@@ -17,6 +17,8 @@ from mjbench.paired.worker_process import Process
 
 # Programs that wait for requests, at most: those of two sides, for the releases used last.
 _MAX_SERVERS = 4
+# Programs that were started early, at most: those of two sides.
+_MAX_EARLY = 2
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class WorkerPrograms:
         """
         self._root, self._folder, self._limit_s = root, folder, limit_s
         self._servers: dict[WorkerProgram, ForkServerProcess] = {}
+        self._early: dict[WorkerProgram, ForkServerProcess] = {}
         self._retired: list[ForkServerProcess] = []
         self._server_count = 0
 
@@ -83,6 +86,25 @@ class WorkerPrograms:
             connection.close()
             raise
 
+    def start_early(self, program: WorkerProgram, allowed: Collection[int]) -> None:
+        """Start the program that later workers are forked from, where they are, without waiting.
+
+        Those that were started early before, and not used, may end.
+
+        Args:
+          program: that will be used.
+          allowed: cores that it may run on, for now; none for all that this process may use.
+
+        Raises:
+          MachineError: no process can be started.
+        """
+        if not platforms.can_adopt() or program in self._servers or program in self._early:
+            return
+        while len(self._early) >= _MAX_EARLY:
+            self._early.pop(next(iter(self._early))).end()
+        server = self._early[program] = self._new_server(program)
+        cores.confine([server.process.pid], allowed or cores.USABLE)
+
     def _start_worker(
         self,
         program: WorkerProgram,
@@ -100,9 +122,10 @@ class WorkerPrograms:
 
     def end(self) -> None:
         """End all programs that fork."""
-        for server in (*self._servers.values(), *self._retired):
+        for server in (*self._servers.values(), *self._early.values(), *self._retired):
             server.end()
         self._servers.clear()
+        self._early.clear()
         self._retired.clear()
 
     def _server(self, program: WorkerProgram) -> ForkServerProcess:
@@ -116,14 +139,20 @@ class WorkerPrograms:
             self._retire(other)
         if len(self._servers) >= _MAX_SERVERS:
             self._retire(next(iter(self._servers)))
+        if program in self._early and self._early[program].has_ended:
+            self._early.pop(program).end()
+        server = self._early.pop(program, None) or self._new_server(program)
+        self._servers[program] = server
+        return server
+
+    def _new_server(self, program: WorkerProgram) -> ForkServerProcess:
+        """Start a program that forks workers."""
         self._server_count += 1
         output_file = self._folder / f"server{self._server_count}.output"
         ours, theirs = _socket_pair(socket.SOCK_SEQPACKET)
         with theirs:
             process = self._start("mjbench.paired.fork_server", program, theirs, output_file)
-        server = ForkServerProcess(process, ours, self._limit_s, output_file)
-        self._servers[program] = server
-        return server
+        return ForkServerProcess(process, ours, self._limit_s, output_file)
 
     def _retire(self, program: WorkerProgram) -> None:
         """End a server as soon as its workers have ended; it forks no others."""

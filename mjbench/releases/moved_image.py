@@ -9,7 +9,9 @@ This runs in a process that is about to import a release: it needs NumPy alone. 
 what has to change.
 """
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -40,27 +42,32 @@ class MovableImage:
     permissions: np.ndarray
     unaligned: np.ndarray
 
-    def moved(self, content: bytes, shift: int) -> bytes:
-        """Return the content of the library's file, moved.
+    def write(self, source: Path, target: Path, shift: int) -> int:
+        """Write the library's file, moved, to another one; return its size in bytes.
+
+        The inserted bytes are a hole in the file, which takes up no space and reads as zeros.
 
         Args:
-          content: as installed.
+          source: as installed.
+          target: to create.
           shift: bytes to move by, as a `Placement` holds them.
-        """
-        if not shift:
-            return content
-        source = np.frombuffer(content, np.uint8)
-        result = np.empty(len(content) + shift, np.uint8)
-        result[: self.insert_at] = source[: self.insert_at]
-        result[self.insert_at : self.insert_at + shift] = 0
-        result[self.insert_at + shift :] = source[self.insert_at :]
-        numbers = result[: len(result) // 8 * 8].view("<u8")
-        numbers[self._places(self.addresses, shift) // 8] += np.uint64(shift)
-        result[self._places(self.permissions[:, 0], shift)] = self.permissions[:, 1]
-        if shift % _VECTOR_BYTES:
-            result[self._places(self.unaligned[:, 0], shift)] = self.unaligned[:, 1]
-        return result.tobytes()
 
-    def _places(self, places: np.ndarray, shift: int) -> np.ndarray:
-        """Return where places of the file are after it was moved."""
-        return np.where(places < self.insert_at, places, places + shift)
+        Raises:
+          OSError: the one cannot be read, or the other not written.
+        """
+        content = np.fromfile(source, np.uint8)
+        if shift:
+            self._change(content, shift)
+        with target.open("xb") as file:
+            file.write(content[: self.insert_at].data)
+            file.seek(shift, os.SEEK_CUR)
+            file.write(content[self.insert_at :].data)
+        return len(content) + shift
+
+    def _change(self, content: np.ndarray, shift: int) -> None:
+        """Change in the library's bytes what changes when it is moved."""
+        numbers = content[: len(content) // 8 * 8].view("<u8")
+        numbers[self.addresses // 8] += np.uint64(shift)
+        content[self.permissions[:, 0]] = self.permissions[:, 1]
+        if shift % _VECTOR_BYTES:
+            content[self.unaligned[:, 0]] = self.unaligned[:, 1]

@@ -82,6 +82,43 @@ def test_one_program_forks_the_workers_of_a_side_until_their_seed_changes() -> N
             pool.end([worker])
 
 
+def test_a_program_that_was_started_early_forks_the_workers_of_its_seed() -> None:
+    before, later = process_tree.descendants(), LaunchSeeds(1, 6)
+    with WorkerPool() as pool:
+        worker = pool.start(INSTALLED, seeds=LaunchSeeds(1, 5))
+        pool.wait_for(worker, INSTALLED)
+        (server,) = process_tree.descendants() - before - {worker.pid}
+        pool.start_program_early(INSTALLED, 0, (), later)
+        (early,) = process_tree.descendants() - before - {worker.pid, server}
+        pool.end([worker])
+        worker = pool.start(INSTALLED, seeds=later)
+        pool.wait_for(worker, INSTALLED)
+        assert process_tree.descendants() - before == {worker.pid, early}
+    assert process_tree.descendants() <= before
+
+
+def test_of_programs_that_are_never_used_two_remain() -> None:
+    before = process_tree.descendants()
+    with WorkerPool() as pool:
+        for program in range(4):
+            pool.start_program_early(INSTALLED, program % 2, (), LaunchSeeds(1, program))
+        pool.start_program_early(INSTALLED, 1, (), LaunchSeeds(1, 3))
+        assert len(process_tree.descendants() - before) == 2
+    assert process_tree.descendants() <= before
+
+
+def test_another_program_takes_the_place_of_an_early_one_that_was_killed() -> None:
+    before, later = process_tree.descendants(), LaunchSeeds(1, 6)
+    with WorkerPool() as pool:
+        pool.start_program_early(INSTALLED, 0, (), later)
+        (early,) = process_tree.descendants() - before
+        os.kill(early, signal.SIGKILL)
+        os.waitid(os.P_PID, early, os.WEXITED | os.WNOWAIT)  # it has ended
+        worker = pool.start(INSTALLED, seeds=later)
+        pool.wait_for(worker, INSTALLED)
+    assert process_tree.descendants() <= before
+
+
 def test_workers_are_kept_on_the_cores_that_they_start_on() -> None:
     core = min(platforms.affinity())
     with WorkerPool() as pool:

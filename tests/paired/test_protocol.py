@@ -12,8 +12,8 @@ import pytest
 from paired_examples import CARTPOLE
 
 from mjbench.errors import MachineError
-from mjbench.instrument import machine
-from mjbench.paired import cores, protocol, requests, time_limit
+from mjbench.instrument import machine, platforms
+from mjbench.paired import cores, launch_seeds, protocol, requests, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
@@ -210,6 +210,29 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
     with pytest.raises(TargetError, match=r"baseline .*killed by signal 9"):
         pair.launch_batch()
     pair.close()
+
+
+@pytest.mark.skipif(not platforms.can_adopt(), reason="only Linux adopts orphans")
+def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    launches = launch_seeds.launches_of_a_program()
+    early = list[tuple[int, int]]()
+    monkeypatch.setattr(
+        pool, "start_program_early", lambda release, side, *_: early.append((side, len(started)))
+    )
+    started, start = list[Any](), pool.start
+    monkeypatch.setattr(pool, "start", lambda *arguments: started.append(start(*arguments)))
+    monkeypatch.setattr(pool, "end", lambda processes: None)
+    release = CARTPOLE.release
+    pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
+    for _ in range(launches):
+        with pairs.batch([]):
+            pass
+        pairs._start_ahead(())
+    monkeypatch.undo()
+    pool.end(started)
+    assert early == [(0, 2 * launches), (1, 2 * launches)]
 
 
 def test_where_the_processes_of_a_second_launch_cannot_start_those_of_the_first_end(

@@ -10,6 +10,7 @@ from typing import Any
 import capstone
 import pytest
 from elftools.elf.elffile import ELFFile
+from moved_bytes import moved
 
 from mjbench.releases import aligned_instructions, image_reader
 from mjbench.releases.moved_image import ImmovableError, MovableImage
@@ -63,7 +64,7 @@ def test_a_moved_library_has_nothing_left_to_replace_and_its_addresses_are_the_m
     movable_install: MovableInstall,
 ) -> None:
     content, image = library(movable_install, "_functions.")
-    again = image_reader.read(image.moved(content, SHIFT))
+    again = image_reader.read(moved(image, content, SHIFT))
     assert len(again.unaligned) == 0
     assert again.insert_at == image.insert_at
     stay = image.addresses[image.addresses < image.insert_at]
@@ -76,7 +77,7 @@ def test_another_reader_finds_every_symbol_segment_and_section_moved(
     movable_install: MovableInstall, begin: str
 ) -> None:
     content, image = library(movable_install, begin)
-    before, after = elf(content), elf(image.moved(content, SHIFT))
+    before, after = elf(content), elf(moved(image, content, SHIFT))
     symbols = [file.get_section_by_name(".dynsym") for file in (before, after)]
     kinds = set()
     for old, new in zip(*(section.iter_symbols() for section in symbols), strict=True):
@@ -102,7 +103,7 @@ def test_another_reader_finds_every_relocation_and_dynamic_address_moved(
     movable_install: MovableInstall,
 ) -> None:
     content, image = library(movable_install, "_rollout.")
-    before, after = elf(content), elf(image.moved(content, SHIFT))
+    before, after = elf(content), elf(moved(image, content, SHIFT))
     relative = 0
     for name in (".rela.dyn", ".rela.plt"):
         tables = [file.get_section_by_name(name) for file in (before, after)]

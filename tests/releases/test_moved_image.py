@@ -1,7 +1,10 @@
 """The bytes of a moved library."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from moved_bytes import moved
 
 from mjbench.releases.moved_image import MovableImage
 
@@ -21,18 +24,18 @@ def number(content: bytes, place: int) -> int:
 
 @pytest.mark.parametrize("shift", [16, 32, 48, 4080])
 def test_bytes_are_inserted_and_numbers_grow_by_as_many(shift: int) -> None:
-    moved = IMAGE.moved(CONTENT, shift)
-    assert len(moved) == len(CONTENT) + shift
-    assert moved[16 : 16 + shift] == bytes(shift)
-    assert number(moved, 8) == number(CONTENT, 8) + shift
-    assert number(moved, 24 + shift) == number(CONTENT, 24) + shift
-    assert moved[1] == 5
+    result = moved(IMAGE, CONTENT, shift)
+    assert len(result) == len(CONTENT) + shift
+    assert result[16 : 16 + shift] == bytes(shift)
+    assert number(result, 8) == number(CONTENT, 8) + shift
+    assert number(result, 24 + shift) == number(CONTENT, 24) + shift
+    assert result[1] == 5
 
 
 @pytest.mark.parametrize("shift", [16, 32])
 def test_nothing_else_changes(shift: int) -> None:
-    moved = IMAGE.moved(CONTENT, shift)
-    back = bytearray(moved[:16] + moved[16 + shift :])
+    result = moved(IMAGE, CONTENT, shift)
+    back = bytearray(result[:16] + result[16 + shift :])
     named = {*range(8, 16), *range(24, 32), 1, 40, 41}
     assert all(back[i] == CONTENT[i] for i in set(range(64)) - named)
 
@@ -41,14 +44,23 @@ def test_nothing_else_changes(shift: int) -> None:
 def test_instructions_change_only_where_vectors_lose_their_alignment(
     shift: int, expected: bytes
 ) -> None:
-    assert IMAGE.moved(CONTENT, shift)[40 + shift : 42 + shift] == expected
+    assert moved(IMAGE, CONTENT, shift)[40 + shift : 42 + shift] == expected
 
 
 def test_a_library_that_is_moved_by_nothing_is_the_same() -> None:
-    assert IMAGE.moved(CONTENT, 0) == CONTENT
+    assert moved(IMAGE, CONTENT, 0) == CONTENT
 
 
 def test_an_address_may_carry_into_its_last_byte() -> None:
     content = bytes(8) + b"\xf8" + 7 * b"\xff" + bytes(16)
     image = MovableImage(0, np.array([8]), *2 * [np.empty((0, 2), np.int64)])
-    assert number(image.moved(content, 16), 8 + 16) == 8
+    assert number(moved(image, content, 16), 8 + 16) == 8
+
+
+def test_a_file_that_exists_is_not_written_over(tmp_path: Path) -> None:
+    source, target = tmp_path / "source", tmp_path / "target"
+    source.write_bytes(CONTENT)
+    target.write_bytes(b"mine")
+    with pytest.raises(FileExistsError):
+        IMAGE.write(source, target, 16)
+    assert target.read_bytes() == b"mine"
