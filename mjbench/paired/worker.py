@@ -80,7 +80,7 @@ class Worker:
         self.slowdown = 0.0
         self.single_steps: TimedSteps | None = None
         self.padding: list[Any] = []
-        self.scattered: deque[list[bytearray]] = deque(maxlen=_SCATTERED_LAYOUTS)
+        self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
         self.rng = random.Random()
         self._handlers: Mapping[type[Request[Any]], Callable[[Any], Any]] = {
             requests.StartRelease: self._start_release,
@@ -361,12 +361,15 @@ def _mapped(rng: random.Random) -> mmap.mmap:
     return mmap.mmap(-1, size, flags=flags, prot=mmap.PROT_READ)  # takes up no memory
 
 
-def _scattered(rng: random.Random) -> list[bytearray]:
+def _scattered(rng: random.Random) -> list[object]:
     """Return blocks of memory that move whatever is allocated after them to random places."""
+    import numpy as np
+
     small = [bytearray(rng.randrange(16, _SMALL_BYTES)) for _ in range(_SMALL)]
-    large = [bytearray(rng.randrange(1 << 12, _LARGE_BYTES)) for _ in range(_LARGE)]
+    # of NumPy, which writes nothing to them: that would take 5 ms
+    large = [np.empty(rng.randrange(1 << 12, _LARGE_BYTES), np.uint8) for _ in range(_LARGE)]
     # half of them are freed at once: holes that the allocator fills with some of what comes next
-    return rng.sample(small, _SMALL // 2) + rng.sample(large, _LARGE // 2)
+    return [*rng.sample(small, _SMALL // 2), *rng.sample(large, _LARGE // 2)]
 
 
 def _call_deeper(levels: int, function: Callable[[], None]) -> None:

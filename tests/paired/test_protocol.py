@@ -1,6 +1,7 @@
 """Launches: order of blocks, log ratios, cores, and processes."""
 
 import os
+import random
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
@@ -17,7 +18,8 @@ from mjbench.paired import cores, launch_seeds, protocol, requests, time_limit
 from mjbench.paired.process_pairs import ProcessPairs
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
-from mjbench.paired.worker_process import TargetError
+from mjbench.paired.worker_process import TargetError, WorkerProcess
+from mjbench.releases.installs import ReleaseSpec
 
 needs_affinity = pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="no affinity on this system"
@@ -217,22 +219,35 @@ def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     launches = launch_seeds.launches_of_a_program()
-    early = list[tuple[int, int]]()
-    monkeypatch.setattr(
-        pool, "start_program_early", lambda release, side, *_: early.append((side, len(started)))
-    )
-    started, start = list[Any](), pool.start
-    monkeypatch.setattr(pool, "start", lambda *arguments: started.append(start(*arguments)))
-    monkeypatch.setattr(pool, "end", lambda processes: None)
+    seeds = launch_seeds.schedule(random.Random(), launches)
+    early, started, start = list[tuple[int, int]](), list[WorkerProcess](), pool.start
+
+    def spying(*arguments: Any) -> WorkerProcess:
+        started.append(start(*arguments))
+        return started[-1]
+
+    def start_early(release: ReleaseSpec, side: int, *arguments: object) -> None:
+        early.append((side, len(started)))
+
     release = CARTPOLE.release
-    pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
-    for _ in range(launches):
-        with pairs.batch([]):
-            pass
-        pairs._start_ahead(())
-    monkeypatch.undo()
-    pool.end(started)
-    assert early == [(0, 2 * launches), (1, 2 * launches)]
+    with monkeypatch.context() as patch:
+        patch.setattr(pool, "seeds", lambda releases: seeds)
+        patch.setattr(pool, "start", spying)
+        patch.setattr(pool, "start_program_early", start_early)
+        pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
+        for _ in range(launches):
+            with pairs.batch([]):
+                pass
+            pairs.wait()
+        pairs.close()
+    # in random order, and none again for the first launch of those programs
+    assert sorted(early) == [(0, 2 * launches), (1, 2 * launches)]
+
+
+def test_comparisons_of_the_same_releases_share_their_programs(pool: WorkerPool) -> None:
+    first, second = CARTPOLE.release, ReleaseSpec("3.5.0", "3.5.0")
+    assert pool.seeds((first, second)) is pool.seeds((first, second))
+    assert pool.seeds((first, second)) is not pool.seeds((second, first))
 
 
 def test_where_the_processes_of_a_second_launch_cannot_start_those_of_the_first_end(
