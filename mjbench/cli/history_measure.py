@@ -43,8 +43,8 @@ def measure(
 ) -> None:
     """Time steps and operations in RELEASEs against one fixed release.
 
-    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes three
-    TODO The run file has every launch.
+    A release is a version (3.5.0), a wheel or a folder of wheels, or `installed`. Each takes two
+    minutes. The run file has every launch.
 
     \b
     Examples:

@@ -17,6 +17,7 @@ from mjbench.releases.release_ratios import (
     as_shipped,
     averaged,
     clipped,
+    completed_share,
     finished,
 )
 from mjbench.status import Status
@@ -99,6 +100,16 @@ def test_a_slow_machine_repeats_launches_only_while_time_is_left(
     noisy = [moved(residue, sign * 0.05) for residue in (0, 16, 32, 48) for sign in (-1, 1)]
     schedule = 4 * [*noisy, LaunchRatio(0.0)]
     assert next(n for n in range(37) if are_enough(schedule[:n], n * launch_s)) == expected
+
+
+@pytest.mark.parametrize(
+    ("count", "seconds", "share"),
+    [(0, 0.0, 0.0), (MAX_LAUNCHES // 2, 1.0, 0.5), (1, TARGET_S / 4, 0.25), (99, 999.0, 1.0)],
+)
+def test_launches_or_seconds_say_how_much_of_a_release_is_done(
+    count: int, seconds: float, share: float
+) -> None:
+    assert completed_share(count, seconds) == share
 
 
 def test_what_failed_is_measured_again() -> None:

@@ -15,6 +15,8 @@ from mjbench.paired.judgement import judge
 from mjbench.paired.outcomes import Verdict
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS
+from mjbench.releases.release_ratios import RatioRecord
+from mjbench.report import history_files, speed_page
 from mjbench.report.advice import Reason, advise
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
@@ -26,6 +28,7 @@ COMPARISONS = sorted(RUNS.glob("reference-mujoco-*.jsonl"))
 SELFCHECKS = sorted(RUNS.glob("reference-selfcheck-*.jsonl"))
 INSIDE_STEP = sorted(RUNS.glob("reference-inside-step*.jsonl"))
 HISTORY_AGAIN = RUNS / "reference-history-again.jsonl"
+NO_CHANGE = RUNS / "reference-history-no-change.jsonl"
 BETWEEN_BUILDS = sorted(RUNS.glob("reference-between-builds*.jsonl"))
 
 
@@ -34,7 +37,8 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert SELFCHECKS
     assert INSIDE_STEP
     assert len(BETWEEN_BUILDS) == 3
-    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, HISTORY_AGAIN}
+    histories = {HISTORY_AGAIN, NO_CHANGE}
+    committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
 
 
@@ -144,3 +148,20 @@ def test_docs_say_how_far_changes_of_the_second_history_differ(
     deviation, largest = re.findall(r"([0-9.]+ %)", changes)
     page = " ".join((ROOT / "docs/method/history.md").read_text().split())
     assert f"committed run by {deviation} (root mean square), and by up to {largest};" in page
+
+
+def test_a_pass_in_turns_is_as_exact_as_the_page_says_and_takes_two_minutes_a_release() -> None:
+    history = history_files.read([NO_CHANGE], ROOT / "benchmarks/causes.toml")
+    (line,) = speed_page.no_change_line(history)
+    figures = re.search(r"is ([0-9.]+ %), where their standard errors predict ([0-9.]+ %)", line)
+    assert figures is not None
+    assert float(figures[1].split()[0]) < 0.5
+    assert "; 0 of them are listed" in line
+    page = " ".join((ROOT / "docs/method/history.md").read_text().split())
+    assert f"first command in the table above | {figures[1]} | {figures[2]} |" in page
+    seconds: dict[str, float] = {}
+    for record in runs.load(NO_CHANGE, RECORD_TYPES).of_type(RatioRecord):
+        seconds[record.release] = seconds.get(record.release, 0.0) + record.seconds
+    least, most = min(seconds.values()), max(seconds.values())
+    assert most <= 120.0
+    assert f"--no-operations`, AMD EPYC | {least:.0f} to {most:.0f} |" in page
