@@ -123,7 +123,7 @@ _TERMS = """
   interval that is widened by the correlation estimated from its own launches was tried and not
   adopted. It took 11 % more launches (placed: 25 %) where there is no correlation, and was wrong in
   2.1 % (placed: 1.2 %) of comparisons where it is 0.5.
-- *Of one program*: every sixteen launches in a row are correlated, because their processes were
+- *Of one program*: every eight launches in a row are correlated, because their processes were
   [forked from the same programs](paired.md#launches). *In pairs*: every two are, as where the
   kernel draws the addresses of programs.
 - *Placed*: each launch moves both libraries to one of four residues modulo 64. Between these, the

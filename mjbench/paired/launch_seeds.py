@@ -12,7 +12,7 @@ from mjbench.instrument import platforms
 
 # Launches whose workers are forked from the same programs. What these share correlates launches,
 # but little where the kernel does not draw addresses (see `benchmarks/variance_components.py`).
-FIXED_LAUNCHES, RANDOM_LAUNCHES = 16, 2
+FIXED_LAUNCHES, RANDOM_LAUNCHES = 8, 2
 
 
 @dataclass(frozen=True)
