@@ -52,7 +52,7 @@ def test_a_dry_run_says_what_there_is_to_do_and_measures_nothing(tmp_path: Path)
         "versions, time 2 0 2 at most 2 min on one machine",
         "compare 2 0 2 at most 2 min on one machine",
         "instructions 4 0 4 unknown until one is measured",
-        "history 4 0 4 at most 3 min on one machine",
+        "history 4 0 4 at most 4 min on one machine",
     ]
     assert list(tmp_path.iterdir()) == [tmp_path / "plan.toml"]
 
