@@ -77,27 +77,25 @@ def _measure(run: RunContext, selection: history_options.Selection) -> list["Rat
 
     earlier = release_ratios.finished(run.resumed_records)
     done = {(record.record_type, record.build, record.series) for record in earlier}
-    releases = [
-        (release, tasks)
+    by_release = [
+        [
+            t
+            for t in _tasks(selection, release)
+            if (t.record_type, release.key, t.series) not in done
+        ]
         for release in selection.releases
-        if (
-            tasks := [
-                task
-                for task in _tasks(selection, release)
-                if (task.record_type, release.key, task.series) not in done
-            ]
-        )
     ]
+    remaining = [tasks for tasks in by_release if tasks]
     records = [*earlier]
-    shares = [0.0] * len(releases)
-    with run.progress(len(releases)) as advance, WorkerPool() as pool:
+    shares = [0.0] * len(remaining)
+    with run.progress(len(remaining)) as advance, WorkerPool() as pool:
 
         def on_launch(index: int, share: float) -> None:
             shares[index] = share
-            advance(0, f"MuJoCo {releases[index][0].version}", sum(shares))
+            _, release = remaining[index][0].releases
+            advance(0, f"MuJoCo {release.version}", sum(shares))
 
-        measured = release_ratio.measure_each(pool, [tasks for _, tasks in releases], on_launch)
-        for of_release in measured:
+        for of_release in release_ratio.measure_each(pool, remaining, on_launch):
             for record in of_release:
                 run.record(record)
             records += of_release

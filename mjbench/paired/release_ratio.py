@@ -183,7 +183,8 @@ class _Measurement:
                 self._launches_s = before_s + self._clock() - begin_s
                 for task in remaining:
                     task.is_complete = release_ratios.are_enough(task.launches, self._launches_s)
-                self._on_launch(release_ratios.completed_share(self._count, self._launches_s))
+                share = release_ratios.completed_share(self._count, self._launches_s)
+                self._on_launch(1.0 if self.is_complete else share)
         finally:
             pairs.close()
 

@@ -1,7 +1,6 @@
 """What the history times in two releases: the steps of a model, or an operation.
 
-All tasks of two releases share their launches, because most of a launch's time is the start of its
-processes.
+All tasks of two releases share their launches, so that processes start once for all of them.
 """
 
 import math
@@ -157,7 +156,7 @@ class StepTask(ReleaseTask):
         self._targets = Target(releases[0], model), Target(releases[1], model)
         self._prepared: Preparation | None = None
         # Simulations differ in how much slower they are. So all of them are timed equally often.
-        self._draws = BalancedDraws(0, random.Random())
+        self._draws: BalancedDraws | None = None
         self._digest = ""
 
     @property
@@ -189,9 +188,10 @@ class StepTask(ReleaseTask):
 
     def ready(self, processes: Processes, core: int | None) -> tuple[int, int]:
         """See `ReleaseTask.ready`."""
-        prepared = self._prepared
+        prepared, draws = self._prepared, self._draws
         assert prepared is not None, "a task is prepared before it is timed"
-        rows = self._draws.draw(prepared.work_check.nbatch)
+        assert draws is not None, "a task is prepared before it is timed"
+        rows = draws.draw(prepared.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):
             request = requests.Prepare(

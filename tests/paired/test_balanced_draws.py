@@ -17,7 +17,7 @@ def test_all_are_drawn_equally_often_and_none_twice_at_once(size: int, count: in
         assert len(set(drawn)) == count
         assert set(drawn) <= set(range(size))
         counts.update(drawn)
-        assert max(counts.values()) - min(counts[i] for i in range(size)) <= 2
+        assert max(counts.values()) - min(counts[i] for i in range(size)) <= 1
     if size % count == 0 and 40 * count % size == 0:
         assert set(counts.values()) == {40 * count // size}
 

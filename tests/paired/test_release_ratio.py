@@ -48,7 +48,7 @@ def test_a_release_against_itself_does_the_same_in_launches_that_tasks_share(
         launches.append((index, share))
 
     ((step, spec),) = release_ratio.measure_each(pool, [tasks], on_launch, clock)
-    assert launches == [(0, release_ratios.completed_share(n, float(n))) for n in (1, 2)]
+    assert launches == [(0, release_ratios.completed_share(1, 1.0)), (0, 1.0)]
     assert isinstance(step, StepRatioRecord)
     assert isinstance(spec, OperationRatioRecord)
     for record in (step, spec):
