@@ -4,7 +4,7 @@ import random
 
 
 class BalancedDraws:
-    """Draws from the integers below a number, in random order, each of them equally often."""
+    """Draws integers below a number in random order, each equally often to within one."""
 
     def __init__(self, size: int, rng: random.Random):
         """Draw nothing yet.
@@ -13,21 +13,18 @@ class BalancedDraws:
           size: how many integers there are: those from 0 to `size` - 1.
           rng: decides the order.
         """
-        self._size, self._rng = size, rng
-        self._remaining: list[int] = []
+        self._rng = rng
+        self._counts = [0] * size
 
     def draw(self, count: int) -> list[int]:
-        """Return different integers; none is drawn again before all others were.
+        """Return different integers: those that were drawn least often, ties in random order.
 
         Args:
           count: of them; `size` at most.
         """
-        if len(self._remaining) < count:
-            drawn = [i for i in range(self._size) if i not in self._remaining]
-            last = list(self._remaining)
-            self._rng.shuffle(drawn)
-            self._rng.shuffle(last)
-            # those that remain come first now, and last in the next round
-            self._remaining += drawn + last
-        result, self._remaining = self._remaining[:count], self._remaining[count:]
-        return result
+        drawn = sorted(
+            range(len(self._counts)), key=lambda i: (self._counts[i], self._rng.random())
+        )
+        for i in drawn[:count]:
+            self._counts[i] += 1
+        return drawn[:count]

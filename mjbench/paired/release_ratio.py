@@ -30,17 +30,17 @@ from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 _LAYOUTS, _QUADS_DIVISOR = 2, 3
 # Releases that are measured in turns, at most: their workloads are stored meanwhile.
 _MAX_IN_TURNS = 8
-# A task that is alone is timed in more layouts until these are ready, up to this number.
+# A task that is alone is timed in more layouts until the processes of the next launch are ready, up
+# to this number.
 _MAX_LAYOUTS = 6
 
 
 def measure(
     pool: WorkerPool,
     tasks: Sequence[ReleaseTask],
-    clock: Callable[[], float] = time.monotonic,
 ) -> list[RatioRecord]:
     """Compare a release with the reference in each of the tasks; see `measure_each`."""
-    (records,) = measure_each(pool, [tasks], clock=clock)
+    (records,) = measure_each(pool, [tasks])
     return records
 
 
@@ -65,14 +65,16 @@ def measure_each(
 
     Yields:
       The records of a release once it is complete, one for each of its tasks, in their order. After
-      Ctrl-C, those of all that were begun, and none of the others.
+      Ctrl-C, those of all that are measured in turns with it, and none of the others.
     """
-    count = math.ceil(len(releases) / _MAX_IN_TURNS)
-    for indices in np.array_split(np.arange(len(releases)), count) if count else ():
-        group = [
-            _Measurement(pool, releases[i], functools.partial(on_launch, int(i)), clock)
-            for i in indices
-        ]
+    measurements = [
+        _Measurement(pool, tasks, functools.partial(on_launch, index), clock)
+        for index, tasks in enumerate(releases)
+    ]
+    groups = math.ceil(len(measurements) / _MAX_IN_TURNS) or 1
+    size = math.ceil(len(measurements) / groups) or 1
+    for begin in range(0, len(measurements), size):
+        group = measurements[begin : begin + size]
         yield from _measure_in_turns(group)
         if any(each.is_interrupted for each in group):
             return
