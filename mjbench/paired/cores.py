@@ -4,7 +4,7 @@ import contextlib
 import math
 import random
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from mjbench.instrument import platforms, topology
 
@@ -15,7 +15,8 @@ _MAX_TRIED = 8
 # Launches that are measured at the same time, at most: more may not be independent
 # (docs/method/paired.md, "Launches").
 _MAX_AT_ONCE = 1
-# Shares of the time that differ by less are equal.
+# Shares of the time that differ by less are equal; a core of which a process gets all but this is
+# free.
 _SHARE_RESOLUTION = 0.02
 
 
@@ -55,9 +56,9 @@ def beside(chosen: Collection[int]) -> set[int]:
 def freest_cores(most: int = 1, probe_s: float = 0.01) -> list[int]:
     """Return the usable core that other processes use least, and others that are as free.
 
-    A busy loop runs on each core in turn; the freest one is where it got the largest share of the
-    time. The loop lasts longer than Linux lets a newcomer run before others get their turn, which
-    is some milliseconds.
+    A busy loop runs on one core after the other, in random order, until enough are free; the
+    freest one is where it got the largest share of the time. The loop lasts longer than Linux lets
+    a newcomer run before others get their turn, which is some milliseconds.
 
     Args:
       most: cores to return at most. No two of them are hyper-threads of one core.
@@ -71,19 +72,31 @@ def freest_cores(most: int = 1, probe_s: float = 0.01) -> list[int]:
         return []
     shares: dict[int, float] = {}
     for core in random.sample(allowed, min(len(allowed), _MAX_TRIED)):
-        with pinned(core):
-            begin, used = time.perf_counter(), time.thread_time()
-            while time.perf_counter() - begin < probe_s:
-                pass
-            shares[core] = (time.thread_time() - used) / (time.perf_counter() - begin)
+        shares[core] = _share(core, probe_s)
+        free = _on_different_cores(_at_least(1 - _SHARE_RESOLUTION, shares))
+        if len(free) >= most:
+            return free
     best = max(shares.values())
-    free = [core for core, share in shares.items() if share > best - _SHARE_RESOLUTION]
-    return _on_different_cores(random.sample(free, len(free)))[:most]
+    return _on_different_cores(_at_least(best - _SHARE_RESOLUTION, shares))[:most]
 
 
 def freest_core() -> int | None:
     """Return the usable core that other processes use least; None if this system cannot tell."""
     return next(iter(freest_cores()), None)
+
+
+def _share(core: int, probe_s: float) -> float:
+    """Return which share of a core's time a busy loop of so many seconds gets."""
+    with pinned(core):
+        begin, used = time.perf_counter(), time.thread_time()
+        while time.perf_counter() - begin < probe_s:
+            pass
+        return (time.thread_time() - used) / (time.perf_counter() - begin)
+
+
+def _at_least(least: float, shares: Mapping[int, float]) -> list[int]:
+    """Return the cores of which the busy loop got this share or more."""
+    return [core for core, share in shares.items() if share >= least]
 
 
 def _on_different_cores(threads: Iterable[int]) -> list[int]:

@@ -8,8 +8,10 @@ This module runs inside the environment of any one release: it needs only the st
 """
 
 import contextlib
+import functools
 import gc
 import importlib
+import importlib.metadata
 import os
 import signal
 import socket
@@ -46,6 +48,7 @@ def main(control: int, parent: int) -> None:
     for name in _MODULES:
         with contextlib.suppress(Exception):  # a worker that needs it says what is wrong
             importlib.import_module(name)
+    _remember_entry_points()
     gc.collect()
     gc.freeze()  # collections in workers leave the memory alone that they share
     with socket.socket(fileno=control) as requests:
@@ -58,6 +61,18 @@ def main(control: int, parent: int) -> None:
             for descriptor in descriptors:
                 os.close(descriptor)
             requests.send(PID.pack(pid) + mark)
+
+
+def _remember_entry_points() -> None:
+    """Look for plugins of MuJoCo now: every worker's import of it would search all distributions.
+
+    A moved install has the same entry points as the original.
+    """
+    importlib.metadata.entry_points = functools.cache(  # type: ignore[assignment]
+        importlib.metadata.entry_points
+    )
+    with contextlib.suppress(Exception):  # a distribution is damaged: MuJoCo says what it does then
+        importlib.metadata.entry_points(group="mujoco.plugins")
 
 
 def _fork(mark: str, descriptors: list[int], requests: socket.socket, parent: int) -> int:

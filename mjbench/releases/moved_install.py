@@ -4,9 +4,7 @@ Moved libraries are not stored: every process of a launch creates its own before
 which takes about 15 ms. So this module needs NumPy alone; `movable` finds what moves.
 """
 
-import csv
 import hashlib
-import io
 import os
 import shutil
 import sys
@@ -163,10 +161,9 @@ def _copy_metadata(source: Path, target: Path, sizes: Mapping[str, int]) -> None
     for entry in source.iterdir():
         if entry.name != _RECORD:
             _link(entry, target / entry.name)
-    rows = [
-        [row[0], "", str(sizes[row[0]])] if row and row[0] in sizes else row
-        for row in csv.reader((source / _RECORD).read_text(encoding="utf-8").splitlines())
-    ]
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    (target / _RECORD).write_text(text.getvalue(), encoding="utf-8")
+    rows = (source / _RECORD).read_text(encoding="utf-8").splitlines()
+    for i, row in enumerate(rows):
+        name = row.partition(",")[0]  # CSV; the names of libraries are never in quotes
+        if name in sizes:
+            rows[i] = f"{name},,{sizes[name]}"
+    (target / _RECORD).write_text("\n".join([*rows, ""]), encoding="utf-8")

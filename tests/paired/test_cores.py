@@ -83,6 +83,27 @@ def test_as_many_free_cores_are_returned_as_are_asked_for() -> None:
     assert set(chosen) <= os.sched_getaffinity(0)
 
 
+def test_cores_are_tried_only_until_enough_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = {0: 0.5, 1: 1.0, 2: 0.99, 3: 1.0}
+    tried: list[int] = []
+    monkeypatch.setattr(cores.platforms, "affinity", lambda: set(shares))
+    monkeypatch.setattr(cores.platforms, "set_affinity", lambda pid, chosen: None)
+    monkeypatch.setattr(cores.topology, "siblings", lambda thread: {thread})
+    monkeypatch.setattr(cores.random, "sample", lambda values, count: sorted(values)[:count])
+
+    def share(core: int, probe_s: float) -> float:
+        tried.append(core)
+        return shares[core]
+
+    monkeypatch.setattr(cores, "_share", share)
+    assert cores.freest_cores() == [1]
+    assert tried == [0, 1]
+    assert cores.freest_cores(2) == [1, 2]
+    assert tried == [0, 1, 0, 1, 2]
+    shares.update(dict.fromkeys(shares, 0.5))
+    assert set(cores.freest_cores(4)) == set(shares), "equally busy ones, where none is free"
+
+
 def test_pinning_ends_with_its_block_even_when_that_fails() -> None:
     allowed = os.sched_getaffinity(0)
     core = max(allowed)

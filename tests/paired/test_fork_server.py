@@ -1,5 +1,6 @@
 """Workers that are forked from programs: what they share, and what becomes of them."""
 
+import importlib.metadata
 import os
 import signal
 import socket
@@ -52,6 +53,16 @@ def environment(process: WorkerProcess) -> bytes:
 
 
 @pytest.mark.skipif(not platforms.can_fix_addresses(), reason="the kernel draws addresses here")
+def test_a_server_looks_for_plugins_of_mujoco_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[str] = []
+    monkeypatch.setattr(
+        importlib.metadata, "entry_points", lambda *, group: searched.append(group) or ("plugin",)
+    )
+    fork_server._remember_entry_points()
+    assert importlib.metadata.entry_points(group="mujoco.plugins") == ("plugin",)
+    assert searched == ["mujoco.plugins"]
+
+
 def test_both_sides_of_a_launch_have_the_same_addresses_and_hashes() -> None:
     launches = [LaunchSeeds(1, 5), LaunchSeeds(2, 5), LaunchSeeds(3, 6)]
     with WorkerPool() as pool:
