@@ -52,17 +52,20 @@ def environment(process: WorkerProcess) -> bytes:
     return Path(f"/proc/{process.pid}/environ").read_bytes()
 
 
-@pytest.mark.skipif(not platforms.can_fix_addresses(), reason="the kernel draws addresses here")
 def test_a_server_looks_for_plugins_of_mujoco_once(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[str] = []
-    monkeypatch.setattr(
-        importlib.metadata, "entry_points", lambda *, group: searched.append(group) or ("plugin",)
-    )
+
+    def search(group: str) -> tuple[str, ...]:
+        searched.append(group)
+        return ("plugin",)
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", search)
     fork_server._remember_entry_points()
     assert importlib.metadata.entry_points(group="mujoco.plugins") == ("plugin",)
     assert searched == ["mujoco.plugins"]
 
 
+@pytest.mark.skipif(not platforms.can_fix_addresses(), reason="the kernel draws addresses here")
 def test_both_sides_of_a_launch_have_the_same_addresses_and_hashes() -> None:
     launches = [LaunchSeeds(1, 5), LaunchSeeds(2, 5), LaunchSeeds(3, 6)]
     with WorkerPool() as pool:
