@@ -15,8 +15,8 @@ _MAX_TRIED = 8
 # Launches that are measured at the same time, at most: more may not be independent
 # (docs/method/paired.md, "Launches").
 _MAX_AT_ONCE = 1
-# Shares of the time that differ by less are equal; a core of which a process gets all but this is
-# free.
+# Shares of a core's time that differ by less are equal. So a core is free if a process gets all of
+# its time but this share.
 _SHARE_RESOLUTION = 0.02
 
 
@@ -54,11 +54,12 @@ def beside(chosen: Collection[int]) -> set[int]:
 
 
 def freest_cores(most: int = 1, probe_s: float = 0.01) -> list[int]:
-    """Return the usable core that other processes use least, and others that are as free.
+    """Return usable cores that other processes leave alone, or use least if there is none.
 
-    A busy loop runs on one core after the other, in random order, until enough are free; the
-    freest one is where it got the largest share of the time. The loop lasts longer than Linux lets
-    a newcomer run before others get their turn, which is some milliseconds.
+    A busy loop runs on some cores, one after the other in random order, until it got nearly all the
+    time of enough of them. Where that never happens, those where it got the largest share are
+    returned. The loop lasts longer than Linux lets a newcomer run before others get their turn,
+    which is some milliseconds.
 
     Args:
       most: cores to return at most. No two of them are hyper-threads of one core.
@@ -81,7 +82,7 @@ def freest_cores(most: int = 1, probe_s: float = 0.01) -> list[int]:
 
 
 def freest_core() -> int | None:
-    """Return the usable core that other processes use least; None if this system cannot tell."""
+    """Return one core (see `freest_cores`); None if this system cannot tell."""
     return next(iter(freest_cores()), None)
 
 

@@ -64,9 +64,12 @@ def main(control: int, parent: int) -> None:
 
 
 def _remember_entry_points() -> None:
-    """Look for plugins of MuJoCo now: every worker's import of it would search all distributions.
+    """Have workers share one search for entry points, that of MuJoCo for its plugins.
 
-    A moved install has the same entry points as the original.
+    Otherwise every import of MuJoCo 4.0.0 reads the metadata of all distributions: 10 ms for 127 of
+    them (`python -X importtime -c "import mujoco"`). This replaces `metadata.entry_points`, whose
+    result for any group stays the same while nothing is installed: a moved install has the entry
+    points of the original.
     """
     importlib.metadata.entry_points = functools.cache(  # type: ignore[assignment]
         importlib.metadata.entry_points

@@ -82,7 +82,7 @@ def measure_each(
 
 def _measure_in_turns(group: Sequence["_Measurement"]) -> Iterator[list[RatioRecord]]:
     """Measure releases in turns; yield the records of each, as `measure_each` does."""
-    launches = release_ratios.SCHEDULE if len(group) > 1 else None
+    launches = release_ratios.SCHEDULE_LAUNCHES if len(group) > 1 else None
     remaining = list(group)
     try:
         while remaining:

@@ -119,7 +119,7 @@ class MovableInstall:
             size = image.write(entry, package / entry.name, shift)
             sizes[f"{_PACKAGE}/{entry.name}"] = size
         for metadata in _metadata_folders(self.site):
-            _copy_metadata(metadata, folder / metadata.name, sizes)
+            _link_metadata(metadata, folder / metadata.name, sizes)
 
 
 def moves(name: str) -> bool:
@@ -155,7 +155,7 @@ def _link(entry: Path, link: Path) -> None:
         shutil.copy2(entry, link)
 
 
-def _copy_metadata(source: Path, target: Path, sizes: Mapping[str, int]) -> None:
+def _link_metadata(source: Path, target: Path, sizes: Mapping[str, int]) -> None:
     """Link a folder of metadata; files that were moved get their new size there, and no hash."""
     target.mkdir()
     for entry in source.iterdir():

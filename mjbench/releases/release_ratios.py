@@ -30,7 +30,7 @@ REFERENCE = "4.0.0"
 # Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many;
 # two turns, and more until the standard error is small enough, but no more than ten, and none that
 # would end later than so many seconds after the release's first began.
-SCHEDULE, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 90
+SCHEDULE_LAUNCHES, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 90
 TARGET_DEVIATION = 0.002
 TARGET_S = 110.0
 # The least standard error, since few launches can agree by chance. Estimates between builds of
@@ -150,9 +150,9 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
       seconds: that they took, with whatever else was timed in them.
     """
     count = len(launches)
-    if count < MIN_LAUNCHES or count % SCHEDULE:
+    if count < MIN_LAUNCHES or count % SCHEDULE_LAUNCHES:
         return False
-    if count >= MAX_LAUNCHES or seconds * (count + SCHEDULE) / count > TARGET_S:
+    if count >= MAX_LAUNCHES or seconds * (count + SCHEDULE_LAUNCHES) / count > TARGET_S:
         return True
     ratio = averaged(launches)
     return ratio is not None and ratio.deviation <= TARGET_DEVIATION

@@ -162,7 +162,7 @@ def test_releases_take_turns_until_each_is_known_well_enough(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, no_blocks: None
 ) -> None:
     """A release that needs no more than one turn is stored while the other goes on."""
-    monkeypatch.setattr(release_ratios, "SCHEDULE", 2)
+    monkeypatch.setattr(release_ratios, "SCHEDULE_LAUNCHES", 2)
     counts = {"brief": 2, "long": 5}
     timed: list[str] = []
     last: dict[str, int] = {}
@@ -199,7 +199,7 @@ def test_releases_take_turns_until_each_is_known_well_enough(
 def test_ctrl_c_ends_all_releases_that_take_turns_and_begins_no_others(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(release_ratios, "SCHEDULE", 2)
+    monkeypatch.setattr(release_ratios, "SCHEDULE_LAUNCHES", 2)
     enough_after(monkeypatch, 100)
     monkeypatch.setattr(release_ratio, "_MAX_IN_TURNS", 2)
 
