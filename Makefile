@@ -10,8 +10,8 @@ LAB := build/lab/mujoco-lab.html
 .PHONY: help bench test lint upgrade site lab picture c-floor slowdown soak fuzz verdicts foreign clean
 
 help:
-	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (about 15 minutes)"
-	@echo "make test      run lint (see below) and the tests (about 16 minutes on two cores)"
+	@echo "make bench     compare the C paths, and MJX where it applies, on the ten shipped models (15 to 20 minutes)"
+	@echo "make test      run lint (see below) and the tests (15 to 25 minutes on two cores)"
 	@echo "make site      write the history, all reports and the documents as a static site to $(SITE)"
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs an npm package)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
