@@ -12,6 +12,9 @@ from mjbench.simulation.workload import Product, whole_holds
 # blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
 # which both targets share and which makes any change look smaller.
 BLOCK_S = 0.001
+# Seconds of a segment, which blocks of the plain loop are (see `loop_segments`), and the most
+# segments of a run.
+SEGMENT_S, MAX_SEGMENTS = 0.0001, 16
 # Steps of each simulation of a block, at most.
 MAX_NSTEP = 100
 # Seconds of a block for each thread of a path with threads: long enough that starting the threads
@@ -66,6 +69,16 @@ class BlockSize(NamedTuple):
 
     nbatch: int
     nstep: int
+
+    def nsegment(self, step_s: float, hold: int) -> int:
+        """Return the number of segments of a run of the plain loop.
+
+        Args:
+          step_s: seconds of a step of the target that is slower.
+          hold: steps per control.
+        """
+        steps = self.nbatch * self.nstep
+        return min(max(1, round(steps * step_s / SEGMENT_S)), steps // hold, MAX_SEGMENTS)
 
 
 def block_size(

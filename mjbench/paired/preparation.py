@@ -5,16 +5,19 @@ the plain way; simulations that diverge in either are left out, and the work is 
 """
 
 import functools
+import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import requests
 from mjbench.paired.block_sizes import DRAWN_PER_BLOCK, BlockSize, Sizes, block_size
+from mjbench.paired.outcomes import Metric
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker_pool import WorkerPool
@@ -24,6 +27,7 @@ from mjbench.simulation.sampling import SampleRequest
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import StateDrift
+from mjbench.simulation.workload import Product
 
 # Simulations that start from a file of states, so that they are wherever it was; fewer where a run
 # of all would take more seconds than this.
@@ -78,13 +82,36 @@ class Preparation:
       models: files of the compiled models, options set.
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
+      nsegment: segments that the run is divided into (see `loop_segments`); 1 for no division.
       work_check: whether the two do the same work.
     """
 
     models: tuple[Path, Path]
     workloads: tuple[Path, Path]
     nsim: int
+    nsegment: int
     work_check: WorkCheck
+
+    def draw_segment(self) -> requests.SegmentIndex | None:
+        """Return a random segment of the run; None where it is not divided."""
+        if self.nsegment == 1:
+            return None
+        return requests.SegmentIndex(random.randrange(self.nsegment), self.nsegment)
+
+
+@dataclass(frozen=True)
+class _ChosenSizes:
+    """What is drawn and timed.
+
+    Attributes:
+      block: what is timed at a time.
+      nsegment: segments that a run is divided into, if both targets can.
+      request: draws the workload.
+    """
+
+    block: BlockSize
+    nsegment: int
+    request: requests.MakeWorkload
 
 
 def describe(targets: Sequence[Target], roles: tuple[str, str] = ROLES) -> tuple[str, str]:
@@ -127,9 +154,9 @@ def prepare(
             pool.wait_for(process, target.release)
         models = _load(pool, targets, processes)
         time_limit.start()
-        block, request = _choose_sizes(targets, sizes, processes, time_limit)
-        drawn = _draw(pool, targets, processes, request)
-        return _prepared(pool, targets, processes, models, drawn, block)
+        chosen = _choose_sizes(targets, sizes, processes, time_limit)
+        drawn = _draw(pool, targets, processes, chosen.request)
+        return _prepared(pool, targets, processes, models, drawn, chosen)
     finally:
         pool.end(processes)
 
@@ -151,7 +178,7 @@ def _choose_sizes(
     sizes: Sizes,
     processes: Sequence[WorkerProcess],
     time_limit: TimeLimit,
-) -> tuple[BlockSize, requests.MakeWorkload]:
+) -> "_ChosenSizes":
     """Return the size of a block, and the request that draws the workload.
 
     Sizes follow from the costs that tables hold, so they are the same in every run. What is
@@ -189,7 +216,14 @@ def _choose_sizes(
         sizes.starts,
         max_nstep,
     )
-    return block, requests.MakeWorkload(sample)
+    nsegment = block.nsegment(cost_s, sizes.hold) if _is_plain_loop(targets, sizes) else 1
+    return _ChosenSizes(block, nsegment, requests.MakeWorkload(sample))
+
+
+def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
+    """Return whether all that a block does is to step simulations in the plain loop."""
+    is_timed = sizes.metric == Metric.TIME and sizes.returns == Product.FINAL
+    return is_timed and all(each.path == paths.BASE and not each.options for each in targets)
 
 
 def _drawing_nstep(nbatch: int, nstep: int) -> int:
@@ -206,7 +240,7 @@ def _prepared(
     processes: Sequence[WorkerProcess],
     models: tuple[Path, Path],
     drawn: tuple[requests.DrawnWorkload, requests.DrawnWorkload],
-    block: BlockSize,
+    chosen: "_ChosenSizes",
 ) -> Preparation:
     """See what each target does with its workload; save what is to be timed.
 
@@ -216,7 +250,7 @@ def _prepared(
       processes: of the targets.
       models: files of the models.
       drawn: workloads of the targets.
-      block: what is timed at a time.
+      chosen: sizes of what is timed.
     """
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
@@ -233,15 +267,21 @@ def _prepared(
         drift=_drift(baseline, candidate) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
-        nbatch=min(block.nbatch, nsim),
-        nstep=block.nstep,
+        nbatch=min(chosen.block.nbatch, nsim),
+        nstep=chosen.block.nstep,
         starts=drawn[0].starts,
     )
     files = (
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
-    return Preparation(models, files, nsim, work_check)
+    can_divide = baseline.can_divide and candidate.can_divide
+    nsegment = (
+        min(chosen.nsegment, work_check.nbatch * chosen.block.nstep // chosen.request.sample.hold)
+        if can_divide
+        else 1
+    )
+    return Preparation(models, files, nsim, nsegment, work_check)
 
 
 def _draw(

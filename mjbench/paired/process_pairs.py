@@ -64,6 +64,8 @@ class ProcessPairs:
         self._equip: Equip | None = None
         # Those that were started ahead, for the next launches; threads ask whether they are ready.
         self._next: list[ProcessPair] = []
+        # Those whose launches are over; to end them takes time, which the next ones start in.
+        self._last: list[ProcessPair] = []
         self._asking = threading.Lock()
         self._failure: MjbenchError | None = None
         try:
@@ -101,7 +103,7 @@ class ProcessPairs:
         """Yield the processes of a launch on each core, which must be ready.
 
         The processes of the next launches start on other cores meanwhile. Those of these launches
-        end with the block.
+        end when the next block begins, or with `close`, and in it nothing may be asked of them.
 
         Args:
           chosen: cores that launches are measured on; none for one launch on all of them, where
@@ -114,11 +116,12 @@ class ProcessPairs:
             self._next = self._next[count:]
             if others:
                 self._start_ahead(others)
+            self._end_last()
             yield pairs
             for pair in self._next:
                 cores.confine([process.pid for process in pair.processes], cores.USABLE)
         finally:
-            self._pool.end([process for pair in pairs for process in pair.processes])
+            self._last += pairs
 
     def are_next_ready(self) -> bool:
         """Return whether nothing is started ahead that is still starting; any thread may ask."""
@@ -131,8 +134,13 @@ class ProcessPairs:
                 return True
 
     def close(self) -> None:
-        """End the processes that were started ahead."""
-        pairs, self._next, self._failure = self._next, [], None
+        """End all processes that have not ended yet."""
+        self._last += self._next
+        self._next, self._failure = [], None
+        self._end_last()
+
+    def _end_last(self) -> None:
+        pairs, self._last = self._last, []
         self._pool.end([process for pair in pairs for process in pair.processes])
 
     def _start_ahead(self, allowed: Collection[int]) -> None:

@@ -2,12 +2,15 @@
 
 A launch starts one program for each target anew. Both run on one core, with a thread of this
 process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
-order of turns hit both alike; a few times per launch both lay out their memory anew. A launch
-yields one number, its log ratio: the mean of two medians, of the pairs that the baseline began and
-of those that the candidate began. Launches are the samples that `verdict` judges, as many as the
-verdict needs. While one launch is measured, the programs of the next start on the other cores.
+order of turns hit both alike; a few times per launch both lay out their memory anew, and choose
+other simulations and another segment of them. A layout yields the mean of two medians: of the log
+ratios of the pairs that the baseline began and of those that the candidate began. A launch yields
+one number, the trimmed mean of its layouts. Launches are the samples that `verdict` judges, as many
+as the verdict needs. While one launch is measured, the programs of the next start on the other
+cores.
 """
 
+import math
 import random
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
@@ -24,10 +27,16 @@ from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
 from mjbench.paired.targets import Target
-from mjbench.paired.time_limit import LAYOUTS, MAX_LAYOUTS, TimeLimit, launch_s, quad_count
+from mjbench.paired.time_limit import (
+    MAX_LAYOUTS,
+    TimeLimit,
+    launch_s,
+    layout_count,
+    quad_count,
+)
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
-from mjbench.releases.placement import AS_SHIPPED, PlacementPair
+from mjbench.releases.placement import PlacementPair
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +56,8 @@ class Launch:
     cores: float | None
     orders: Sequence[str]
     ns: np.ndarray
-    placements: PlacementPair = AS_SHIPPED
-    layouts: Sequence[int] = ()
+    placements: PlacementPair
+    layouts: Sequence[int]
 
     def pair_log_ratios(self) -> np.ndarray:
         """Return (quads, 2) log ratios of pairs (see `stats.pair_log_ratios`)."""
@@ -56,8 +65,13 @@ class Launch:
 
     @property
     def log_ratio(self) -> float:
-        """The launch's log ratio (see `stats.paired_log_ratio`)."""
-        return stats.paired_log_ratio(self.orders, self.ns)
+        """The trimmed mean of the layouts' log ratios (see `stats.paired_log_ratio`)."""
+        ends = np.cumsum(self.layouts)
+        ratios = [
+            stats.paired_log_ratio(self.orders[end - count : end], self.ns[end - count : end])
+            for end, count in zip(ends, self.layouts, strict=True)
+        ]
+        return stats.trimmed_mean(ratios)
 
     @property
     def baseline_ns(self) -> float:
@@ -167,11 +181,16 @@ class TargetPair:
     def _measure(self, pair: ProcessPair, core: int | None, is_first: bool) -> Launch:
         """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
+        pair_s = math.inf
         with cores.pinned(core):
-            while len(layouts) < LAYOUTS or (
+            while len(layouts) < layout_count(pair_s) or (
                 len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready()
             ):
-                layouts.append(self._time_layout(pair.processes, core, is_first and not layouts))
+                now_s = self._lay_out(pair.processes, core)
+                if is_first and not layouts:  # steps may be heavier than those at the start
+                    self._time_limit.check_first_launch(launch_s(now_s))
+                pair_s = min(pair_s, now_s)
+                layouts.append(time_quads(*pair.processes, quad_count(now_s)))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
@@ -191,19 +210,13 @@ class TargetPair:
         ):
             process.ask(requests.Equip(model, workload, target.path, target.import_from))
 
-    def _time_layout(
-        self, processes: Sequence[WorkerProcess], core: int | None, is_first: bool
-    ) -> tuple[list[str], np.ndarray]:
-        """Time some quads with memory laid out anew; return their orders and (quads, 4) ns.
-
-        Raises:
-          OutOfTimeError: this is the first layout of all, and the time limit does not allow it.
-        """
+    def _lay_out(self, processes: Sequence[WorkerProcess], core: int | None) -> float:
+        """Lay out memory anew; return the seconds of one block of each target."""
         rows = random.sample(range(self._prepared.nsim), self.work_check.nbatch)
-        warm_ns = 0
+        segment, ns = self._prepared.draw_segment(), 0
         for i in random.sample((0, 1), 2):
             target = self._targets[i]
-            warm_ns += processes[i].call(
+            ns += processes[i].call(
                 requests.Prepare(
                     path=target.path,
                     options=dict(target.options),
@@ -213,11 +226,10 @@ class TargetPair:
                     slowdown=target.slowdown,
                     returns=self._returns,
                     metric=self._metric,
+                    segment=segment,
                 )
             )
-        if is_first:  # steps may have become heavier than those at the start
-            self._time_limit.check_first_launch(launch_s(1e-9 * warm_ns))
-        return time_quads(processes[0], processes[1], quad_count(1e-9 * warm_ns))
+        return 1e-9 * ns
 
 
 def launches_at_once(*targets: Target) -> int:

@@ -19,15 +19,15 @@ from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.protocol import Launch, time_quads
 from mjbench.paired.release_tasks import ReleaseTask
-from mjbench.paired.time_limit import MIN_QUADS, quad_count
+from mjbench.paired.time_limit import quad_count
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import release_ratios
 from mjbench.releases.release_ratios import LaunchRatio, RatioRecord
 
-# How often a launch lays out the memory of a task anew, and by what the quads of a verdict's layout
-# are divided. Many short launches are better than a few long ones: the time of some models differs
-# more between launches than within one, and the processes of the next start meanwhile.
-_LAYOUTS, _QUADS_DIVISOR = 2, 3
+# How often a launch lays out the memory of a task anew, and seconds of blocks in each layout: less
+# than in a verdict. Many short launches are better than a few long ones: the time of some models
+# differs more between launches than within one, and the processes of the next start meanwhile.
+_LAYOUTS, _LAYOUT_S = 2, 0.033
 # Releases that are measured in turns, at most: their workloads are stored meanwhile.
 _MAX_IN_TURNS = 8
 # A task that is alone is timed in more layouts until the processes of the next launch are ready, up
@@ -236,9 +236,10 @@ def _time(
     task.equip(processes)
     while len(ns) < _LAYOUTS or (len(ns) < _MAX_LAYOUTS and not is_enough()):
         task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
-        count = max(MIN_QUADS, quad_count(task.pair_s) // _QUADS_DIVISOR)
+        count = quad_count(task.pair_s, _LAYOUT_S)
         # the first quad warms up both: what was prepared last would have the advantage in it
         layout_orders, layout_ns = time_quads(*processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
-    return Launch(core, None, orders, np.concatenate(ns), pair.placements)
+    layouts = [len(each) for each in ns]
+    return Launch(core, None, orders, np.concatenate(ns), pair.placements, layouts)

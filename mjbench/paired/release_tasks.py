@@ -138,7 +138,7 @@ class ReleaseTask(ABC):
             seconds=seconds,
         )
 
-    def _reference_s(self, count: int) -> float | None:
+    def _reference_s(self, count: float) -> float | None:
         """Return the seconds of one of `count` things of a block, in the reference."""
         if not self._reference_ns:
             return None
@@ -192,6 +192,7 @@ class StepTask(ReleaseTask):
         assert prepared is not None, "a task is prepared before it is timed"
         assert draws is not None, "a task is prepared before it is timed"
         rows = draws.draw(prepared.work_check.nbatch)
+        segment = prepared.draw_segment()
         ns = {}
         for i in random.sample((0, 1), 2):
             request = requests.Prepare(
@@ -199,6 +200,7 @@ class StepTask(ReleaseTask):
                 options={},
                 cores=cores.usable(core),
                 simulations=rows,
+                segment=segment,
             )
             ns[i] = processes[i].call(request)
         return ns[0], ns[1]
@@ -221,7 +223,7 @@ class StepTask(ReleaseTask):
             nbatch=check.nbatch,
             nstep=check.nstep,
             starts=check.starts,
-            reference_s=self._reference_s(check.nbatch * check.nstep),
+            reference_s=self._reference_s(check.nbatch * check.nstep / self._prepared.nsegment),
         )
 
     def close(self) -> None:

@@ -11,11 +11,13 @@ from collections.abc import Callable
 
 # How often a launch lays out its memory anew. Layouts of one program differ about as much as
 # programs do, and take less time.
-LAYOUTS = 3
+LAYOUTS = 5
+# The same where blocks are so long that the fewest quads fill more than a layout's seconds.
+LONG_LAYOUTS = 3
 # More of them are timed while the processes of the next launch start, up to this number.
 MAX_LAYOUTS = 12
 # Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
-LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.1, 2, 100
+LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.04, 2, 100
 # Blocks that a target runs to prepare a layout: one to check its states, one to warm up.
 _PREPARING_BLOCKS = 2
 # Seconds of work that is done whatever the limit, so that a short limit gives an estimate, too.
@@ -28,14 +30,24 @@ class OutOfTimeError(Exception):
     """The limit does not allow what a verdict needs; the message is a sentence for people."""
 
 
-def quad_count(pair_s: float) -> int:
-    """Return the number of quads of a layout, from the seconds of one block of each target."""
-    return min(max(int(LAYOUT_S / (2 * pair_s)), MIN_QUADS), MAX_QUADS)
+def quad_count(pair_s: float, layout_s: float = LAYOUT_S) -> int:
+    """Return the number of quads of a layout, from the seconds of one block of each target.
+
+    Args:
+      pair_s: these seconds.
+      layout_s: seconds of the blocks of the layout.
+    """
+    return min(max(int(layout_s / (2 * pair_s)), MIN_QUADS), MAX_QUADS)
+
+
+def layout_count(pair_s: float) -> int:
+    """Return the number of layouts of a launch, at least, from the seconds of `quad_count`."""
+    return LONG_LAYOUTS if 2 * MIN_QUADS * pair_s > LAYOUT_S else LAYOUTS
 
 
 def launch_s(pair_s: float) -> float:
     """Return about how long a launch's blocks take, from the seconds of one of each target."""
-    return LAYOUTS * (_PREPARING_BLOCKS + 2 * quad_count(pair_s)) * pair_s
+    return layout_count(pair_s) * (_PREPARING_BLOCKS + 2 * quad_count(pair_s)) * pair_s
 
 
 class TimeLimit:

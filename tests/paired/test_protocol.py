@@ -20,6 +20,7 @@ from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError, WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
+from mjbench.releases.placement import AS_SHIPPED
 
 needs_affinity = pytest.mark.skipif(
     not hasattr(os, "sched_getaffinity"), reason="no affinity on this system"
@@ -289,22 +290,28 @@ def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: W
 
 def test_the_log_ratio_of_a_pair_is_candidate_over_baseline_whatever_the_order() -> None:
     ns = np.array([[100.0, 200.0, 200.0, 100.0], [200.0, 100.0, 100.0, 200.0]])
-    launch = Launch(None, None, ["ABBA", "BAAB"], ns)
+    launch = Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2])
     assert np.exp(launch.pair_log_ratios()) == pytest.approx(np.full((2, 2), 2.0))
 
 
 def test_the_baseline_time_is_that_of_its_blocks_alone() -> None:
     ns = np.array([[100.0, 900.0, 900.0, 110.0], [900.0, 120.0, 130.0, 900.0]])
-    assert Launch(None, None, ["ABBA", "BAAB"], ns).baseline_ns == 115.0
+    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2]).baseline_ns == 115.0
 
 
 def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
     second_is_slower = np.array([[100.0, 101.0, 100.0, 101.0]])
-    launch = Launch(None, None, ["ABBA"], second_is_slower)
+    launch = Launch(None, None, ["ABBA"], second_is_slower, AS_SHIPPED, [1])
     assert launch.pair_log_ratios() == pytest.approx(np.log([[1.01, 1 / 1.01]]))
     assert launch.log_ratio == pytest.approx(0.0)
 
 
+def test_a_disturbed_layout_is_left_out_of_a_launch() -> None:
+    ns = np.array([[100.0, ratio, ratio, 100.0] for ratio in (101.0, 102.0, 103.0, 180.0, 60.0)])
+    launch = Launch(None, None, ["ABBA"] * 5, ns, AS_SHIPPED, [1] * 5)
+    assert launch.log_ratio == pytest.approx(np.log([1.01, 1.02, 1.03]).mean())
+
+
 def test_drift_of_the_machine_cancels_within_a_quad() -> None:
     drifting = np.exp(np.array([[0.0, 0.1, 0.2, 0.3]]))
-    assert Launch(None, None, ["BAAB"], drifting).log_ratio == pytest.approx(0.0)
+    assert Launch(None, None, ["BAAB"], drifting, AS_SHIPPED, [1]).log_ratio == pytest.approx(0.0)
