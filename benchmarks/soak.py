@@ -122,8 +122,8 @@ def launch_once(pool: "WorkerPool") -> None:
     Raises:
       MachineError: the workers failed.
     """
-    from mjbench.paired.block_sizes import Sizes
     from mjbench.paired.protocol import TargetPair
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
     from mjbench.releases import installs
     from mjbench.simulation import models

@@ -16,11 +16,11 @@ from mjbench.errors import InputError
 from mjbench.instrument import platforms, progress
 from mjbench.instrument.progress import Progress
 from mjbench.paired import family, outcomes, targets, verdict
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.family import Family
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.records import VerdictRecord, VerdictRow
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool

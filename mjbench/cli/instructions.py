@@ -68,7 +68,7 @@ def instructions(
       mjbench instructions humanoid --release 3.3.0 --release 4.0.0
     """
     from mjbench.counts.instructions import InstructionCounter, ModelCount
-    from mjbench.paired.block_sizes import Sizes
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.releases import installs
     from mjbench.report import counts
     from mjbench.report.documents import InstructionsDocument

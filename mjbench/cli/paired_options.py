@@ -94,7 +94,7 @@ def verdict_plan(
     Raises:
       InputError: nstep is not a multiple of hold, or start states cannot be had as asked.
     """
-    from mjbench.paired.block_sizes import Sizes
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.verdict import VerdictPlan
 
     check_sizes(nstep, hold)

@@ -68,8 +68,8 @@ def placement(
       mjbench placement cloth pile --release 3.3.1
     """
     from mjbench.paired import placement_spread
-    from mjbench.paired.block_sizes import Sizes
     from mjbench.paired.placement_spread import SpreadPlan
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.targets import Target
     from mjbench.releases.installs import parse_release
     from mjbench.report.documents import PlacementDocument

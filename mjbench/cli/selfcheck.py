@@ -93,7 +93,7 @@ def selfcheck(
     """
     from mjbench.paired import selfcheck as checks
     from mjbench.paired import selfcheck_cases
-    from mjbench.paired.block_sizes import Sizes
+    from mjbench.paired.run_sizes import Sizes
     from mjbench.paired.selfcheck_records import trial_records
     from mjbench.paired.verdict import VerdictPlan
     from mjbench.report import selfcheck as report

@@ -37,7 +37,7 @@ from mjbench.counts.stages import ENGINE, instructions_by_stage
 from mjbench.errors import Failure, MachineError, writing
 from mjbench.instrument import child, platforms, scratch
 from mjbench.paired import release_python
-from mjbench.paired.block_sizes import Sizes
+from mjbench.paired.run_sizes import Sizes
 from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest

@@ -121,7 +121,7 @@ class MachineComparison:
       new: MuJoCo release of the candidate.
       sides: baseline and candidate, as the first machine had them.
       metric: what ratios compare.
-      nbatch: simulations of a block; None where it was never measured.
+      nbatch: simulations of a run; None where it was never measured.
       nstep: steps of each.
       starts: where start states came from.
       machines: what each says.

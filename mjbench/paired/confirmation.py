@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
 from mjbench.paired import verdict
-from mjbench.paired.block_sizes import THREADED_BLOCK_S, Sizes
 from mjbench.paired.judgement import Judgement
 from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.run_sizes import THREADED_RUN_S, Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
@@ -100,7 +100,7 @@ class ComparedSizes:
           nthread: most threads of the two paths.
           hold: steps per control.
         """
-        affordable = int(nthread * THREADED_BLOCK_S / (self.step_s * self.nbatch))
+        affordable = int(nthread * THREADED_RUN_S / (self.step_s * self.nbatch))
         return min(self.nstep, whole_holds(affordable, hold))
 
     def of_blocks(self, plan: ComparisonPlan, variants: Sequence[Variant]) -> Sizes:

@@ -17,11 +17,11 @@ from mjbench.errors import MachineError
 from mjbench.instrument import anytime
 from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
 from mjbench.paired import moved_check
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch, TargetPair, launches_at_once
 from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.verdict import CONFIDENCE
@@ -42,7 +42,7 @@ class SpreadPlan:
       launches: of each residue.
       time_limit_s: seconds from when the model is loaded, after which no launch begins; see
         `time_limit`.
-      sizes: of a block's work.
+      sizes: of a run.
     """
 
     launches: int = 14
@@ -93,7 +93,7 @@ class SpreadRow:
       detail: one line; empty when ok, unless time ran out.
       spread: of the residues; None where one of them has no launch.
       residues: those that have launches.
-      nbatch: simulations of a block.
+      nbatch: simulations of a run.
       nstep: steps of each.
       launches: in all.
       seconds: from start to end.

@@ -16,8 +16,8 @@ from mjbench import paths
 from mjbench.comparison import step_costs
 from mjbench.errors import InputError
 from mjbench.paired import requests
-from mjbench.paired.block_sizes import DRAWN_PER_BLOCK, BlockSize, Sizes, block_size
 from mjbench.paired.outcomes import Metric
+from mjbench.paired.run_sizes import DRAWN_PER_RUN, RunSize, Sizes, run_size
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker_pool import WorkerPool
@@ -48,7 +48,7 @@ class WorkCheck:
         timed.
       warnings: how many other simulations raised each warning, in the baseline, and in the
         candidate.
-      nbatch: simulations of a block.
+      nbatch: simulations of a run.
       nstep: steps of each.
       starts: where the start states of the baseline came from.
     """
@@ -82,21 +82,21 @@ class Preparation:
       models: files of the compiled models, options set.
       workloads: files of the `PortableWorkload`s, final states included.
       nsim: simulations in each workload file.
-      nsegment: segments that the run is divided into (see `loop_segments`); 1 for no division.
+      nsection: sections that the run is divided into (see `loop_sections`); 1 for no division.
       work_check: whether the two do the same work.
     """
 
     models: tuple[Path, Path]
     workloads: tuple[Path, Path]
     nsim: int
-    nsegment: int
+    nsection: int
     work_check: WorkCheck
 
-    def draw_segment(self) -> requests.SegmentIndex | None:
-        """Return a random segment of the run; None where it is not divided."""
-        if self.nsegment == 1:
+    def draw_section(self) -> requests.SectionIndex | None:
+        """Return a random section of the run; None where it is not divided."""
+        if self.nsection == 1:
             return None
-        return requests.SegmentIndex(random.randrange(self.nsegment), self.nsegment)
+        return requests.SectionIndex(random.randrange(self.nsection), self.nsection)
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,15 @@ class _ChosenSizes:
     """What is drawn and timed.
 
     Attributes:
-      block: what is timed at a time.
-      nsegment: segments that a run is divided into, if both targets can.
+      sizes: as the user asked.
+      run: what follows from them.
+      step_s: seconds of a step of the slower target, as tables have it.
       request: draws the workload.
     """
 
-    block: BlockSize
-    nsegment: int
+    sizes: Sizes
+    run: RunSize
+    step_s: float
     request: requests.MakeWorkload
 
 
@@ -137,7 +139,7 @@ def prepare(
     Args:
       pool: starts the processes.
       targets: baseline and candidate.
-      sizes: of a block.
+      sizes: of a run.
       time_limit: starts when the models are loaded.
       roles: what error messages call the two.
 
@@ -179,7 +181,7 @@ def _choose_sizes(
     processes: Sequence[WorkerProcess],
     time_limit: TimeLimit,
 ) -> "_ChosenSizes":
-    """Return the size of a block, and the request that draws the workload.
+    """Return the size of a run, and the request that draws the workload.
 
     Sizes follow from the costs that tables hold, so they are the same in every run. What is
     measured now decides only whether time will suffice.
@@ -197,31 +199,30 @@ def _choose_sizes(
         cost_s = max(cost_s, step_costs.step_cost_s(now.digest, settled))
         max_nstep = starts.max_settling_nstep(cost_s)
         settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
-        block = block_size(sizes, nthread, cost_s, now.most_nstep)
-        drawn = block.nbatch
+        run = run_size(sizes, nthread, cost_s, now.most_nstep)
+        drawn = run.nbatch
         if not sizes.nbatch and nthread == 1:
-            drawn *= DRAWN_PER_BLOCK
+            drawn *= DRAWN_PER_RUN
             if sizes.starts.file is not None:
-                affordable = int(DRAWING_S / (block.nstep * cost_s))
+                affordable = int(DRAWING_S / (run.nstep * cost_s))
                 drawn = max(drawn, min(NSTART, affordable))
         time_limit.check_first_launch(
-            launch_s(2 * block.nbatch * block.nstep * step_s / nthread),
-            preparation_s=(settling_nstep + _drawing_nstep(drawn, block.nstep)) * step_s,
+            launch_s(2 * run.nbatch * run.nstep * step_s / nthread),
+            preparation_s=(settling_nstep + _drawing_nstep(drawn, run.nstep)) * step_s,
         )
     sample = SampleRequest(
         drawn,
-        block.nstep,
+        run.nstep,
         sizes.hold,
         sizes.seed,
         sizes.starts,
         max_nstep,
     )
-    nsegment = block.nsegment(cost_s, sizes.hold) if _is_plain_loop(targets, sizes) else 1
-    return _ChosenSizes(block, nsegment, requests.MakeWorkload(sample))
+    return _ChosenSizes(sizes, run, cost_s, requests.MakeWorkload(sample))
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
-    """Return whether all that a block does is to step simulations in the plain loop."""
+    """Return whether all that is timed is to step simulations in the plain loop."""
     is_timed = sizes.metric == Metric.TIME and sizes.returns == Product.FINAL
     return is_timed and all(each.path == paths.BASE and not each.options for each in targets)
 
@@ -267,21 +268,19 @@ def _prepared(
         drift=_drift(baseline, candidate) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
-        nbatch=min(chosen.block.nbatch, nsim),
-        nstep=chosen.block.nstep,
+        nbatch=min(chosen.run.nbatch, nsim),
+        nstep=chosen.run.nstep,
         starts=drawn[0].starts,
     )
     files = (
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
+    run = chosen.run._replace(nbatch=work_check.nbatch)
     can_divide = baseline.can_divide and candidate.can_divide
-    nsegment = (
-        min(chosen.nsegment, work_check.nbatch * chosen.block.nstep // chosen.request.sample.hold)
-        if can_divide
-        else 1
-    )
-    return Preparation(models, files, nsim, nsegment, work_check)
+    is_divided = can_divide and _is_plain_loop(targets, chosen.sizes)
+    nsection = run.nsection(chosen.step_s, chosen.sizes.hold) if is_divided else 1
+    return Preparation(models, files, nsim, nsection, work_check)
 
 
 def _draw(

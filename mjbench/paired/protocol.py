@@ -3,7 +3,7 @@
 A launch starts one program for each target anew. Both run on one core, with a thread of this
 process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
 order of turns hit both alike; a few times per launch both lay out their memory anew, and choose
-other simulations and another segment of them. A layout yields the mean of two medians: of the log
+other simulations and another section of them. A layout yields the mean of two medians: of the log
 ratios of the pairs that the baseline began and of those that the candidate began. A launch yields
 one number, the trimmed mean of its layouts. Launches are the samples that `verdict` judges, as many
 as the verdict needs. While one launch is measured, the programs of the next start on the other
@@ -22,10 +22,10 @@ import numpy as np
 from mjbench.errors import MachineError, one_line
 from mjbench.instrument import stats, timing
 from mjbench.paired import cores, preparation, requests
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import (
     MAX_LAYOUTS,
@@ -117,7 +117,7 @@ class TargetPair:
           pool: starts the processes.
           baseline: the one target.
           candidate: the other.
-          sizes: of a block; None for the usual ones.
+          sizes: of a run; None for the usual ones.
           time_limit: starts when the models are loaded; None for no limit.
           placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
             them; None for as shipped.
@@ -213,7 +213,7 @@ class TargetPair:
     def _lay_out(self, processes: Sequence[WorkerProcess], core: int | None) -> float:
         """Lay out memory anew; return the seconds of one block of each target."""
         rows = random.sample(range(self._prepared.nsim), self.work_check.nbatch)
-        segment, ns = self._prepared.draw_segment(), 0
+        section, ns = self._prepared.draw_section(), 0
         for i in random.sample((0, 1), 2):
             target = self._targets[i]
             ns += processes[i].call(
@@ -226,7 +226,7 @@ class TargetPair:
                     slowdown=target.slowdown,
                     returns=self._returns,
                     metric=self._metric,
-                    segment=segment,
+                    section=section,
                 )
             )
         return 1e-9 * ns

@@ -133,7 +133,7 @@ class VerdictRow:
       run_drift: the same for runs from the same starts, at several points.
       diverged: simulations that diverged; none of them is timed.
       warnings: how many of the others raised each warning of MuJoCo.
-      nbatch: simulations of a block.
+      nbatch: simulations of a run.
       nstep: steps of each.
       starts: where start states came from; of the baseline where the two differ in size.
       launches: in all, those as shipped included.

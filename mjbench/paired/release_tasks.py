@@ -17,9 +17,9 @@ import numpy as np
 from mjbench.errors import Failure, InputError, UnavailableError
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.balanced_draws import BalancedDraws
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.operations import Operation
 from mjbench.paired.preparation import Preparation
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
@@ -192,7 +192,7 @@ class StepTask(ReleaseTask):
         assert prepared is not None, "a task is prepared before it is timed"
         assert draws is not None, "a task is prepared before it is timed"
         rows = draws.draw(prepared.work_check.nbatch)
-        segment = prepared.draw_segment()
+        section = prepared.draw_section()
         ns = {}
         for i in random.sample((0, 1), 2):
             request = requests.Prepare(
@@ -200,7 +200,7 @@ class StepTask(ReleaseTask):
                 options={},
                 cores=cores.usable(core),
                 simulations=rows,
-                segment=segment,
+                section=section,
             )
             ns[i] = processes[i].call(request)
         return ns[0], ns[1]
@@ -223,7 +223,7 @@ class StepTask(ReleaseTask):
             nbatch=check.nbatch,
             nstep=check.nstep,
             starts=check.starts,
-            reference_s=self._reference_s(check.nbatch * check.nstep / self._prepared.nsegment),
+            reference_s=self._reference_s(check.nbatch * check.nstep / self._prepared.nsection),
         )
 
     def close(self) -> None:

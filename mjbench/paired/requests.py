@@ -203,12 +203,12 @@ class Equip(Request[None]):
 
 
 @dataclass(frozen=True)
-class SegmentIndex:
-    """Which segment of a run is meant (see `loop_segments`).
+class SectionIndex:
+    """Which section of a run is meant (see `loop_sections`).
 
     Attributes:
       index: from 0.
-      count: of the segments that the run is divided into, two or more.
+      count: of the sections that the run is divided into, two or more.
     """
 
     index: int
@@ -228,7 +228,7 @@ class Prepare(Request[int]):
       slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
       returns: what the run returns; None for final states.
       metric: what blocks are to give: their time, or that of their slowest steps.
-      segment: what blocks are to run instead of the whole run, if the path is the plain loop.
+      section: what blocks are to run instead of the whole run, if the path is the plain loop.
     """
 
     activity = "preparing a run"
@@ -240,7 +240,7 @@ class Prepare(Request[int]):
     slowdown: float = 0.0
     returns: "Product | None" = None
     metric: Metric = Metric.TIME
-    segment: SegmentIndex | None = None
+    section: SectionIndex | None = None
 
 
 @dataclass(frozen=True)
@@ -329,7 +329,7 @@ class Observed:
       warnings: how many healthy simulations raised each other warning, by its name.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       followed: what the target did from the states of the workload's probe.
-      can_divide: whether runs can be divided into segments (see `loop_segments`).
+      can_divide: whether runs can be divided into sections (see `loop_sections`).
     """
 
     work: "Work"

@@ -13,7 +13,6 @@ from mjbench.instrument import anytime
 from mjbench.instrument.anytime import Evidence
 from mjbench.paired import outcomes
 from mjbench.paired.averaging import Averaging, averaging
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
@@ -30,6 +29,7 @@ from mjbench.paired.records import (
     WarningsPair,
     WorkPair,
 )
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
@@ -49,7 +49,7 @@ class VerdictPlan:
       precision: half-width of the interval at which to stop in any case.
       time_limit_s: seconds from when the models are loaded, after which no launch begins; see
         `time_limit`.
-      sizes: of a block's work.
+      sizes: of a run.
       as_shipped: whether code stays where each build has it, instead of being moved from launch to
         launch, so that its placement averages out.
       family: number of comparisons that are decided together; a change needs more evidence.

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-    from mjbench.paired.loop_segments import Segment
+    from mjbench.paired.loop_sections import Section
     from mjbench.paired.single_steps import TimedSteps
     from mjbench.paths import Resources, States
     from mjbench.simulation.workload import PortableWorkload, Workload
@@ -62,7 +62,7 @@ class Worker:
       workload: restored from a file.
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
       run: what a block runs.
-      segment: of the run, which a block runs instead; None for the whole run.
+      section: of the run, which a block runs instead; None for the whole run.
       single_steps: what a block runs instead, where its slowest steps are compared.
       resources: of that run; None before the first.
       slowdown: share of its time by which a block lasts longer.
@@ -80,7 +80,7 @@ class Worker:
         self.connection = connection
         self.resources: Resources | None = None
         self.slowdown = 0.0
-        self.segment: Segment | None = None
+        self.section: Section | None = None
         self.single_steps: TimedSteps | None = None
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
@@ -188,7 +188,7 @@ class Worker:
         self._read_workload(request.file)
 
     def _observe(self, request: requests.Observe) -> requests.Observed:
-        from mjbench.paired import loop_segments
+        from mjbench.paired import loop_sections
         from mjbench.simulation import work, work_check
 
         portable = self._read_workload(request.workload_file)
@@ -201,7 +201,7 @@ class Worker:
             warnings=observation.other_warnings(),
             final_state=observation.final_state,
             followed=work_check.follow(self.workload, portable.probe),
-            can_divide=loop_segments.can_divide(self.workload),
+            can_divide=loop_sections.can_divide(self.workload),
         )
 
     def _trace(self, request: requests.Trace) -> requests.Traced:
@@ -264,7 +264,7 @@ class Worker:
             engine_callback.install(model, request.callback)
         self.slowdown = request.slowdown
         self.resources = paths.Resources(selected)
-        self.segment = self.single_steps = None
+        self.section = self.single_steps = None
         name = f"path {request.path}"
         if request.callback:
             name += f" with {request.callback} called inside each step"
@@ -274,8 +274,8 @@ class Worker:
             prepared = path.prepare(selected, request.options, self.resources)
             self.run, states = prepared.run, prepared.verified_states()
         self._check_final_states(name, states, rows)
-        if request.segment is not None:
-            self.segment = _segment(self.resources, request.segment)
+        if request.section is not None:
+            self.section = _section(self.resources, request.section)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
         _collect_garbage()
@@ -297,7 +297,7 @@ class Worker:
 
         self._lay_out_memory(request.cores)
         prepared = operations.registry()[request.name].prepared(request.file)
-        self.run, self.segment = prepared.run, None
+        self.run, self.section = prepared.run, None
         result = prepared.result()
         _collect_garbage()
         return requests.ReadyOperation(self._block(), result)
@@ -331,9 +331,9 @@ class Worker:
             self.single_steps.run()
             return self.single_steps.p99_ns()
         run, clock = self.run, time.perf_counter_ns
-        if self.segment is not None:
-            self.segment.warm_up()
-            run = self.segment.run
+        if self.section is not None:
+            self.section.warm_up()
+            run = self.section.run
         begin = clock()
         run()
         ns = clock() - begin
@@ -354,10 +354,10 @@ def _single_steps(workload: "Workload") -> "tuple[TimedSteps, States]":
     return single_steps, States(single_steps.final_state)
 
 
-def _segment(resources: "Resources", segment: requests.SegmentIndex) -> "Segment":
-    from mjbench.paired import loop_segments
+def _section(resources: "Resources", section: requests.SectionIndex) -> "Section":
+    from mjbench.paired import loop_sections
 
-    return loop_segments.segment(resources, segment.index, segment.count)
+    return loop_sections.section(resources, section.index, section.count)
 
 
 def _collect_garbage() -> None:

@@ -1,5 +1,6 @@
 """What `mjbench history measure` prints: a row for each release and model or operation."""
 
+import itertools
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -23,16 +24,23 @@ def print_table(out: Console, records: Sequence[RatioRecord]) -> None:
         "work",
     ]
     table = tables.plain_table(headings, right=(2, 3, 4, 5))
-    for record in speed_history.in_order_of_release(records):
-        table.add_row(
-            record.series,
-            record.release,
-            _change(release_ratios.averaged(record.launches)),
-            _change(release_ratios.as_shipped(record.launches)),
-            str(len(record.launches)),
-            f"{record.seconds:.1f}",
-            record.detail or _work(record),
-        )
+    in_order = speed_history.in_order_of_release(records)
+    for _, each in itertools.groupby(in_order, lambda record: (record.release, record.build)):
+        of_release = list(each)
+        if _failed_alike(of_release):
+            first = of_release[0]
+            table.add_row("all", first.release, "", "", "0", "", first.detail)
+            continue
+        for record in of_release:
+            table.add_row(
+                record.series,
+                record.release,
+                _change(release_ratios.averaged(record.launches)),
+                _change(release_ratios.as_shipped(record.launches)),
+                str(len(record.launches)),
+                f"{record.seconds:.1f}",
+                record.detail or _work(record),
+            )
     out.print(table)
     for problem in sorted({record.problem for record in records if record.problem}):
         out.print(f"placement not averaged out: {problem}", soft_wrap=True)
@@ -43,6 +51,13 @@ def print_table(out: Console, records: Sequence[RatioRecord]) -> None:
         " release",
         soft_wrap=True,
     )
+
+
+def _failed_alike(records: Sequence[RatioRecord]) -> bool:
+    """Return whether nothing of a release could be timed, and always for one reason."""
+    details = {record.detail for record in records}
+    is_timed = any(record.launches for record in records)
+    return len(records) > 1 and not is_timed and len(details) == 1 and "" not in details
 
 
 def _change(ratio: Ratio | None) -> str:

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from mjbench import paths
 from mjbench.paired import verdict
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool

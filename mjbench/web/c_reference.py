@@ -16,7 +16,7 @@ from mjbench.comparison import step_costs
 from mjbench.comparison.plan import Variant
 from mjbench.errors import InputError
 from mjbench.paired import requests
-from mjbench.paired.block_sizes import BlockSize
+from mjbench.paired.run_sizes import RunSize
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases.installs import ReleaseSpec
@@ -80,7 +80,7 @@ class CReference:
     traced: RoundingReference
     work: Work
     starts: Starts
-    block: BlockSize
+    block: RunSize
     compile_ms: float
 
     @property
@@ -151,7 +151,7 @@ def prepare(
         pool.end([process])
 
 
-def block_size(run: ReferenceRun, step_s: float) -> BlockSize:
+def block_size(run: ReferenceRun, step_s: float) -> RunSize:
     """Return the size of a timed block: first steps of first simulations.
 
     Args:
@@ -161,10 +161,10 @@ def block_size(run: ReferenceRun, step_s: float) -> BlockSize:
     nbatch, nstep = run.states.shape[1], len(run.states) - 1
     fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
     block_nstep = min(nstep, whole_holds(fitting, run.hold))
-    return BlockSize(max(1, min(nbatch, fitting // block_nstep)), block_nstep)
+    return RunSize(max(1, min(nbatch, fitting // block_nstep)), block_nstep)
 
 
-def _first(workload: PortableWorkload, run: ReferenceRun, block: BlockSize) -> PortableWorkload:
+def _first(workload: PortableWorkload, run: ReferenceRun, block: RunSize) -> PortableWorkload:
     """Return the workload of a block, and where it ends."""
     first = workload.only(np.arange(block.nbatch), run.states[block.nstep])
     return replace(first, control=first.control[:, : block.nstep // run.hold])

@@ -11,16 +11,17 @@ from paired_examples import CARTPOLE, CUBES, INSTALLED
 
 import mjbench
 from mjbench.errors import InputError
-from mjbench.paired import block_sizes, preparation, requests
-from mjbench.paired.block_sizes import Sizes
+from mjbench.paired import preparation, requests, run_sizes
 from mjbench.paired.outcomes import Metric
 from mjbench.paired.protocol import TargetPair
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.time_limit import TimeLimit
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_SETTLE_S, KEYFRAME_STARTS, StartPlan, Starts
+from mjbench.simulation.workload import Product
 
 
 def test_models_of_different_size_do_as_many_simulations_each(
@@ -86,7 +87,7 @@ def test_runs_with_other_stopwatch_readings_do_identical_work(
     first, second = runs
     assert next(readings_s) == 1e-4  # measured once
     assert first.work_check == second.work_check
-    assert first.nsim == second.nsim == block_sizes.DRAWN_PER_BLOCK * first.work_check.nbatch
+    assert first.nsim == second.nsim == run_sizes.DRAWN_PER_RUN * first.work_check.nbatch
     for one, other in zip(first.workloads, second.workloads, strict=True):
         assert one.read_bytes() == other.read_bytes()
 
@@ -166,15 +167,15 @@ def test_an_option_that_does_not_exist_is_bad_input(
         (Sizes(metric=Metric.P99), 1, 1e-7, (100, 100)),
     ],
 )
-def test_a_block_takes_about_a_millisecond_where_the_user_leaves_it_open(
+def test_a_run_takes_about_a_millisecond_where_the_user_leaves_it_open(
     sizes: Sizes, nthread: int, step_s: float, expected: tuple[int, int]
 ) -> None:
-    assert block_sizes.block_size(sizes, nthread, step_s * (1 - 1e-9)) == expected
+    assert run_sizes.run_size(sizes, nthread, step_s * (1 - 1e-9)) == expected
 
 
-def test_a_block_has_no_more_steps_than_there_are_controls_for() -> None:
+def test_a_run_has_no_more_steps_than_there_are_controls_for() -> None:
     def size(sizes: Sizes, most_nstep: int) -> tuple[int, int]:
-        return block_sizes.block_size(sizes, 1, 1e-5 * (1 - 1e-9), most_nstep)
+        return run_sizes.run_size(sizes, 1, 1e-5 * (1 - 1e-9), most_nstep)
 
     assert size(Sizes(), 20) == (5, 20)
     assert size(Sizes(nbatch=2), 20) == (2, 20)
@@ -184,7 +185,61 @@ def test_a_block_has_no_more_steps_than_there_are_controls_for() -> None:
         size(Sizes(nbatch=2, metric=Metric.P99), 20)
 
 
-def test_a_block_whose_slowest_steps_are_compared_has_enough_of_them() -> None:
+@pytest.mark.parametrize(
+    ("size", "step_s", "hold", "sections"),
+    [
+        ((4, 100), 2.5e-6, 1, 10),
+        ((1, 36), 2.75e-5, 1, 10),
+        ((1, 36), 2.75e-5, 12, 3),  # no control is divided
+        ((1, 5), 2e-4, 1, 5),  # no step is divided
+        ((1, 1), 1.0, 1, 1),
+        ((1, 10), 1e-6, 1, 1),
+        ((1000, 100), 1e-5, 1, run_sizes.MAX_SECTIONS),
+    ],
+)
+def test_a_section_takes_a_tenth_of_a_millisecond(
+    size: tuple[int, int], step_s: float, hold: int, sections: int
+) -> None:
+    assert run_sizes.RunSize(*size).nsection(step_s, hold) == sections
+
+
+@pytest.mark.parametrize(
+    ("path", "sizes", "can_divide", "is_divided"),
+    [
+        ("python_loop", Sizes(nbatch=4, nstep=100), True, True),
+        ("python_loop", Sizes(nbatch=4, nstep=100), False, False),
+        ("rollout", Sizes(nbatch=4, nstep=100), True, False),
+        ("python_loop", Sizes(nbatch=4, nstep=100, returns=Product.TRAJECTORY), True, False),
+        ("python_loop", Sizes(nbatch=5, nstep=100, metric=Metric.P99), True, False),
+    ],
+)
+def test_the_run_of_a_plain_loop_is_divided_if_its_states_are_whole(
+    pool: WorkerPool,
+    monkeypatch: pytest.MonkeyPatch,
+    path: str,
+    sizes: Sizes,
+    can_divide: bool,
+    is_divided: bool,
+) -> None:
+    call = WorkerProcess.call
+
+    def call_another_build(process: WorkerProcess, request: requests.Request[Any]) -> Any:
+        answer = call(process, request)
+        if isinstance(request, requests.Observe):
+            assert answer.can_divide
+            return replace(answer, can_divide=can_divide)
+        return answer
+
+    monkeypatch.setattr(WorkerProcess, "call", call_another_build)
+    target = replace(CARTPOLE, path=path)
+    prepared = preparation.prepare(pool, (target, target), sizes, TimeLimit())
+    assert (prepared.nsection > 1) == is_divided
+    drawn = [prepared.draw_section() for _ in range(200)]
+    indices = {section.index for section in drawn if section is not None}
+    assert indices == (set(range(prepared.nsection)) if is_divided else set())
+
+
+def test_a_run_whose_slowest_steps_are_compared_has_enough_of_them() -> None:
     assert Sizes(nbatch=5, nstep=100, metric=Metric.P99).nbatch == 5
     with pytest.raises(InputError, match="p99 needs at least 500 steps"):
         Sizes(nbatch=1, nstep=100, metric=Metric.P99)

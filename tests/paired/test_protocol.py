@@ -245,6 +245,29 @@ def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
     assert sorted(early) == [(0, 2 * launches), (1, 2 * launches)]
 
 
+def test_the_processes_of_a_launch_end_while_the_next_is_measured(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    end, ended = pool.end, list[WorkerProcess]()
+
+    def spying(processes: Sequence[WorkerProcess]) -> None:
+        ended.extend(processes)
+        end(processes)
+
+    release = CARTPOLE.release
+    with monkeypatch.context() as patch:
+        patch.setattr(pool, "end", spying)
+        pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
+        with pairs.batch([]) as (first,):
+            pass
+        assert ended == []
+        pairs.wait()
+        with pairs.batch([]) as (second,):
+            assert ended == [*first.processes]
+        pairs.close()
+    assert ended == [*first.processes, *second.processes]
+
+
 def test_comparisons_of_the_same_releases_share_their_programs(pool: WorkerPool) -> None:
     first, second = CARTPOLE.release, ReleaseSpec("3.5.0", "3.5.0")
     assert pool.seeds((first, second)) is pool.seeds((first, second))

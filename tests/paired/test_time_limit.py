@@ -5,7 +5,16 @@ import math
 import pytest
 
 from mjbench.paired import time_limit
-from mjbench.paired.time_limit import BRIEF_S, OutOfTimeError, TimeLimit, launch_s, quad_count
+from mjbench.paired.time_limit import (
+    BRIEF_S,
+    LAYOUTS,
+    LONG_LAYOUTS,
+    OutOfTimeError,
+    TimeLimit,
+    launch_s,
+    layout_count,
+    quad_count,
+)
 
 
 class Clock:
@@ -34,6 +43,11 @@ def clock() -> Clock:
 def test_a_launch_takes_as_long_as_its_blocks(pair_s: float, quads: int, seconds: float) -> None:
     assert quad_count(pair_s * (1 - 1e-9)) == quads
     assert launch_s(pair_s * (1 - 1e-9)) == pytest.approx(seconds)
+
+
+def test_a_launch_of_long_blocks_has_fewer_layouts() -> None:
+    assert layout_count(0.0099) == LAYOUTS
+    assert layout_count(0.0101) == LONG_LAYOUTS
 
 
 def test_a_launch_that_would_exceed_the_limit_is_refused_with_a_limit_that_would_do(

@@ -13,11 +13,11 @@ from benchmarks.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.instrument import runs
 from mjbench.paired import cores, preparation, protocol, verdict
 from mjbench.paired.averaging import Averaging
-from mjbench.paired.block_sizes import Sizes
 from mjbench.paired.judgement import Judgement, judge
 from mjbench.paired.outcomes import Cause, Verdict
 from mjbench.paired.preparation import WorkCheck
 from mjbench.paired.protocol import Launch
+from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import PairedResult
 from mjbench.paired.worker_pool import WorkerPool

@@ -1,4 +1,4 @@
-"""The plain loop in segments does exactly what the plain loop does."""
+"""The plain loop in sections does exactly what the plain loop does."""
 
 import dataclasses
 
@@ -8,7 +8,7 @@ import pytest
 
 from mjbench import paths
 from mjbench.errors import MachineError
-from mjbench.paired import loop_segments
+from mjbench.paired import loop_sections
 from mjbench.paths import Resources
 from mjbench.simulation import compat, models, workload
 from mjbench.simulation.workload import Workload
@@ -37,63 +37,63 @@ def states_along(pile: Workload) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [2, 4, 15])
-def test_each_segment_ends_where_the_plain_loop_does(pile: Workload, count: int) -> None:
+def test_each_section_ends_where_the_plain_loop_does(pile: Workload, count: int) -> None:
     states, resources = states_along(pile), Resources(pile)
     (data,) = resources.datas(1)
     state = np.empty(states.shape[1])
     for index in range(count):
-        segment = loop_segments.segment(resources, index, count)
+        section = loop_sections.section(resources, index, count)
         for _ in range(2):  # again, from where it ended
-            segment.warm_up()
-            segment.run()
+            section.warm_up()
+            section.run()
             compat.get_state(pile.model, data, state, FULL)
             assert np.array_equal(state, states[round((index + 1) * len(states) / count) - 1])
 
 
-def test_all_segments_leave_the_final_states_of_the_path(pile: Workload) -> None:
+def test_all_sections_leave_the_final_states_of_the_path(pile: Workload) -> None:
     resources = Resources(pile)
     prepared = paths.find("python_loop").prepare(pile, {}, resources)
     expected = prepared.verified_states().values.copy()
-    segments = [loop_segments.segment(resources, index, 4) for index in range(4)]
+    sections = [loop_sections.section(resources, index, 4) for index in range(4)]
     prepared.clear()
-    for segment in segments:
-        segment.warm_up()
-        segment.run()
+    for section in sections:
+        section.warm_up()
+        section.run()
     assert np.array_equal(resources.final_state(), expected)
 
 
-def test_a_segment_takes_its_share_of_the_steps_after_as_many_to_warm_up(
+def test_a_section_takes_its_share_of_the_steps_after_as_many_to_warm_up(
     pile: Workload, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    segment, steps, mj_step = loop_segments.segment(Resources(pile), 2, 5), [], mujoco.mj_step
+    section, steps, mj_step = loop_sections.section(Resources(pile), 2, 5), [], mujoco.mj_step
     monkeypatch.setattr(
         mujoco, "mj_step", lambda model, data: (steps.append(data), mj_step(model, data))
     )
-    segment.warm_up()
+    section.warm_up()
     assert len(steps) == pile.steps // 5
-    segment.run()
+    section.run()
     assert len(steps) == 2 * pile.steps // 5
 
 
 def test_a_run_whose_states_are_not_whole_is_not_divided(
     pile: Workload, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert loop_segments.can_divide(pile)
+    assert loop_sections.can_divide(pile)
     without_warmstart = compat.state_spec("FULLPHYSICS")
     size = compat.state_size(pile.model, without_warmstart)
     monkeypatch.setattr(compat, "state_spec", lambda name: without_warmstart)
     part = dataclasses.replace(pile, initial_state=pile.initial_state[:, :size].copy())
     with pytest.raises(MachineError, match="do not end where the run does"):
-        loop_segments.segment(Resources(part), 1, 2)
-    assert not loop_segments.can_divide(part)
+        loop_sections.section(Resources(part), 1, 2)
+    assert not loop_sections.can_divide(part)
 
 
 def test_a_run_that_must_be_reset_is_not_divided(
     pile: Workload, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_segments, "needs_reset", lambda model: True)
-    assert not loop_segments.can_divide(pile)
+    monkeypatch.setattr(loop_sections, "needs_reset", lambda model: True)
+    assert not loop_sections.can_divide(pile)
 
 
 def test_a_run_of_one_control_is_not_divided(pile: Workload) -> None:
-    assert not loop_segments.can_divide(pile.first(1))
+    assert not loop_sections.can_divide(pile.first(1))

@@ -1,4 +1,4 @@
-"""How much work a block is: what the user asked for, or what takes about a millisecond."""
+"""How much work a run is: what the user asked for, or what takes about a millisecond."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -8,28 +8,28 @@ from mjbench.paired.outcomes import Metric
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product, whole_holds
 
-# Seconds of a block. The shorter it is, the closer in time the two blocks of a pair, and the fewer
-# blocks are hit by what else the machine does. The longer it is, the less its cold start counts,
-# which both targets share and which makes any change look smaller.
-BLOCK_S = 0.001
-# Seconds of a segment, which blocks of the plain loop are (see `loop_segments`), and the most
-# segments of a run.
-SEGMENT_S, MAX_SEGMENTS = 0.0001, 16
-# Steps of each simulation of a block, at most.
+# Seconds of a run. Where it is not divided, a block is a whole run: the shorter, the closer in time
+# are the two blocks of a pair, and the fewer blocks are hit by what else the machine does; the
+# longer, the less counts its cold start, which both targets share and which makes any change look
+# smaller.
+RUN_S = 0.001
+# Seconds of a section (see `loop_sections`), and the most sections of a run.
+SECTION_S, MAX_SECTIONS = 0.0001, 16
+# Steps of each simulation of a run, at most.
 MAX_NSTEP = 100
-# Seconds of a block for each thread of a path with threads: long enough that starting the threads
+# Seconds of a run for each thread of a path with threads: long enough that starting the threads
 # is not what is measured.
-THREADED_BLOCK_S = 0.01
-# Steps of a block whose slowest are compared, at least: five are above the 99th percentile.
+THREADED_RUN_S = 0.01
+# Steps of a run whose slowest are compared, at least: five are above the 99th percentile.
 MIN_P99_STEPS = 500
-# Simulations that are drawn for each one of a block. Every layout does others of them, so that a
-# verdict does not rest on the states of one block.
-DRAWN_PER_BLOCK = 8
+# Simulations that are drawn for each one of a run. Every layout does others of them, so that a
+# verdict does not rest on the states of one run.
+DRAWN_PER_RUN = 8
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """The work of a block, as the user asked for it.
+    """The work of a run, as the user asked for it.
 
     Attributes:
       nbatch: simulations; None chooses them from what a step costs.
@@ -38,7 +38,7 @@ class Sizes:
       seed: of start states and controls.
       starts: where start states are to come from.
       returns: what a run returns.
-      metric: what of a block is compared: its time, or that of its slowest steps.
+      metric: what is compared: the time of blocks, or that of their slowest steps.
     """
 
     nbatch: int | None = None
@@ -50,7 +50,7 @@ class Sizes:
     metric: Metric = Metric.TIME
 
     def __post_init__(self) -> None:
-        """Check that a block has enough steps.
+        """Check that a run has enough steps.
 
         Raises:
           InputError: it has too few for its slowest.
@@ -64,27 +64,25 @@ class Sizes:
             )
 
 
-class BlockSize(NamedTuple):
-    """Simulations of a block, and steps of each."""
+class RunSize(NamedTuple):
+    """Simulations of a run, and steps of each."""
 
     nbatch: int
     nstep: int
 
-    def nsegment(self, step_s: float, hold: int) -> int:
-        """Return the number of segments of a run of the plain loop.
+    def nsection(self, step_s: float, hold: int) -> int:
+        """Return the number of sections of a run of the plain loop.
 
         Args:
           step_s: seconds of a step of the target that is slower.
           hold: steps per control.
         """
         steps = self.nbatch * self.nstep
-        return min(max(1, round(steps * step_s / SEGMENT_S)), steps // hold, MAX_SEGMENTS)
+        return min(max(1, round(steps * step_s / SECTION_S)), steps // hold, MAX_SECTIONS)
 
 
-def block_size(
-    sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None = None
-) -> BlockSize:
-    """Return a size such that a block takes about BLOCK_S where the user leaves it open.
+def run_size(sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None = None) -> RunSize:
+    """Return a size such that a run takes about RUN_S where the user leaves it open.
 
     Args:
       sizes: as the user asked.
@@ -95,8 +93,8 @@ def block_size(
     Raises:
       InputError: the slowest steps are to be compared, and there are too few.
     """
-    block_s = BLOCK_S if nthread == 1 else nthread * THREADED_BLOCK_S
-    steps, hold = max(1, int(block_s / step_s)), sizes.hold
+    run_s = RUN_S if nthread == 1 else nthread * THREADED_RUN_S
+    steps, hold = max(1, int(run_s / step_s)), sizes.hold
     if sizes.metric == Metric.P99:
         steps = max(steps, MIN_P99_STEPS)
     longest = steps if most_nstep is None else most_nstep
@@ -104,6 +102,6 @@ def block_size(
         nstep = sizes.nstep or whole_holds(min(steps // sizes.nbatch, longest), hold)
         if most_nstep is not None:
             replace(sizes, nstep=nstep)  # refuses too few steps
-        return BlockSize(sizes.nbatch, nstep)
+        return RunSize(sizes.nbatch, nstep)
     nstep = sizes.nstep or whole_holds(min(steps, MAX_NSTEP, longest), hold)
-    return BlockSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)
+    return RunSize(max(1 if nthread == 1 else 4 * nthread, steps // nstep), nstep)

@@ -1,7 +1,7 @@
-"""The plain loop in segments, which blocks time one by one.
+"""The plain loop in sections, which blocks time one by one.
 
 What else the machine does changes within a millisecond how fast a core is. So the two targets
-take turns after a tenth of that: a block is one segment of the simulations' steps. The segment
+take turns after a tenth of that: a block is one section of the simulations' steps. The section
 before it runs first, untimed, because the caches still hold what the other target did.
 """
 
@@ -19,7 +19,7 @@ from mjbench.simulation.workload import Workload
 
 
 @dataclass(frozen=True)
-class Segment:
+class Section:
     """A part of what a run of the plain loop does.
 
     Attributes:
@@ -53,7 +53,7 @@ def can_divide(workload: Workload) -> bool:
     first = workload.only(np.arange(workload.nbatch) == 0)
     resources = Resources(first)
     try:
-        segment(resources, 1, 2)
+        section(resources, 1, 2)
     except MachineError:
         return False
     finally:
@@ -61,17 +61,17 @@ def can_divide(workload: Workload) -> bool:
     return True
 
 
-def segment(resources: Resources, index: int, count: int) -> Segment:
-    """Return a segment of a run of the path `python_loop`.
+def section(resources: Resources, index: int, count: int) -> Section:
+    """Return a section of a run of the path `python_loop`.
 
     Args:
       resources: of the workload, whose model must not need a reset between simulations. Their first
-        MjData is stepped, and `final_state()` is written, by this function and by the segment.
-      index: of the segment, from 0; the last one warms up the first.
-      count: of segments, two or more, each of as many controls as the others, or of one more.
+        MjData is stepped, and `final_state()` is written, by this function and by the section.
+      index: of the section, from 0; the last one warms up the first.
+      count: of sections, two or more, each of as many controls as the others, or of one more.
 
     Raises:
-      MachineError: the segment ends in another state than the run does there.
+      MachineError: the section ends in another state than the run does there.
     """
     workload = resources.workload
     ncontrol = workload.nbatch * workload.ncontrol
@@ -87,9 +87,9 @@ def segment(resources: Resources, index: int, count: int) -> Segment:
     warm_up = _run(resources, [replace(first, start=start), *others])
     warm_up()
     runs[index]()
-    if not np.array_equal(_state(resources), ends_in[index]):
+    if not np.array_equal(_state(resources), ends_in[index], equal_nan=True):
         raise MachineError("steps from a restored state do not end where the run does")
-    return Segment(warm_up, runs[index])
+    return Section(warm_up, runs[index])
 
 
 def _state(resources: Resources) -> np.ndarray:
