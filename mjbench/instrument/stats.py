@@ -13,8 +13,6 @@ import numpy as np
 from mjbench.errors import InputError
 
 CONFIDENCE = 0.95
-# Share of the samples that `trimmed_mean` leaves out at each end.
-TRIM = 0.2
 
 
 @dataclass(frozen=True)
@@ -99,6 +97,27 @@ def paired_log_ratio(orders: Sequence[str], times: np.ndarray) -> float:
     return float(np.median(pair_log_ratios(orders, times), axis=0).mean())
 
 
+def total_log_ratio(orders: Sequence[str], times: np.ndarray, pieces: np.ndarray) -> float:
+    """Return the log ratio of work that was timed piece by piece: that of the sums over pieces.
+
+    So a piece that takes longer weighs more. The log ratio of a piece is the median of its pairs of
+    both orders, after the effect of the order is removed. This effect is estimated from all pieces
+    together, because each has few pairs.
+
+    Args:
+      orders: see `pair_log_ratios`.
+      times: likewise.
+      pieces: (quads,) number of the piece that each quad timed.
+    """
+    pairs = pair_log_ratios(orders, times)
+    medians = np.median(pairs, axis=0)
+    aligned, log_times = pairs - medians + medians.mean(), np.log(times)
+    masks = [pieces == piece for piece in np.unique(pieces)]
+    halves = np.array([np.median(aligned[mask]) / 2 for mask in masks])
+    means = np.array([np.median(log_times[mask]) for mask in masks])
+    return float(np.logaddexp.reduce(means + halves) - np.logaddexp.reduce(means - halves))
+
+
 def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:
     """Return the speed-up in the rounds that both have, which are the first of each."""
     count = min(len(baseline_s), len(candidate_s))
@@ -172,15 +191,3 @@ def quantile_interval(
     interval = stats.quantile_test(samples, p=quantile).confidence_interval(confidence)
     low, high = float(interval.low), float(interval.high)
     return (None if np.isnan(low) else low), (None if np.isnan(high) else high)
-
-
-def trimmed_mean(samples: Sequence[float]) -> float:
-    """Return the mean of the samples that remain without the TRIM smallest and largest of them.
-
-    Raises:
-      ValueError: no samples.
-    """
-    if not samples:
-        raise ValueError("need samples")
-    cut = int(TRIM * len(samples))
-    return float(np.sort(np.asarray(samples, dtype=float))[cut : len(samples) - cut].mean())

@@ -1,8 +1,8 @@
-"""The plain loop in sections, which blocks time one by one.
+"""The plain loop in sections, which blocks time one after the other.
 
 What else the machine does changes within a millisecond how fast a core is. So the two targets
-take turns after a tenth of that: a block is one section of the simulations' steps. The section
-before it runs first, untimed, because the caches still hold what the other target did.
+take turns after a tenth of that: a block is one section of the run. The section before it runs
+first, untimed, because the caches still hold what the other target did.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,17 +18,23 @@ from mjbench.simulation import compat
 from mjbench.simulation.workload import Workload
 
 
+def _nothing() -> None:
+    pass
+
+
 @dataclass(frozen=True)
 class Section:
-    """A part of what a run of the plain loop does.
+    """A part of a run, or a whole one.
 
     Attributes:
-      warm_up: does what comes before it, from a state that it restores.
-      run: does it, from where `warm_up` ended.
+      run: does this part, from where `warm_up` ended.
+      warm_up: does the part before it, from a state that it restores.
+      check: raises MachineError if `run` did not end where the whole run is then.
     """
 
-    warm_up: Callable[[], None]
     run: Callable[[], None]
+    warm_up: Callable[[], None] = _nothing
+    check: Callable[[], None] = _nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +52,22 @@ class _Stretch:
     end: np.ndarray | None
 
 
-def can_divide(workload: Workload) -> bool:
-    """Return whether steps from a restored state of a run end where the run does."""
-    if needs_reset(workload.model) or workload.ncontrol < 2:
+def can_divide(workload: Workload, count: int) -> bool:
+    """Return whether a run can be divided: its sections end where the whole run is.
+
+    Args:
+      workload: of the run.
+      count: of sections; fewer where the run has fewer controls.
+    """
+    count = min(count, workload.nbatch * workload.ncontrol)
+    if count < 2 or needs_reset(workload.model):
         return False
-    first = workload.only(np.arange(workload.nbatch) == 0)
-    resources = Resources(first)
+    resources = Resources(workload)
     try:
-        section(resources, 1, 2)
+        for section in sections(resources, count):
+            section.warm_up()
+            section.run()
+            section.check()
     except MachineError:
         return False
     finally:
@@ -61,35 +75,41 @@ def can_divide(workload: Workload) -> bool:
     return True
 
 
-def section(resources: Resources, index: int, count: int) -> Section:
-    """Return a section of a run of the path `python_loop`.
+def sections(resources: Resources, count: int) -> list[Section]:
+    """Return the sections of a run of the path `python_loop`, in their order.
+
+    It does the run once, and leaves its final states in `final_state()`.
 
     Args:
       resources: of the workload, whose model must not need a reset between simulations. Their first
-        MjData is stepped, and `final_state()` is written, by this function and by the section.
-      index: of the section, from 0; the last one warms up the first.
+        MjData is stepped, and `final_state()` is written, by this function and by the sections.
       count: of sections, two or more, each of as many controls as the others, or of one more.
-
-    Raises:
-      MachineError: the section ends in another state than the run does there.
     """
     workload = resources.workload
     ncontrol = workload.nbatch * workload.ncontrol
-    ends = [round(k * ncontrol / count) for k in range(count + 1)]
-    stretches = [list(_stretches(resources, *ends[k : k + 2])) for k in range(count)]
+    bounds = [round(k * ncontrol / count) for k in range(count + 1)]
+    stretches = [list(_stretches(resources, *bounds[k : k + 2])) for k in range(count)]
     runs = [_run(resources, each) for each in stretches]
-    ends_in = []
+    ends = []
     for run in runs:
         run()
-        ends_in.append(_state(resources))
-    first, *others = stretches[index - 1]
-    start = ends_in[index - 2] if first.start is None else first.start
-    warm_up = _run(resources, [replace(first, start=start), *others])
-    warm_up()
-    runs[index]()
-    if not np.array_equal(_state(resources), ends_in[index], equal_nan=True):
-        raise MachineError("steps from a restored state do not end where the run does")
-    return Section(warm_up, runs[index])
+        ends.append(_state(resources))
+
+    def warm_up(k: int) -> Callable[[], None]:
+        """Return what does the section before the k-th; before the first one, the last."""
+        first, *others = stretches[k - 1]
+        start = ends[k - 2] if first.start is None else first.start
+        return _run(resources, [replace(first, start=start), *others])
+
+    return [Section(runs[k], warm_up(k), _check(resources, ends[k])) for k in range(count)]
+
+
+def _check(resources: Resources, end: np.ndarray) -> Callable[[], None]:
+    def check() -> None:
+        if not np.array_equal(_state(resources), end, equal_nan=True):
+            raise MachineError("steps from a restored state do not end where the run does")
+
+    return check
 
 
 def _state(resources: Resources) -> np.ndarray:

@@ -5,7 +5,6 @@ the plain way; simulations that diverge in either are left out, and the work is 
 """
 
 import functools
-import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,12 +91,6 @@ class Preparation:
     nsection: int
     work_check: WorkCheck
 
-    def draw_section(self) -> requests.SectionIndex | None:
-        """Return a random section of the run; None where it is not divided."""
-        if self.nsection == 1:
-            return None
-        return requests.SectionIndex(random.randrange(self.nsection), self.nsection)
-
 
 @dataclass(frozen=True)
 class _ChosenSizes:
@@ -106,7 +99,7 @@ class _ChosenSizes:
     Attributes:
       sizes: as the user asked.
       run: what follows from them.
-      step_s: seconds of a step of the slower target, as tables have it.
+      step_s: seconds of a step of the target that is faster, as tables have it.
       request: draws the workload.
     """
 
@@ -114,6 +107,10 @@ class _ChosenSizes:
     run: RunSize
     step_s: float
     request: requests.MakeWorkload
+
+    def nsection(self, nbatch: int) -> int:
+        """Return the number of sections of a run of `nbatch` simulations in the plain loop."""
+        return self.run._replace(nbatch=nbatch).nsection(self.step_s, self.sizes.hold)
 
 
 def describe(targets: Sequence[Target], roles: tuple[str, str] = ROLES) -> tuple[str, str]:
@@ -180,7 +177,7 @@ def _choose_sizes(
     sizes: Sizes,
     processes: Sequence[WorkerProcess],
     time_limit: TimeLimit,
-) -> "_ChosenSizes":
+) -> _ChosenSizes:
     """Return the size of a run, and the request that draws the workload.
 
     Sizes follow from the costs that tables hold, so they are the same in every run. What is
@@ -190,13 +187,14 @@ def _choose_sizes(
       OutOfTimeError: the limit does not allow to draw it, and to launch once.
     """
     nthread = max(target.nthread for target in targets)
-    step_s, cost_s, settling_nstep = 0.0, 0.0, 0
+    step_s, costs_s, settling_nstep = 0.0, list[float](), 0
     for process in processes:
         request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NSTART, sizes.hold)
         now = process.call(request)
         settled = functools.partial(process.call, requests.MeasureSettledCost())
         step_s = max(step_s, now.step_s)
-        cost_s = max(cost_s, step_costs.step_cost_s(now.digest, settled))
+        costs_s.append(step_costs.step_cost_s(now.digest, settled))
+        cost_s = max(costs_s)
         max_nstep = starts.max_settling_nstep(cost_s)
         settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
         run = run_size(sizes, nthread, cost_s, now.most_nstep)
@@ -218,7 +216,7 @@ def _choose_sizes(
         sizes.starts,
         max_nstep,
     )
-    return _ChosenSizes(sizes, run, cost_s, requests.MakeWorkload(sample))
+    return _ChosenSizes(sizes, run, min(costs_s), requests.MakeWorkload(sample))
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -241,7 +239,7 @@ def _prepared(
     processes: Sequence[WorkerProcess],
     models: tuple[Path, Path],
     drawn: tuple[requests.DrawnWorkload, requests.DrawnWorkload],
-    chosen: "_ChosenSizes",
+    chosen: _ChosenSizes,
 ) -> Preparation:
     """See what each target does with its workload; save what is to be timed.
 
@@ -255,10 +253,14 @@ def _prepared(
     """
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
+    is_plain_loop, nbatch = _is_plain_loop(targets, chosen.sizes), chosen.run.nbatch
+    drawn_nbatch = len(workloads[0].control)
+    nsection = chosen.nsection(nbatch) if is_plain_loop else 1
+    all_sections = nsection * drawn_nbatch // nbatch if nsection > 1 else 1
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
         with pool.saved(workload) as file:
-            observed.append(process.call(requests.Observe(file)))
+            observed.append(process.call(requests.Observe(file, all_sections)))
     baseline, candidate = observed
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
@@ -268,7 +270,7 @@ def _prepared(
         drift=_drift(baseline, candidate) if shared else None,
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
-        nbatch=min(chosen.run.nbatch, nsim),
+        nbatch=min(nbatch, nsim),
         nstep=chosen.run.nstep,
         starts=drawn[0].starts,
     )
@@ -276,10 +278,8 @@ def _prepared(
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
-    run = chosen.run._replace(nbatch=work_check.nbatch)
     can_divide = baseline.can_divide and candidate.can_divide
-    is_divided = can_divide and _is_plain_loop(targets, chosen.sizes)
-    nsection = run.nsection(chosen.step_s, chosen.sizes.hold) if is_divided else 1
+    nsection = chosen.nsection(work_check.nbatch) if can_divide else 1
     return Preparation(models, files, nsim, nsection, work_check)
 
 

@@ -2,16 +2,16 @@
 
 A launch starts one program for each target anew. Both run on one core, with a thread of this
 process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
-order of turns hit both alike; a few times per launch both lay out their memory anew, and choose
-other simulations and another section of them. A layout yields the mean of two medians: of the log
-ratios of the pairs that the baseline began and of those that the candidate began. A launch yields
-one number, the trimmed mean of its layouts. Launches are the samples that `verdict` judges, as many
-as the verdict needs. While one launch is measured, the programs of the next start on the other
-cores.
+order of turns hit both alike; a few times per launch both lay out their memory anew. The quads of
+a layout take the sections of the launch's run in turn; where a run has none, each layout does other
+simulations. A launch yields one number, the log ratio of all its work. Launches are the samples
+that `verdict` judges, as many as the verdict needs. While one launch is measured, the programs of
+the next start on the other cores.
 """
 
 import math
 import random
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
@@ -22,6 +22,7 @@ import numpy as np
 from mjbench.errors import MachineError, one_line
 from mjbench.instrument import stats, timing
 from mjbench.paired import cores, preparation, requests
+from mjbench.paired.balanced_draws import BalancedDraws
 from mjbench.paired.calibrator import Calibrator
 from mjbench.paired.process_pairs import ProcessPair, ProcessPairs
 from mjbench.paired.records import LaunchRow
@@ -50,6 +51,7 @@ class Launch:
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       placements: of the targets' libraries.
       layouts: how many quads each layout of memory has, in the order they ran.
+      nsection: sections of a run, which the quads of a layout take in turn.
     """
 
     core: int | None
@@ -58,6 +60,7 @@ class Launch:
     ns: np.ndarray
     placements: PlacementPair
     layouts: Sequence[int]
+    nsection: int = 1
 
     def pair_log_ratios(self) -> np.ndarray:
         """Return (quads, 2) log ratios of pairs (see `stats.pair_log_ratios`)."""
@@ -65,19 +68,25 @@ class Launch:
 
     @property
     def log_ratio(self) -> float:
-        """The trimmed mean of the layouts' log ratios (see `stats.paired_log_ratio`)."""
-        ends = np.cumsum(self.layouts)
-        ratios = [
-            stats.paired_log_ratio(self.orders[end - count : end], self.ns[end - count : end])
-            for end, count in zip(ends, self.layouts, strict=True)
-        ]
-        return stats.trimmed_mean(ratios)
+        """That of all the work of a launch (see `stats.total_log_ratio`)."""
+        return stats.total_log_ratio(self.orders, self.ns, self._pieces())
 
     @property
-    def baseline_ns(self) -> float:
-        """The median time of the baseline's blocks, in nanoseconds."""
+    def baseline_run_ns(self) -> float:
+        """How long a run of the baseline takes, in nanoseconds.
+
+        It is the sum of the medians of its sections, or the median of the whole runs.
+        """
         is_baseline = np.array([[letter == "A" for letter in order] for order in self.orders])
-        return float(np.median(self.ns[is_baseline]))
+        blocks, pieces = self.ns[is_baseline].reshape(-1, 2), self._pieces()
+        medians = [np.median(blocks[pieces == piece]) for piece in np.unique(pieces)]
+        return float(np.sum(medians) if self.nsection > 1 else np.median(medians))
+
+    def _pieces(self) -> np.ndarray:
+        """Return (quads,) the section that each quad timed, or else the layout it belongs to."""
+        if self.nsection > 1:
+            return np.concatenate([np.arange(count) % self.nsection for count in self.layouts])
+        return np.repeat(np.arange(len(self.layouts)), self.layouts)
 
     def row(self) -> LaunchRow:
         """Return the launch as a run file stores it."""
@@ -88,6 +97,7 @@ class Launch:
             self.ns.tolist(),
             self.placements,
             list(self.layouts),
+            self.nsection,
         )
 
 
@@ -133,6 +143,7 @@ class TargetPair:
         self._returns, self._metric = sizes.returns, sizes.metric
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator = Calibrator(pool, baseline.release, self._nthread)
+        self._drawing = threading.Lock()
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
         self.at_once = launches_at_once(baseline, candidate) if at_once is None else at_once
         releases = baseline.release, candidate.release
@@ -146,6 +157,8 @@ class TargetPair:
             raise
         self._pairs.equip(self._equip)
         self.work_check = self._prepared.work_check
+        # Simulations may differ in how much slower they are, so they are timed equally often.
+        self._draws = BalancedDraws(self._prepared.nsim, random.Random())
         self.baseline_workload: Path = self._prepared.workloads[0]
 
     def launch_batch(self) -> list[Launch]:
@@ -181,20 +194,22 @@ class TargetPair:
     def _measure(self, pair: ProcessPair, core: int | None, is_first: bool) -> Launch:
         """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
-        pair_s = math.inf
+        pair_s, nsection, rows = math.inf, self._prepared.nsection, self._draw()
         with cores.pinned(core):
-            while len(layouts) < layout_count(pair_s) or (
+            while len(layouts) < layout_count(pair_s, nsection) or (
                 len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready()
             ):
-                now_s = self._lay_out(pair.processes, core)
+                now_s = self._lay_out(pair.processes, core, rows)
                 if is_first and not layouts:  # steps may be heavier than those at the start
-                    self._time_limit.check_first_launch(launch_s(now_s))
+                    self._time_limit.check_first_launch(launch_s(now_s, nsection))
                 pair_s = min(pair_s, now_s)
-                layouts.append(time_quads(*pair.processes, quad_count(now_s)))
+                layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
+                if nsection == 1:
+                    rows = self._draw()
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return Launch(core, None, orders, ns, pair.placements, sizes)
+        return Launch(core, None, orders, ns, pair.placements, sizes, nsection)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""
@@ -210,10 +225,16 @@ class TargetPair:
         ):
             process.ask(requests.Equip(model, workload, target.path, target.import_from))
 
-    def _lay_out(self, processes: Sequence[WorkerProcess], core: int | None) -> float:
-        """Lay out memory anew; return the seconds of one block of each target."""
-        rows = random.sample(range(self._prepared.nsim), self.work_check.nbatch)
-        section, ns = self._prepared.draw_section(), 0
+    def _draw(self) -> list[int]:
+        """Return the simulations of a run; any thread may call it."""
+        with self._drawing:
+            return self._draws.draw(self.work_check.nbatch)
+
+    def _lay_out(
+        self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]
+    ) -> float:
+        """Lay out memory anew; return the seconds of a run of both targets, block by block."""
+        ns = 0
         for i in random.sample((0, 1), 2):
             target = self._targets[i]
             ns += processes[i].call(
@@ -226,7 +247,7 @@ class TargetPair:
                     slowdown=target.slowdown,
                     returns=self._returns,
                     metric=self._metric,
-                    section=section,
+                    nsection=self._prepared.nsection,
                 )
             )
         return 1e-9 * ns

@@ -180,6 +180,7 @@ class LaunchRow:
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       placements: of the targets' libraries.
       layouts: how many quads each layout of memory has, in the order they ran.
+      nsection: sections of a run, which the quads of a layout take in turn; a block is one section.
     """
 
     core: int | None
@@ -188,6 +189,7 @@ class LaunchRow:
     ns: Sequence[Sequence[int]]
     placements: PlacementPair = AS_SHIPPED
     layouts: Sequence[PositiveInt] = ()
+    nsection: PositiveInt = 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -223,7 +223,7 @@ def _time_all(
             if isinstance(error, MachineError):
                 return
         else:
-            task.add(LaunchRatio(launch.log_ratio, pair.placements.new), launch.baseline_ns)
+            task.add(LaunchRatio(launch.log_ratio, pair.placements.new), launch.baseline_run_ns)
 
 
 def _time(
@@ -236,10 +236,10 @@ def _time(
     task.equip(processes)
     while len(ns) < _LAYOUTS or (len(ns) < _MAX_LAYOUTS and not is_enough()):
         task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
-        count = quad_count(task.pair_s, _LAYOUT_S)
+        count = quad_count(task.pair_s, task.nsection, _LAYOUT_S)
         # the first quad warms up both: what was prepared last would have the advantage in it
         layout_orders, layout_ns = time_quads(*processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
     layouts = [len(each) for each in ns]
-    return Launch(core, None, orders, np.concatenate(ns), pair.placements, layouts)
+    return Launch(core, None, orders, np.concatenate(ns), pair.placements, layouts, task.nsection)

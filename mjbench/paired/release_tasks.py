@@ -52,8 +52,8 @@ class ReleaseTask(ABC):
       launches: so far.
       is_complete: whether they are enough.
       failure: why there are no more before they are; None while there may be.
-      pair_s: seconds of a block in each release, together: the shortest so far. The number of
-        blocks of a layout follows from it, so that a disturbed block does not decide it.
+      pair_s: seconds of what both releases do once, block by block: the shortest so far. The
+        number of blocks of a layout follows from it, so that a disturbed block does not decide it.
     """
 
     record_type: ClassVar[str]
@@ -65,6 +65,11 @@ class ReleaseTask(ABC):
         self.failure: Failure | None = None
         self.pair_s = math.inf
         self._reference_ns: list[float] = []
+
+    @property
+    def nsection(self) -> int:
+        """Sections of what is done (see `loop_sections`), which blocks time one after the other."""
+        return 1
 
     @property
     @abstractmethod
@@ -94,7 +99,7 @@ class ReleaseTask(ABC):
         """Have both processes ready to time blocks, with their memory laid out anew.
 
         Returns:
-          The nanoseconds of a block of each.
+          The nanoseconds that each takes for all its sections once, block by block.
 
         Raises:
           InputError: a release cannot do it.
@@ -115,7 +120,7 @@ class ReleaseTask(ABC):
 
         Args:
           launch: its ratio.
-          reference_ns: nanoseconds of a block of the reference.
+          reference_ns: nanoseconds that the reference takes for all its sections once.
         """
         self.launches.append(launch)
         self._reference_ns.append(reference_ns)
@@ -138,8 +143,8 @@ class ReleaseTask(ABC):
             seconds=seconds,
         )
 
-    def _reference_s(self, count: float) -> float | None:
-        """Return the seconds of one of `count` things of a block, in the reference."""
+    def _reference_s(self, count: int) -> float | None:
+        """Return the seconds of one of the `count` things that are timed, in the reference."""
         if not self._reference_ns:
             return None
         return 1e-9 * statistics.median(self._reference_ns) / count
@@ -157,12 +162,18 @@ class StepTask(ReleaseTask):
         self._prepared: Preparation | None = None
         # Simulations differ in how much slower they are. So all of them are timed equally often.
         self._draws: BalancedDraws | None = None
+        self._rows: list[int] | None = None
         self._digest = ""
 
     @property
     def series(self) -> str:
         """See `ReleaseTask.series`."""
         return self.model.name
+
+    @property
+    def nsection(self) -> int:
+        """See `ReleaseTask.nsection`."""
+        return self._prepared.nsection if self._prepared else 1
 
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`."""
@@ -179,7 +190,7 @@ class StepTask(ReleaseTask):
 
     def equip(self, processes: Processes) -> None:
         """See `ReleaseTask.equip`."""
-        prepared = self._prepared
+        prepared, self._rows = self._prepared, None
         assert prepared is not None, "a task is prepared before it is timed"
         for process, target, model, workload in zip(
             processes, self._targets, prepared.models, prepared.workloads, strict=True
@@ -191,16 +202,16 @@ class StepTask(ReleaseTask):
         prepared, draws = self._prepared, self._draws
         assert prepared is not None, "a task is prepared before it is timed"
         assert draws is not None, "a task is prepared before it is timed"
-        rows = draws.draw(prepared.work_check.nbatch)
-        section = prepared.draw_section()
+        if self._rows is None or prepared.nsection == 1:  # sections need the same ones all along
+            self._rows = draws.draw(prepared.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):
             request = requests.Prepare(
                 path=self._targets[i].path,
                 options={},
                 cores=cores.usable(core),
-                simulations=rows,
-                section=section,
+                simulations=self._rows,
+                nsection=prepared.nsection,
             )
             ns[i] = processes[i].call(request)
         return ns[0], ns[1]
@@ -223,7 +234,7 @@ class StepTask(ReleaseTask):
             nbatch=check.nbatch,
             nstep=check.nstep,
             starts=check.starts,
-            reference_s=self._reference_s(check.nbatch * check.nstep / self._prepared.nsection),
+            reference_s=self._reference_s(check.nbatch * check.nstep),
         )
 
     def close(self) -> None:

@@ -152,10 +152,17 @@ class TakeWorkload(Request[None]):
 
 @dataclass(frozen=True)
 class Observe(Request["Observed"]):
-    """Read a workload, do it once the plain way, and return what it was."""
+    """Read a workload, do it once the plain way, and return what it was.
+
+    Attributes:
+      workload_file: holds a pickled `PortableWorkload`.
+      nsection: sections that all simulations of it together are to be divided into (see
+        `loop_sections`); 1 for no division.
+    """
 
     activity = "stepping the model"
     workload_file: Path
+    nsection: int = 1
 
 
 @dataclass(frozen=True)
@@ -203,21 +210,11 @@ class Equip(Request[None]):
 
 
 @dataclass(frozen=True)
-class SectionIndex:
-    """Which section of a run is meant (see `loop_sections`).
-
-    Attributes:
-      index: from 0.
-      count: of the sections that the run is divided into, two or more.
-    """
-
-    index: int
-    count: int
-
-
-@dataclass(frozen=True)
 class Prepare(Request[int]):
-    """Prepare a path's run in fresh memory, and check it; return nanoseconds of a warm block.
+    """Prepare a path's run in fresh memory, and check it.
+
+    The answer is how many nanoseconds its blocks take, one of each section, with all that precedes
+    them untimed.
 
     Attributes:
       path: its name.
@@ -228,7 +225,8 @@ class Prepare(Request[int]):
       slowdown: share of its time by which each block lasts longer: the process spins meanwhile.
       returns: what the run returns; None for final states.
       metric: what blocks are to give: their time, or that of their slowest steps.
-      section: what blocks are to run instead of the whole run, if the path is the plain loop.
+      nsection: sections of the run, which blocks time one after the other (see `loop_sections`); 1
+        with any path but the plain loop.
     """
 
     activity = "preparing a run"
@@ -240,7 +238,7 @@ class Prepare(Request[int]):
     slowdown: float = 0.0
     returns: "Product | None" = None
     metric: Metric = Metric.TIME
-    section: SectionIndex | None = None
+    nsection: int = 1
 
 
 @dataclass(frozen=True)
@@ -261,7 +259,11 @@ class PrepareOperation(Request["ReadyOperation"]):
 
 @dataclass(frozen=True)
 class TimeBlocks(Request[None]):
-    """Run a block for every BLOCK byte that follows, until an END byte."""
+    """Run a block for every BLOCK byte that follows, until an END byte.
+
+    The first two blocks are of the first section of the run, the next two of the second, and so on;
+    after the last section, the first is next. So the blocks of a quad are of one section.
+    """
 
     activity = "running a block"
 
@@ -329,7 +331,7 @@ class Observed:
       warnings: how many healthy simulations raised each other warning, by its name.
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       followed: what the target did from the states of the workload's probe.
-      can_divide: whether runs can be divided into sections (see `loop_sections`).
+      can_divide: whether its healthy simulations can be divided into the sections asked for.
     """
 
     work: "Work"

@@ -8,13 +8,14 @@ from mjbench.paired.outcomes import Metric
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan
 from mjbench.simulation.workload import Product, whole_holds
 
-# Seconds of a run. Where it is not divided, a block is a whole run: the shorter, the closer in time
-# are the two blocks of a pair, and the fewer blocks are hit by what else the machine does; the
-# longer, the less counts its cold start, which both targets share and which makes any change look
+# Seconds of a run. Where it is not divided into sections, a block is a whole run. In a short block,
+# the two blocks of a pair are close in time, and what else the machine does hits few of them. In a
+# long block, the cold start matters less; it is the same in both targets and makes any change look
 # smaller.
 RUN_S = 0.001
-# Seconds of a section (see `loop_sections`), and the most sections of a run.
-SECTION_S, MAX_SECTIONS = 0.0001, 16
+# Seconds of a section (see `loop_sections`), and the most sections of a run. A longer run is not
+# divided: to time all its sections would take longer than a layout of memory is to be timed.
+SECTION_S, MAX_SECTIONS = 0.0001, 50
 # Steps of each simulation of a run, at most.
 MAX_NSTEP = 100
 # Seconds of a run for each thread of a path with threads: long enough that starting the threads
@@ -59,7 +60,7 @@ class Sizes:
             return
         if self.nbatch * self.nstep < MIN_P99_STEPS:
             raise InputError(
-                f"--metric p99 needs at least {MIN_P99_STEPS} steps in a block: --nbatch times"
+                f"--metric p99 needs at least {MIN_P99_STEPS} steps in a run: --nbatch times"
                 " --nstep"
             )
 
@@ -71,14 +72,15 @@ class RunSize(NamedTuple):
     nstep: int
 
     def nsection(self, step_s: float, hold: int) -> int:
-        """Return the number of sections of a run of the plain loop.
+        """Return the number of sections of a run of the plain loop; 1 if it is not to be divided.
 
         Args:
-          step_s: seconds of a step of the target that is slower.
+          step_s: seconds of a step of the target that is faster.
           hold: steps per control.
         """
         steps = self.nbatch * self.nstep
-        return min(max(1, round(steps * step_s / SECTION_S)), steps // hold, MAX_SECTIONS)
+        count = round(steps * step_s / SECTION_S)
+        return min(max(1, count), steps // hold) if count <= MAX_SECTIONS else 1
 
 
 def run_size(sizes: Sizes, nthread: int, step_s: float, most_nstep: int | None = None) -> RunSize:

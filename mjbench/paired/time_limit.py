@@ -17,9 +17,10 @@ LONG_LAYOUTS = 3
 # More of them are timed while the processes of the next launch start, up to this number.
 MAX_LAYOUTS = 12
 # Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
+# Each section of a run has one quad at least.
 LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.04, 2, 100
-# Blocks that a target runs to prepare a layout: one to check its states, one to warm up.
-_PREPARING_BLOCKS = 2
+# Runs that a target does to prepare a layout: one to check its states, one to warm up.
+_PREPARING_RUNS = 2
 # Seconds of work that is done whatever the limit, so that a short limit gives an estimate, too.
 BRIEF_S = 2.0
 # The limit that a sentence names is longer than expected by this factor.
@@ -30,24 +31,34 @@ class OutOfTimeError(Exception):
     """The limit does not allow what a verdict needs; the message is a sentence for people."""
 
 
-def quad_count(pair_s: float, layout_s: float = LAYOUT_S) -> int:
-    """Return the number of quads of a layout, from the seconds of one block of each target.
+def quad_count(pair_s: float, nsection: int = 1, layout_s: float = LAYOUT_S) -> int:
+    """Return the number of quads of a layout: as many of each section of the run.
 
     Args:
-      pair_s: these seconds.
+      pair_s: seconds that both targets take for their run once, block by block (see
+        `requests.Prepare`).
+      nsection: sections of the run.
       layout_s: seconds of the blocks of the layout.
     """
-    return min(max(int(layout_s / (2 * pair_s)), MIN_QUADS), MAX_QUADS)
+    fewest = _fewest_quads(nsection) // nsection
+    most = max(fewest, MAX_QUADS // nsection)
+    return nsection * min(max(round(layout_s / (2 * pair_s)), fewest), most)
 
 
-def layout_count(pair_s: float) -> int:
-    """Return the number of layouts of a launch, at least, from the seconds of `quad_count`."""
-    return LONG_LAYOUTS if 2 * MIN_QUADS * pair_s > LAYOUT_S else LAYOUTS
+def _fewest_quads(nsection: int) -> int:
+    return max(MIN_QUADS, nsection)
 
 
-def launch_s(pair_s: float) -> float:
-    """Return about how long a launch's blocks take, from the seconds of one of each target."""
-    return layout_count(pair_s) * (_PREPARING_BLOCKS + 2 * quad_count(pair_s)) * pair_s
+def layout_count(pair_s: float, nsection: int = 1) -> int:
+    """Return the number of layouts of a launch, at least; see `quad_count` for the arguments."""
+    fewest_s = 2 * _fewest_quads(nsection) / nsection * pair_s
+    return LONG_LAYOUTS if fewest_s > LAYOUT_S else LAYOUTS
+
+
+def launch_s(pair_s: float, nsection: int = 1) -> float:
+    """Return about how long the blocks of a launch take; see `quad_count` for the arguments."""
+    runs = _PREPARING_RUNS + 2 * quad_count(pair_s, nsection) / nsection
+    return layout_count(pair_s, nsection) * runs * pair_s
 
 
 class TimeLimit:

@@ -13,6 +13,7 @@ NumPy and MuJoCo, and imports MuJoCo after it has mapped that other memory.
 
 import copy
 import gc
+import itertools
 import mmap
 import os
 import pickle
@@ -61,9 +62,8 @@ class Worker:
       model: loaded by LoadModel or Equip.
       workload: restored from a file.
       final_state: (nbatch, nstate) where each simulation of `workload` must end; None if unknown.
-      run: what a block runs.
-      section: of the run, which a block runs instead; None for the whole run.
-      single_steps: what a block runs instead, where its slowest steps are compared.
+      sections: of the run, which blocks time one after the other.
+      single_steps: what blocks run where their slowest steps are compared; None elsewhere.
       resources: of that run; None before the first.
       slowdown: share of its time by which a block lasts longer.
       padding: memory that moves whatever is allocated after it.
@@ -74,13 +74,12 @@ class Worker:
     model: "mujoco.MjModel"
     workload: "Workload"
     final_state: "np.ndarray | None"
-    run: Callable[[], None]
 
     def __init__(self, connection: Connection):
         self.connection = connection
         self.resources: Resources | None = None
         self.slowdown = 0.0
-        self.section: Section | None = None
+        self.sections: Sequence[Section] = ()
         self.single_steps: TimedSteps | None = None
         self.padding: list[Any] = []
         self.scattered: deque[list[object]] = deque(maxlen=_SCATTERED_LAYOUTS)
@@ -201,7 +200,9 @@ class Worker:
             warnings=observation.other_warnings(),
             final_state=observation.final_state,
             followed=work_check.follow(self.workload, portable.probe),
-            can_divide=loop_sections.can_divide(self.workload),
+            can_divide=loop_sections.can_divide(
+                self.workload.only(observation.healthy), request.nsection
+            ),
         )
 
     def _trace(self, request: requests.Trace) -> requests.Traced:
@@ -241,6 +242,8 @@ class Worker:
 
     def _prepare(self, request: requests.Prepare) -> int:
         from mjbench import paths
+        from mjbench.paired import loop_sections
+        from mjbench.paths import States
         from mjbench.simulation import engine_callback
         from mjbench.simulation.workload import Product, Workload
 
@@ -264,24 +267,35 @@ class Worker:
             engine_callback.install(model, request.callback)
         self.slowdown = request.slowdown
         self.resources = paths.Resources(selected)
-        self.section = self.single_steps = None
+        self.single_steps = None
         name = f"path {request.path}"
         if request.callback:
             name += f" with {request.callback} called inside each step"
         if request.metric == Metric.P99:
             self.single_steps, states = _single_steps(selected)
+            self.sections = [loop_sections.Section(self.single_steps.run)]
+        elif request.nsection > 1:
+            self.sections = loop_sections.sections(self.resources, request.nsection)
+            states = States(self.resources.final_state())
         else:
             prepared = path.prepare(selected, request.options, self.resources)
-            self.run, states = prepared.run, prepared.verified_states()
+            self.sections = [loop_sections.Section(prepared.run)]
+            states = prepared.verified_states()
         self._check_final_states(name, states, rows)
-        if request.section is not None:
-            self.section = _section(self.resources, request.section)
         if previous is not None:  # kept until now, so that the new memory lies elsewhere
             previous.close()
         _collect_garbage()
-        begin = time.perf_counter_ns()
-        self._block()
-        return time.perf_counter_ns() - begin
+        return self._run_all_sections()
+
+    def _run_all_sections(self) -> int:
+        """Run one block of each section, and check it; return how many nanoseconds that takes."""
+        ns = 0
+        for section in self.sections:
+            begin = time.perf_counter_ns()
+            self._block(section)
+            ns += time.perf_counter_ns() - begin
+            section.check()
+        return ns
 
     def _check_final_states(self, name: str, states: "States", rows: list[int]) -> None:
         """Raise MachineError where a run ends in other states than the plain loop."""
@@ -293,14 +307,15 @@ class Worker:
             raise MachineError(f"{name} does not reach the final states of the plain loop")
 
     def _prepare_operation(self, request: requests.PrepareOperation) -> requests.ReadyOperation:
-        from mjbench.paired import operations
+        from mjbench.paired import loop_sections, operations
 
         self._lay_out_memory(request.cores)
         prepared = operations.registry()[request.name].prepared(request.file)
-        self.run, self.section = prepared.run, None
+        section = loop_sections.Section(prepared.run)
+        self.sections = [section]
         result = prepared.result()
         _collect_garbage()
-        return requests.ReadyOperation(self._block(), result)
+        return requests.ReadyOperation(self._block(section), result)
 
     def _time_blocks(self, request: requests.TimeBlocks) -> None:
         _call_deeper(self.rng.randrange(_DEPTH), self._answer_blocks)
@@ -311,8 +326,10 @@ class Worker:
             self.connection.send_bytes,
             NANOSECONDS.pack,
         )
+        # a quad has two blocks of this target
+        sections = itertools.cycle([section for section in self.sections for _ in range(2)])
         while receive() == BLOCK:
-            send(pack(self._block()))
+            send(pack(self._block(next(sections))))
 
     def _count_cores(self, request: requests.CountCores) -> float:
         from mjbench.instrument.machine import Calibration
@@ -325,18 +342,15 @@ class Worker:
             seconds.append(time.perf_counter() - begin)
         return calibration.cores(min(seconds[0::2]), min(seconds[1::2]))
 
-    def _block(self) -> int:
+    def _block(self, section: "Section") -> int:
         """Run one block; return its nanoseconds, slowdown included, or those of its slow steps."""
-        if self.single_steps is not None:
-            self.single_steps.run()
-            return self.single_steps.p99_ns()
-        run, clock = self.run, time.perf_counter_ns
-        if self.section is not None:
-            self.section.warm_up()
-            run = self.section.run
+        run, clock = section.run, time.perf_counter_ns
+        section.warm_up()
         begin = clock()
         run()
         ns = clock() - begin
+        if self.single_steps is not None:
+            return self.single_steps.p99_ns()
         if self.slowdown:
             ns = round((1 + self.slowdown) * ns)
             while clock() < begin + ns:
@@ -352,12 +366,6 @@ def _single_steps(workload: "Workload") -> "tuple[TimedSteps, States]":
     single_steps = TimedSteps(workload)
     single_steps.run()
     return single_steps, States(single_steps.final_state)
-
-
-def _section(resources: "Resources", section: requests.SectionIndex) -> "Section":
-    from mjbench.paired import loop_sections
-
-    return loop_sections.section(resources, section.index, section.count)
 
 
 def _collect_garbage() -> None:
