@@ -94,7 +94,7 @@ def _trimmed(pairs: np.ndarray) -> float:
 
 
 SUMMARIES: dict[str, Callable[[Launch], float]] = {
-    "trimmed mean of the layouts' medians, as in verdicts": lambda launch: launch.log_ratio,
+    "piece by piece, as in verdicts": lambda launch: launch.log_ratio,
     "median of all pairs": lambda launch: _median(launch.pair_log_ratios()),
     "mean of the layouts' medians": lambda launch: float(
         np.mean([_median(pairs) for pairs in layout_pairs(launch)])

@@ -108,7 +108,7 @@ def versions(
       time_limit_s: for each verdict, once the models are loaded; after it, an uncertain one is
         `inconclusive`.
       as_shipped: whether to compare builds with their machine code where it lies in memory.
-      nbatch: simulations of a block.
+      nbatch: simulations of a run.
       nstep: steps of each simulation.
       hold: steps for which each control is held: an environment's frame_skip.
       seed: of start states and controls.

@@ -388,7 +388,7 @@ STARTS = (
     ACTIONS,
 )
 SIZES = (
-    click.option("--nbatch", type=COUNT, help="Simulations of a block."),
+    click.option("--nbatch", type=COUNT, help="Simulations of a run."),
     click.option("--nstep", type=COUNT, help="Steps of each simulation."),
     HOLD,
     SEED,

@@ -64,8 +64,8 @@ class ProcessPairs:
         self._equip: Equip | None = None
         # Those that were started ahead, for the next launches; threads ask whether they are ready.
         self._next: list[ProcessPair] = []
-        # Those whose launches are over; to end them takes time, which the next ones start in.
-        self._last: list[ProcessPair] = []
+        # Those whose launches are over. They are ended while the next ones start.
+        self._finished: list[ProcessPair] = []
         self._asking = threading.Lock()
         self._failure: MjbenchError | None = None
         try:
@@ -103,7 +103,7 @@ class ProcessPairs:
         """Yield the processes of a launch on each core, which must be ready.
 
         The processes of the next launches start on other cores meanwhile. Those of these launches
-        end when the next block begins, or with `close`, and in it nothing may be asked of them.
+        are ended later, but nothing may be asked of them after the batch.
 
         Args:
           chosen: cores that launches are measured on; none for one launch on all of them, where
@@ -116,12 +116,14 @@ class ProcessPairs:
             self._next = self._next[count:]
             if others:
                 self._start_ahead(others)
-            self._end_last()
+            self._end_finished()
             yield pairs
             for pair in self._next:
                 cores.confine([process.pid for process in pair.processes], cores.USABLE)
         finally:
-            self._last += pairs
+            self._finished += pairs
+            if not others:  # nothing starts meanwhile, and what comes next may need all memory
+                self._end_finished()
 
     def are_next_ready(self) -> bool:
         """Return whether nothing is started ahead that is still starting; any thread may ask."""
@@ -135,12 +137,12 @@ class ProcessPairs:
 
     def close(self) -> None:
         """End all processes that have not ended yet."""
-        self._last += self._next
+        self._finished += self._next
         self._next, self._failure = [], None
-        self._end_last()
+        self._end_finished()
 
-    def _end_last(self) -> None:
-        pairs, self._last = self._last, []
+    def _end_finished(self) -> None:
+        pairs, self._finished = self._finished, []
         self._pool.end([process for pair in pairs for process in pair.processes])
 
     def _start_ahead(self, allowed: Collection[int]) -> None:

@@ -218,7 +218,7 @@ class StepRatioRecord(RatioRecord):
       diverged: simulations that diverged in the release; none of them is timed.
       reference_diverged: in the reference.
       run_drift: largest differences for runs from the same starts, at several points.
-      nbatch: simulations of a block.
+      nbatch: simulations of a run.
       nstep: steps of each.
       starts: where start states came from.
     """

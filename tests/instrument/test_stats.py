@@ -48,7 +48,41 @@ def test_a_fixed_interval_computed_after_every_launch_is_wrong_more_often() -> N
     assert alarms / 400 > 0.03
 
 
-def test_a_trimmed_mean_leaves_out_a_fifth_at_each_end() -> None:
-    assert stats.trimmed_mean([100.0, 1.0, 2.0, 6.0, -50.0]) == pytest.approx(3.0)
-    with pytest.raises(ValueError, match="need samples"):
-        stats.trimmed_mean([])
+def quads(ratios: np.ndarray, times: np.ndarray, second: float = 1.0) -> np.ndarray:
+    """Return (quads, 4) times in the order ABBA: of A, times the ratios for B, 2nd ones slower."""
+    return times[:, None] * np.stack(
+        [np.ones_like(ratios), second * ratios, ratios, second * np.ones_like(ratios)], axis=1
+    )
+
+
+@pytest.mark.parametrize("second", [1.0, 1.05])
+def test_a_slower_piece_counts_by_the_time_that_it_takes(second: float) -> None:
+    pieces = np.tile(np.arange(10), 5)
+    ratios = np.where(pieces == 3, 1.5, 1.0)
+    for times, expected in (
+        (np.full(50, 100.0), (9 + 1.5) / 10),
+        (np.where(pieces == 3, 500.0, 100.0), (9 + 5 * 1.5) / 14),
+    ):
+        ns = quads(ratios, times, second)
+        log_ratio = stats.total_log_ratio(["ABBA"] * 50, ns, pieces)
+        assert log_ratio == pytest.approx(np.log(expected))
+        swapped = stats.total_log_ratio(["BAAB"] * 50, ns, pieces)
+        assert swapped == pytest.approx(-log_ratio)
+
+
+def test_disturbed_blocks_of_a_piece_are_left_out() -> None:
+    rng = np.random.default_rng(1)
+    pieces = np.tile(np.arange(8), 25)
+    ns = quads(np.full(200, 1.02), rng.uniform(50.0, 150.0, 8)[pieces])
+    is_disturbed = rng.random(ns.shape) < 0.1
+    ns[is_disturbed] *= rng.uniform(1.0, 3.0, is_disturbed.sum())
+    orders = ["ABBA"] * 200
+    assert stats.total_log_ratio(orders, ns, pieces) == pytest.approx(np.log(1.02))
+
+
+def test_work_in_one_piece_has_the_ratio_of_its_quads() -> None:
+    rng = np.random.default_rng(2)
+    orders = ["ABBA" if is_abba else "BAAB" for is_abba in rng.random(41) < 0.5]
+    ns = rng.uniform(90.0, 110.0, (41, 4))
+    whole = stats.total_log_ratio(orders, ns, np.zeros(41, dtype=int))
+    assert whole == pytest.approx(stats.paired_log_ratio(orders, ns))

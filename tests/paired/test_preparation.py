@@ -194,7 +194,8 @@ def test_a_run_has_no_more_steps_than_there_are_controls_for() -> None:
         ((1, 5), 2e-4, 1, 5),  # no step is divided
         ((1, 1), 1.0, 1, 1),
         ((1, 10), 1e-6, 1, 1),
-        ((1000, 100), 1e-5, 1, run_sizes.MAX_SECTIONS),
+        ((5, 100), 1e-5, 1, run_sizes.MAX_SECTIONS),
+        ((5, 110), 1e-5, 1, 1),  # too long
     ],
 )
 def test_a_section_takes_a_tenth_of_a_millisecond(
@@ -226,17 +227,23 @@ def test_the_run_of_a_plain_loop_is_divided_if_its_states_are_whole(
     def call_another_build(process: WorkerProcess, request: requests.Request[Any]) -> Any:
         answer = call(process, request)
         if isinstance(request, requests.Observe):
-            assert answer.can_divide
-            return replace(answer, can_divide=can_divide)
+            assert answer.can_divide == (request.nsection > 1)
+            return replace(answer, can_divide=answer.can_divide and can_divide)
         return answer
 
     monkeypatch.setattr(WorkerProcess, "call", call_another_build)
     target = replace(CARTPOLE, path=path)
     prepared = preparation.prepare(pool, (target, target), sizes, TimeLimit())
     assert (prepared.nsection > 1) == is_divided
-    drawn = [prepared.draw_section() for _ in range(200)]
-    indices = {section.index for section in drawn if section is not None}
-    assert indices == (set(range(prepared.nsection)) if is_divided else set())
+
+
+def test_a_run_is_not_divided_where_a_section_of_the_faster_target_would_be_too_short(
+    pool: WorkerPool,
+) -> None:
+    humanoid = Target(CARTPOLE.release, models.resolve("humanoid"))
+    both = [(humanoid, humanoid), (CARTPOLE, humanoid), (humanoid, CARTPOLE)]
+    prepared = [preparation.prepare(pool, each, Sizes(), TimeLimit()) for each in both]
+    assert [each.nsection for each in prepared] == [10, 1, 1]
 
 
 def test_a_run_whose_slowest_steps_are_compared_has_enough_of_them() -> None:

@@ -96,11 +96,11 @@ def test_a_launch_goes_on_while_the_next_processes_start(
 ) -> None:
     answers = iter([False, False, True])
     monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
-    monkeypatch.setattr(protocol, "quad_count", lambda pair_s: time_limit.MIN_QUADS)
+    monkeypatch.setattr(protocol, "quad_count", lambda pair_s, nsection: nsection)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
     (launch,) = pair.launch_batch()
     pair.close()
-    assert len(launch.orders) == (time_limit.LAYOUTS + 2) * time_limit.MIN_QUADS
+    assert launch.layouts == [launch.nsection] * (time_limit.LAYOUTS + 2)
 
 
 @needs_affinity
@@ -245,9 +245,15 @@ def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
     assert sorted(early) == [(0, 2 * launches), (1, 2 * launches)]
 
 
-def test_the_processes_of_a_launch_end_while_the_next_is_measured(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
+@needs_affinity
+@pytest.mark.parametrize("is_alone", [False, True])
+def test_the_processes_of_a_launch_end_while_the_next_start(
+    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, is_alone: bool
 ) -> None:
+    """Where a launch has the whole machine, they end before that."""
+    if machine.usable_cores() < 2:
+        pytest.skip("one core")
+    chosen = [] if is_alone else [min(cores.USABLE)]
     end, ended = pool.end, list[WorkerProcess]()
 
     def spying(processes: Sequence[WorkerProcess]) -> None:
@@ -258,11 +264,11 @@ def test_the_processes_of_a_launch_end_while_the_next_is_measured(
     with monkeypatch.context() as patch:
         patch.setattr(pool, "end", spying)
         pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
-        with pairs.batch([]) as (first,):
-            pass
-        assert ended == []
+        with pairs.batch(chosen) as (first,):
+            assert ended == []
+        assert ended == ([*first.processes] if is_alone else [])
         pairs.wait()
-        with pairs.batch([]) as (second,):
+        with pairs.batch(chosen) as (second,):
             assert ended == [*first.processes]
         pairs.close()
     assert ended == [*first.processes, *second.processes]
@@ -319,7 +325,10 @@ def test_the_log_ratio_of_a_pair_is_candidate_over_baseline_whatever_the_order()
 
 def test_the_baseline_time_is_that_of_its_blocks_alone() -> None:
     ns = np.array([[100.0, 900.0, 900.0, 110.0], [900.0, 120.0, 130.0, 900.0]])
-    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2]).baseline_ns == 115.0
+    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2]).baseline_run_ns == 115.0
+    # two layouts with whole runs of their own, and two sections of a run
+    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [1, 1]).baseline_run_ns == 115.0
+    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2], 2).baseline_run_ns == 230.0
 
 
 def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
@@ -329,10 +338,20 @@ def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
     assert launch.log_ratio == pytest.approx(0.0)
 
 
-def test_a_disturbed_layout_is_left_out_of_a_launch() -> None:
-    ns = np.array([[100.0, ratio, ratio, 100.0] for ratio in (101.0, 102.0, 103.0, 180.0, 60.0)])
-    launch = Launch(None, None, ["ABBA"] * 5, ns, AS_SHIPPED, [1] * 5)
-    assert launch.log_ratio == pytest.approx(np.log([1.01, 1.02, 1.03]).mean())
+def test_the_sections_of_a_launch_are_those_of_all_its_layouts() -> None:
+    ratios = np.array(
+        [1.02, 1.04, 1.02, 1.04, 2.0, 2.0, 1.02, 1.04]
+    )  # the third layout is disturbed
+    ns = 100.0 * np.stack([np.ones(8), ratios, ratios, np.ones(8)], axis=1)
+    launch = Launch(None, None, ["ABBA"] * 8, ns, AS_SHIPPED, [4, 2, 2], nsection=2)
+    assert launch.log_ratio == pytest.approx(np.log(1.03), abs=1e-4)
+
+
+def test_whole_runs_of_a_launch_differ_from_layout_to_layout() -> None:
+    ratios = np.array([1.0, 1.0, 1.0, 1.3, 1.3])
+    ns = 100.0 * np.stack([np.ones(5), ratios, ratios, np.ones(5)], axis=1)
+    launch = Launch(None, None, ["ABBA"] * 5, ns, AS_SHIPPED, [3, 2])
+    assert launch.log_ratio == pytest.approx(np.log(2.3 / 2))
 
 
 def test_drift_of_the_machine_cancels_within_a_quad() -> None:

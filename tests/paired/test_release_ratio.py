@@ -246,7 +246,7 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
 ) -> None:
     counts: list[int] = []
 
-    def count_quads(pair_s: float, layout_s: float) -> int:
+    def count_quads(pair_s: float, nsection: int, layout_s: float) -> int:
         counts.append(round(1e3 * pair_s))
         return 6
 

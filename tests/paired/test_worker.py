@@ -16,6 +16,7 @@ from paired_examples import CUBES, INSTALLED
 
 from mjbench.errors import MachineError
 from mjbench.paired import requests
+from mjbench.paired.loop_sections import Section
 from mjbench.paired.protocol import TargetPair
 from mjbench.paired.worker import Worker
 from mjbench.paired.worker_pool import WorkerPool
@@ -77,9 +78,8 @@ def test_a_slowed_block_lasts_longer_by_the_share_asked_for(
     """
     worker, readings = Worker(cast(Connection, None)), iter([0, 1000, *range(1003, 1100, 3)])
     monkeypatch.setattr(time, "perf_counter_ns", lambda: next(readings))
-    worker.run = lambda: None
     worker.slowdown = 0.01
-    assert worker._block() == 1010
+    assert worker._block(Section(lambda: None)) == 1010
     assert next(readings) == 1015
 
 

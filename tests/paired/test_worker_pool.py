@@ -30,7 +30,7 @@ from mjbench.status import Status
         ("_observe", "os._exit(3)", "exit code 3 while stepping the model"),
         ("_prepare", "time.sleep(60)", "no answer within 5 s while preparing a run"),
         ("_block", "os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL) while"),
-        ("_block", "return -5", "reports that a block took -5 ns"),
+        ("_block", "args[0].warm_up(); args[0].run(); return -5", "a block took -5 ns"),
         (
             "_start_release",
             "raise RuntimeError('half a release')",
@@ -57,10 +57,11 @@ def test_a_target_that_misbehaves_is_named_in_one_line_and_leaves_no_process(
 def test_a_block_that_fails_ends_the_comparison(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    # the first block of each layout is the warm one, which belongs to `Prepare`
+    # the first block of each section is the warm one, which belongs to `Prepare`
     code = (
-        "self.count = getattr(self, 'count', 0) + 1; "
-        "exec(\"raise RuntimeError('out of luck')\") if self.count > 1 else None; return 1000"
+        "self.count = getattr(self, 'count', 0) + 1; args[0].warm_up(); args[0].run(); "
+        "exec(\"raise RuntimeError('out of luck')\") if self.count > len(self.sections) else None; "
+        "return 1000"
     )
     monkeypatch.setenv("PYTHONPATH", broken_worker.python_path(tmp_path, "_block", code))
     with WorkerPool(limit_s=30.0) as pool:
