@@ -18,7 +18,7 @@ import itertools
 import random
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,39 +52,44 @@ class Components:
     total: float
 
 
-def layout_pairs(launch: Launch) -> list[np.ndarray]:
-    """Return the (quads, 2) pair log ratios of each layout of a launch."""
-    ends = np.cumsum(launch.layouts)[:-1]
-    return np.split(launch.pair_log_ratios(), ends)
+def by_layout(launch: Launch) -> list[Launch]:
+    """Return each layout of a launch as if it were a launch."""
+    ends = np.cumsum(launch.layouts)
+    slices = [slice(end - count, end) for end, count in zip(ends, launch.layouts, strict=True)]
+    return [
+        replace(launch, orders=launch.orders[s], ns=launch.ns[s], layouts=[s.stop - s.start])
+        for s in slices
+    ]
 
 
 def components(launches: Sequence[Launch]) -> Components:
     """Split the variance of launches, each with several layouts, by the method of moments."""
-    medians, errors = [], []
+    ratios, errors = [], []
     for launch in launches:
-        layouts = layout_pairs(launch)
-        medians.append(np.array([_median(pairs) for pairs in layouts]))
-        errors.append(np.array([_median_variance(pairs) for pairs in layouts]))
-    counts = np.array([len(m) for m in medians])
+        layouts = by_layout(launch)
+        ratios.append(np.array([layout.log_ratio for layout in layouts]))
+        errors.append(np.array([_block_variance(layout) for layout in layouts]))
+    counts = np.array([len(r) for r in ratios])
     block = np.mean([e.mean() for e in errors])
-    between_layouts = np.mean([m.var(ddof=1) for m in medians])
+    between_layouts = np.mean([r.var(ddof=1) for r in ratios])
     layout = max(between_layouts - block, 0.0)
     per_launch = float(np.mean(1 / counts))
-    total = float(np.var([m.mean() for m in medians], ddof=1))
+    total = float(np.var([launch.log_ratio for launch in launches], ddof=1))
     remaining = max(total - (layout + block) * per_launch, 0.0)
     parts = (block * per_launch, layout * per_launch, remaining, total)
     return Components(*(100 * float(np.sqrt(part)) for part in parts))
 
 
+def _block_variance(layout: Launch) -> float:
+    """Return the variance of a layout's log ratio, from how the pairs of a section spread."""
+    pairs = layout.pair_log_ratios()
+    sections = (pairs - np.median(pairs, axis=0)).reshape(-1, layout.nsection, 2)
+    mad = np.median(np.abs(sections - np.median(sections, axis=(0, 2), keepdims=True)))
+    return float((_MEDIAN_ERROR * _SD_PER_MAD * mad) ** 2 / pairs.size)
+
+
 def _median(pairs: np.ndarray) -> float:
     return float(np.median(pairs, axis=0).mean())
-
-
-def _median_variance(pairs: np.ndarray) -> float:
-    """Return the variance of `_median`, from how pairs spread within a layout."""
-    mads = np.median(np.abs(pairs - np.median(pairs, axis=0)), axis=0)
-    errors = _MEDIAN_ERROR * _SD_PER_MAD * mads / np.sqrt(len(pairs))
-    return float((errors**2).sum() / 4)
 
 
 def _trimmed(pairs: np.ndarray) -> float:
@@ -94,15 +99,12 @@ def _trimmed(pairs: np.ndarray) -> float:
 
 
 SUMMARIES: dict[str, Callable[[Launch], float]] = {
-    "piece by piece, as in verdicts": lambda launch: launch.log_ratio,
+    "section by section, as in verdicts": lambda launch: launch.log_ratio,
     "median of all pairs": lambda launch: _median(launch.pair_log_ratios()),
-    "mean of the layouts' medians": lambda launch: float(
-        np.mean([_median(pairs) for pairs in layout_pairs(launch)])
+    "the same of each layout, and their mean": lambda launch: float(
+        np.mean([layout.log_ratio for layout in by_layout(launch)])
     ),
     "trimmed mean of all pairs": lambda launch: _trimmed(launch.pair_log_ratios()),
-    "mean of the layouts' trimmed means": lambda launch: float(
-        np.mean([_trimmed(pairs) for pairs in layout_pairs(launch)])
-    ),
 }
 
 

@@ -97,25 +97,31 @@ def paired_log_ratio(orders: Sequence[str], times: np.ndarray) -> float:
     return float(np.median(pair_log_ratios(orders, times), axis=0).mean())
 
 
-def total_log_ratio(orders: Sequence[str], times: np.ndarray, pieces: np.ndarray) -> float:
-    """Return the log ratio of work that was timed piece by piece: that of the sums over pieces.
+def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray) -> float:
+    """Return the log ratio of work that was timed in parts.
 
-    So a piece that takes longer weighs more. The log ratio of a piece is the median of its pairs of
-    both orders, after the effect of the order is removed. This effect is estimated from all pieces
-    together, because each has few pairs.
+    It is the log ratio of the sums over parts, so a part that takes longer weighs more. The log
+    ratio of a part is the median of its pairs of both orders, after the effect of the order is
+    removed. This effect is estimated from all parts together, because each has few pairs: it is
+    half of the median difference of the two pairs of a quad.
 
     Args:
       orders: see `pair_log_ratios`.
       times: likewise.
-      pieces: (quads,) number of the piece that each quad timed.
+      parts: (quads,) number of the part that each quad timed.
     """
-    pairs = pair_log_ratios(orders, times)
-    medians = np.median(pairs, axis=0)
-    aligned, log_times = pairs - medians + medians.mean(), np.log(times)
-    masks = [pieces == piece for piece in np.unique(pieces)]
-    halves = np.array([np.median(aligned[mask]) / 2 for mask in masks])
-    means = np.array([np.median(log_times[mask]) for mask in masks])
-    return float(np.logaddexp.reduce(means + halves) - np.logaddexp.reduce(means - halves))
+    pairs, logs = pair_log_ratios(orders, times), np.log(times)
+    order_effect = np.median(pairs[:, 0] - pairs[:, 1]) / 2
+    aligned = pairs - [order_effect, -order_effect]
+    is_baseline = np.array([[letter == "A" for letter in order] for order in orders])
+    baseline, candidate = (logs[mask].reshape(-1, 2) for mask in (is_baseline, ~is_baseline))
+    numbers = np.unique(parts)
+    half_ratios = np.array([np.median(aligned[parts == n]) / 2 for n in numbers])
+    centers = np.array(
+        [(np.median(baseline[parts == n]) + np.median(candidate[parts == n])) / 2 for n in numbers]
+    )
+    total = np.logaddexp.reduce(centers + half_ratios)
+    return float(total - np.logaddexp.reduce(centers - half_ratios))
 
 
 def speedup_in_common(baseline_s: Sequence[float], candidate_s: Sequence[float]) -> Estimate:

@@ -29,7 +29,7 @@ class Section:
     Attributes:
       run: does this part, from where `warm_up` ended.
       warm_up: does the part before it, from a state that it restores.
-      check: raises MachineError if `run` did not end where the whole run is then.
+      check: raises MachineError if `run` did not end in the state that the whole run has there.
     """
 
     run: Callable[[], None]
@@ -53,7 +53,7 @@ class _Stretch:
 
 
 def can_divide(workload: Workload, count: int) -> bool:
-    """Return whether a run can be divided: its sections end where the whole run is.
+    """Return whether a run can be divided: each section ends in the state that the run has there.
 
     Args:
       workload: of the run.

@@ -99,18 +99,18 @@ class _ChosenSizes:
     Attributes:
       sizes: as the user asked.
       run: what follows from them.
-      step_s: seconds of a step of the target that is faster, as tables have it.
+      faster_step_s: seconds of a step of the target that is faster, as tables have it.
       request: draws the workload.
     """
 
     sizes: Sizes
     run: RunSize
-    step_s: float
+    faster_step_s: float
     request: requests.MakeWorkload
 
     def nsection(self, nbatch: int) -> int:
         """Return the number of sections of a run of `nbatch` simulations in the plain loop."""
-        return self.run._replace(nbatch=nbatch).nsection(self.step_s, self.sizes.hold)
+        return self.run._replace(nbatch=nbatch).nsection(self.faster_step_s, self.sizes.hold)
 
 
 def describe(targets: Sequence[Target], roles: tuple[str, str] = ROLES) -> tuple[str, str]:
@@ -204,9 +204,14 @@ def _choose_sizes(
             if sizes.starts.file is not None:
                 affordable = int(DRAWING_S / (run.nstep * cost_s))
                 drawn = max(drawn, min(NSTART, affordable))
+        nsection = 1
+        if _is_plain_loop(targets, sizes):
+            nsection = run.nsection(min(costs_s), sizes.hold)
+        nrun = 2 if nsection == 1 else 4  # of both targets; where sections warm up, it is twice
+        drawing_nstep = _drawing_nstep(drawn, run.nstep, nsection > 1)
         time_limit.check_first_launch(
-            launch_s(2 * run.nbatch * run.nstep * step_s / nthread),
-            preparation_s=(settling_nstep + _drawing_nstep(drawn, run.nstep)) * step_s,
+            launch_s(nrun * run.nbatch * run.nstep * step_s / nthread, nsection),
+            preparation_s=(settling_nstep + drawing_nstep) * step_s,
         )
     sample = SampleRequest(
         drawn,
@@ -225,12 +230,14 @@ def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
     return is_timed and all(each.path == paths.BASE and not each.options for each in targets)
 
 
-def _drawing_nstep(nbatch: int, nstep: int) -> int:
+def _drawing_nstep(nbatch: int, nstep: int, is_divided: bool) -> int:
     """Return about how many steps it takes to draw a workload, and to see what both do with it."""
     nprobe, npoint = min(nbatch, work_check.NPROBE), len(work_check.points(nstep))
-    # each simulation: a step to start from, and a run when it is drawn and in each target; probed
-    # ones: a run and single steps as often
-    return nbatch * (3 * nstep + 1) + nprobe * (3 * nstep + 2 * npoint)
+    # each simulation: a step to start from, and a run when it is drawn and in each target, where
+    # three more show whether sections end in the right states; probed ones: a run and single steps
+    # as often
+    runs = 9 if is_divided else 3
+    return nbatch * (runs * nstep + 1) + nprobe * (3 * nstep + 2 * npoint)
 
 
 def _prepared(
@@ -253,14 +260,13 @@ def _prepared(
     """
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
-    is_plain_loop, nbatch = _is_plain_loop(targets, chosen.sizes), chosen.run.nbatch
-    drawn_nbatch = len(workloads[0].control)
-    nsection = chosen.nsection(nbatch) if is_plain_loop else 1
-    all_sections = nsection * drawn_nbatch // nbatch if nsection > 1 else 1
+    nbatch, drawn_nsection = chosen.run.nbatch, 1
+    if _is_plain_loop(targets, chosen.sizes) and chosen.nsection(nbatch) > 1:
+        drawn_nsection = chosen.nsection(nbatch) * len(workloads[0].control) // nbatch
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
         with pool.saved(workload) as file:
-            observed.append(process.call(requests.Observe(file, all_sections)))
+            observed.append(process.call(requests.Observe(file, drawn_nsection)))
     baseline, candidate = observed
     rows = _rows_to_time(targets, (baseline, candidate), shared)
     nsim = len(rows[0])
@@ -278,6 +284,7 @@ def _prepared(
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
+    # none can be divided unless it was asked for
     can_divide = baseline.can_divide and candidate.can_divide
     nsection = chosen.nsection(work_check.nbatch) if can_divide else 1
     return Preparation(models, files, nsim, nsection, work_check)

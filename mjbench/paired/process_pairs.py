@@ -64,7 +64,7 @@ class ProcessPairs:
         self._equip: Equip | None = None
         # Those that were started ahead, for the next launches; threads ask whether they are ready.
         self._next: list[ProcessPair] = []
-        # Those whose launches are over. They are ended while the next ones start.
+        # Those whose launches are over, and which are ended while the next ones start.
         self._finished: list[ProcessPair] = []
         self._asking = threading.Lock()
         self._failure: MjbenchError | None = None
@@ -102,8 +102,8 @@ class ProcessPairs:
     def batch(self, chosen: Sequence[int]) -> Iterator[list[ProcessPair]]:
         """Yield the processes of a launch on each core, which must be ready.
 
-        The processes of the next launches start on other cores meanwhile. Those of these launches
-        are ended later, but nothing may be asked of them after the batch.
+        The processes of the next launches start on other cores meanwhile. Ask nothing of the
+        processes of these launches after the batch: they are ended now or later.
 
         Args:
           chosen: cores that launches are measured on; none for one launch on all of them, where

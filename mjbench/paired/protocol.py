@@ -3,10 +3,10 @@
 A launch starts one program for each target anew. Both run on one core, with a thread of this
 process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
 order of turns hit both alike; a few times per launch both lay out their memory anew. The quads of
-a layout take the sections of the launch's run in turn; where a run has none, each layout does other
-simulations. A launch yields one number, the log ratio of all its work. Launches are the samples
-that `verdict` judges, as many as the verdict needs. While one launch is measured, the programs of
-the next start on the other cores.
+a layout take the sections of the launch's run in turn. Where a block is the whole run, each layout
+draws simulations anew. A launch yields one number, the log ratio of all that was timed. Launches
+are the samples that `verdict` judges, as many as the verdict needs. While one launch is measured,
+the programs of the next start on the other cores.
 """
 
 import math
@@ -68,22 +68,26 @@ class Launch:
 
     @property
     def log_ratio(self) -> float:
-        """That of all the work of a launch (see `stats.total_log_ratio`)."""
-        return stats.total_log_ratio(self.orders, self.ns, self._pieces())
+        """The log ratio of all that was timed (see `stats.total_log_ratio`).
+
+        Its parts are the sections of the run, or the layouts where a block is the whole run.
+        """
+        return stats.total_log_ratio(self.orders, self.ns, self._parts())
 
     @property
     def baseline_run_ns(self) -> float:
         """How long a run of the baseline takes, in nanoseconds.
 
-        It is the sum of the medians of its sections, or the median of the whole runs.
+        It is the sum of the medians of its sections, or the median of the layouts' medians where a
+        block is the whole run.
         """
         is_baseline = np.array([[letter == "A" for letter in order] for order in self.orders])
-        blocks, pieces = self.ns[is_baseline].reshape(-1, 2), self._pieces()
-        medians = [np.median(blocks[pieces == piece]) for piece in np.unique(pieces)]
+        blocks, parts = self.ns[is_baseline].reshape(-1, 2), self._parts()
+        medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
         return float(np.sum(medians) if self.nsection > 1 else np.median(medians))
 
-    def _pieces(self) -> np.ndarray:
-        """Return (quads,) the section that each quad timed, or else the layout it belongs to."""
+    def _parts(self) -> np.ndarray:
+        """Return (quads,) numbers that are equal where quads timed the same part (`log_ratio`)."""
         if self.nsection > 1:
             return np.concatenate([np.arange(count) % self.nsection for count in self.layouts])
         return np.repeat(np.arange(len(self.layouts)), self.layouts)
@@ -194,18 +198,19 @@ class TargetPair:
     def _measure(self, pair: ProcessPair, core: int | None, is_first: bool) -> Launch:
         """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
-        pair_s, nsection, rows = math.inf, self._prepared.nsection, self._draw()
+        all_blocks_s, nsection = math.inf, self._prepared.nsection
+        rows: list[int] = []
         with cores.pinned(core):
-            while len(layouts) < layout_count(pair_s, nsection) or (
+            while len(layouts) < layout_count(all_blocks_s, nsection) or (
                 len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready()
             ):
+                if not rows or nsection == 1:
+                    rows = self._draw()
                 now_s = self._lay_out(pair.processes, core, rows)
                 if is_first and not layouts:  # steps may be heavier than those at the start
                     self._time_limit.check_first_launch(launch_s(now_s, nsection))
-                pair_s = min(pair_s, now_s)
+                all_blocks_s = min(all_blocks_s, now_s)
                 layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
-                if nsection == 1:
-                    rows = self._draw()
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
@@ -233,7 +238,7 @@ class TargetPair:
     def _lay_out(
         self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]
     ) -> float:
-        """Lay out memory anew; return the seconds of a run of both targets, block by block."""
+        """Lay out memory anew; return the seconds that `quad_count` takes."""
         ns = 0
         for i in random.sample((0, 1), 2):
             target = self._targets[i]

@@ -235,8 +235,8 @@ def _time(
     processes = pair.processes
     task.equip(processes)
     while len(ns) < _LAYOUTS or (len(ns) < _MAX_LAYOUTS and not is_enough()):
-        task.pair_s = min(task.pair_s, 1e-9 * sum(task.ready(processes, core)))
-        count = quad_count(task.pair_s, task.nsection, _LAYOUT_S)
+        task.all_blocks_s = min(task.all_blocks_s, 1e-9 * sum(task.ready(processes, core)))
+        count = quad_count(task.all_blocks_s, task.nsection, _LAYOUT_S)
         # the first quad warms up both: what was prepared last would have the advantage in it
         layout_orders, layout_ns = time_quads(*processes, count + 1)
         orders += layout_orders[1:]

@@ -52,8 +52,8 @@ class ReleaseTask(ABC):
       launches: so far.
       is_complete: whether they are enough.
       failure: why there are no more before they are; None while there may be.
-      pair_s: seconds of what both releases do once, block by block: the shortest so far. The
-        number of blocks of a layout follows from it, so that a disturbed block does not decide it.
+      all_blocks_s: see `time_limit.quad_count`: the shortest so far. The number of blocks of a
+        layout follows from it, so that a disturbed block does not decide it.
     """
 
     record_type: ClassVar[str]
@@ -63,12 +63,12 @@ class ReleaseTask(ABC):
         self.launches: list[LaunchRatio] = []
         self.is_complete = False
         self.failure: Failure | None = None
-        self.pair_s = math.inf
+        self.all_blocks_s = math.inf
         self._reference_ns: list[float] = []
 
     @property
     def nsection(self) -> int:
-        """Sections of what is done (see `loop_sections`), which blocks time one after the other."""
+        """How many sections the work has (see `loop_sections`); blocks time one after the other."""
         return 1
 
     @property
@@ -99,7 +99,7 @@ class ReleaseTask(ABC):
         """Have both processes ready to time blocks, with their memory laid out anew.
 
         Returns:
-          The nanoseconds that each takes for all its sections once, block by block.
+          The nanoseconds of one block of each section, in the reference and in the release.
 
         Raises:
           InputError: a release cannot do it.
@@ -120,7 +120,7 @@ class ReleaseTask(ABC):
 
         Args:
           launch: its ratio.
-          reference_ns: nanoseconds that the reference takes for all its sections once.
+          reference_ns: nanoseconds that the reference takes for all its sections.
         """
         self.launches.append(launch)
         self._reference_ns.append(reference_ns)
@@ -202,7 +202,8 @@ class StepTask(ReleaseTask):
         prepared, draws = self._prepared, self._draws
         assert prepared is not None, "a task is prepared before it is timed"
         assert draws is not None, "a task is prepared before it is timed"
-        if self._rows is None or prepared.nsection == 1:  # sections need the same ones all along
+        # all layouts of a launch time sections of the same run
+        if self._rows is None or prepared.nsection == 1:
             self._rows = draws.draw(prepared.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):

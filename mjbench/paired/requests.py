@@ -213,8 +213,7 @@ class Equip(Request[None]):
 class Prepare(Request[int]):
     """Prepare a path's run in fresh memory, and check it.
 
-    The answer is how many nanoseconds its blocks take, one of each section, with all that precedes
-    them untimed.
+    The answer is how many nanoseconds one block of each section takes, untimed warm-ups included.
 
     Attributes:
       path: its name.

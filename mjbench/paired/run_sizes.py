@@ -14,7 +14,7 @@ from mjbench.simulation.workload import Product, whole_holds
 # smaller.
 RUN_S = 0.001
 # Seconds of a section (see `loop_sections`), and the most sections of a run. A longer run is not
-# divided: to time all its sections would take longer than a layout of memory is to be timed.
+# divided: a quad of each of its sections would take longer than a layout of memory.
 SECTION_S, MAX_SECTIONS = 0.0001, 50
 # Steps of each simulation of a run, at most.
 MAX_NSTEP = 100
@@ -23,8 +23,8 @@ MAX_NSTEP = 100
 THREADED_RUN_S = 0.01
 # Steps of a run whose slowest are compared, at least: five are above the 99th percentile.
 MIN_P99_STEPS = 500
-# Simulations that are drawn for each one of a run. Every layout does others of them, so that a
-# verdict does not rest on the states of one run.
+# Simulations that are drawn for each one of a run. Launches do others of them, so that a verdict
+# does not rest on the states of one run.
 DRAWN_PER_RUN = 8
 
 

@@ -12,14 +12,14 @@ from collections.abc import Callable
 # How often a launch lays out its memory anew. Layouts of one program differ about as much as
 # programs do, and take less time.
 LAYOUTS = 5
-# The same where blocks are so long that the fewest quads fill more than a layout's seconds.
+# The same where the fewest possible quads take longer than a layout's seconds.
 LONG_LAYOUTS = 3
 # More of them are timed while the processes of the next launch start, up to this number.
 MAX_LAYOUTS = 12
 # Seconds of blocks in each layout, and the smallest and largest number of quads that fill them.
 # Each section of a run has one quad at least.
 LAYOUT_S, MIN_QUADS, MAX_QUADS = 0.04, 2, 100
-# Runs that a target does to prepare a layout: one to check its states, one to warm up.
+# How often a target does all its blocks to prepare a layout, about: to check states, to warm up.
 _PREPARING_RUNS = 2
 # Seconds of work that is done whatever the limit, so that a short limit gives an estimate, too.
 BRIEF_S = 2.0
@@ -31,34 +31,34 @@ class OutOfTimeError(Exception):
     """The limit does not allow what a verdict needs; the message is a sentence for people."""
 
 
-def quad_count(pair_s: float, nsection: int = 1, layout_s: float = LAYOUT_S) -> int:
-    """Return the number of quads of a layout: as many of each section of the run.
+def quad_count(all_blocks_s: float, nsection: int = 1, layout_s: float = LAYOUT_S) -> int:
+    """Return the number of quads of a layout: equally many of each section of the run.
 
     Args:
-      pair_s: seconds that both targets take for their run once, block by block (see
-        `requests.Prepare`).
+      all_blocks_s: seconds that both targets together take for one block of each section, untimed
+        warm-ups included.
       nsection: sections of the run.
       layout_s: seconds of the blocks of the layout.
     """
     fewest = _fewest_quads(nsection) // nsection
     most = max(fewest, MAX_QUADS // nsection)
-    return nsection * min(max(round(layout_s / (2 * pair_s)), fewest), most)
+    return nsection * min(max(round(layout_s / (2 * all_blocks_s)), fewest), most)
 
 
 def _fewest_quads(nsection: int) -> int:
     return max(MIN_QUADS, nsection)
 
 
-def layout_count(pair_s: float, nsection: int = 1) -> int:
+def layout_count(all_blocks_s: float, nsection: int = 1) -> int:
     """Return the number of layouts of a launch, at least; see `quad_count` for the arguments."""
-    fewest_s = 2 * _fewest_quads(nsection) / nsection * pair_s
+    fewest_s = 2 * _fewest_quads(nsection) / nsection * all_blocks_s
     return LONG_LAYOUTS if fewest_s > LAYOUT_S else LAYOUTS
 
 
-def launch_s(pair_s: float, nsection: int = 1) -> float:
+def launch_s(all_blocks_s: float, nsection: int = 1) -> float:
     """Return about how long the blocks of a launch take; see `quad_count` for the arguments."""
-    runs = _PREPARING_RUNS + 2 * quad_count(pair_s, nsection) / nsection
-    return layout_count(pair_s, nsection) * runs * pair_s
+    runs = _PREPARING_RUNS + 2 * quad_count(all_blocks_s, nsection) / nsection
+    return layout_count(all_blocks_s, nsection) * runs * all_blocks_s
 
 
 class TimeLimit:

@@ -96,7 +96,7 @@ def test_a_launch_goes_on_while_the_next_processes_start(
 ) -> None:
     answers = iter([False, False, True])
     monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
-    monkeypatch.setattr(protocol, "quad_count", lambda pair_s, nsection: nsection)
+    monkeypatch.setattr(protocol, "quad_count", lambda all_blocks_s, nsection: nsection)
     pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
     (launch,) = pair.launch_batch()
     pair.close()

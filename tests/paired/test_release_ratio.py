@@ -246,8 +246,8 @@ def test_a_disturbed_block_does_not_decide_how_many_are_timed(
 ) -> None:
     counts: list[int] = []
 
-    def count_quads(pair_s: float, nsection: int, layout_s: float) -> int:
-        counts.append(round(1e3 * pair_s))
+    def count_quads(all_blocks_s: float, nsection: int, layout_s: float) -> int:
+        counts.append(round(1e3 * all_blocks_s))
         return 6
 
     monkeypatch.setattr(release_ratio, "quad_count", count_quads)

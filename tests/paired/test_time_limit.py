@@ -33,16 +33,18 @@ def clock() -> Clock:
 
 
 @pytest.mark.parametrize(
-    ("pair_s", "quads", "seconds"),
+    ("all_blocks_s", "quads", "seconds"),
     [
         (2e-3, 10, 0.22),  # blocks of a millisecond
         (1e-5, 100, 0.0101),
         (2.0, 2, 36.0),  # blocks of a second
     ],
 )
-def test_a_launch_takes_as_long_as_its_blocks(pair_s: float, quads: int, seconds: float) -> None:
-    assert quad_count(pair_s * (1 - 1e-9)) == quads
-    assert launch_s(pair_s * (1 - 1e-9)) == pytest.approx(seconds)
+def test_a_launch_takes_as_long_as_its_blocks(
+    all_blocks_s: float, quads: int, seconds: float
+) -> None:
+    assert quad_count(all_blocks_s * (1 - 1e-9)) == quads
+    assert launch_s(all_blocks_s * (1 - 1e-9)) == pytest.approx(seconds)
 
 
 def test_a_launch_of_long_blocks_has_fewer_layouts() -> None:

@@ -76,8 +76,8 @@ def test_a_model_too_heavy_for_its_limit_is_inconclusive_before_it_is_launched(
 def test_a_launch_that_proves_too_heavy_is_not_finished(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(preparation, "launch_s", lambda pair_s, *nsection: 0.01)
-    monkeypatch.setattr(protocol, "launch_s", lambda pair_s, *nsection: 100.0)
+    monkeypatch.setattr(preparation, "launch_s", lambda all_blocks_s, *nsection: 0.01)
+    monkeypatch.setattr(protocol, "launch_s", lambda all_blocks_s, *nsection: 100.0)
     plan = verdict.VerdictPlan(time_limit_s=60.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: 0.0)
     assert result.row().verdict == Verdict.INCONCLUSIVE
