@@ -36,7 +36,7 @@ def test_every_committed_run_is_tested_and_there_is_one_of_each_kind() -> None:
     assert COMPARISONS
     assert SELFCHECKS
     assert INSIDE_STEP
-    assert len(BETWEEN_BUILDS) == 5
+    assert len(BETWEEN_BUILDS) == 6
     histories = {HISTORY_AGAIN, NO_CHANGE}
     committed = {*COMPARISONS, *SELFCHECKS, *INSIDE_STEP, *BETWEEN_BUILDS, *histories}
     assert committed == set(RUNS.glob("reference-*.jsonl"))
