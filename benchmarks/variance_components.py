@@ -54,12 +54,12 @@ class Components:
 
 def by_layout(launch: Launch) -> list[Launch]:
     """Return each layout of a launch as if it were a launch."""
-    ends = np.cumsum(launch.layouts)
-    slices = [slice(end - count, end) for end, count in zip(ends, launch.layouts, strict=True)]
-    return [
-        replace(launch, orders=launch.orders[s], ns=launch.ns[s], layouts=[s.stop - s.start])
-        for s in slices
-    ]
+    layouts, end = [], 0
+    for count in launch.layouts:
+        chosen, end = slice(end, end + count), end + count
+        orders, ns = launch.orders[chosen], launch.ns[chosen]
+        layouts.append(replace(launch, orders=orders, ns=ns, layouts=[count], runs=[0]))
+    return layouts
 
 
 def components(launches: Sequence[Launch]) -> Components:

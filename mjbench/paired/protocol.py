@@ -51,6 +51,7 @@ class Launch:
       ns: (quads, 4) nanoseconds of each block, in the order they ran.
       placements: of the targets' libraries.
       layouts: how many quads each layout of memory has, in the order they ran.
+      runs: which run each layout did: numbers that are equal where the simulations are.
       nsection: sections of a run, which the quads of a layout take in turn.
     """
 
@@ -60,6 +61,7 @@ class Launch:
     ns: np.ndarray
     placements: PlacementPair
     layouts: Sequence[int]
+    runs: Sequence[int]
     nsection: int = 1
 
     def pair_log_ratios(self) -> np.ndarray:
@@ -70,7 +72,7 @@ class Launch:
     def log_ratio(self) -> float:
         """The log ratio of all that was timed (see `stats.total_log_ratio`).
 
-        Its parts are the sections of the run, or the layouts where a block is the whole run.
+        Its parts are the sections of each run.
         """
         return stats.total_log_ratio(self.orders, self.ns, self._parts())
 
@@ -78,19 +80,21 @@ class Launch:
     def baseline_run_ns(self) -> float:
         """How long a run of the baseline takes, in nanoseconds.
 
-        It is the sum of the medians of its sections, or the median of the layouts' medians where a
-        block is the whole run.
+        It is the sum of the medians of its sections; of several runs, it is the median.
         """
         is_baseline = np.array([[letter == "A" for letter in order] for order in self.orders])
         blocks, parts = self.ns[is_baseline].reshape(-1, 2), self._parts()
         medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
-        return float(np.sum(medians) if self.nsection > 1 else np.median(medians))
+        return float(np.median(np.reshape(medians, (-1, self.nsection)).sum(axis=1)))
 
     def _parts(self) -> np.ndarray:
-        """Return (quads,) numbers that are equal where quads timed the same part (`log_ratio`)."""
-        if self.nsection > 1:
-            return np.concatenate([np.arange(count) % self.nsection for count in self.layouts])
-        return np.repeat(np.arange(len(self.layouts)), self.layouts)
+        """Return (quads,) numbers that are equal where quads timed the same section of a run."""
+        return np.concatenate(
+            [
+                run * self.nsection + np.arange(count) % self.nsection
+                for run, count in zip(self.runs, self.layouts, strict=True)
+            ]
+        )
 
     def row(self) -> LaunchRow:
         """Return the launch as a run file stores it."""
@@ -214,7 +218,9 @@ class TargetPair:
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
-        return Launch(core, None, orders, ns, pair.placements, sizes, nsection)
+        # sections need many pairs each, so all layouts of a launch do the same run
+        runs = range(len(layouts)) if nsection == 1 else [0] * len(layouts)
+        return Launch(core, None, orders, ns, pair.placements, sizes, runs, nsection)
 
     def close(self) -> None:
         """End the processes that were started ahead; remove all files but the baseline workload."""

@@ -241,5 +241,13 @@ def _time(
         layout_orders, layout_ns = time_quads(*processes, count + 1)
         orders += layout_orders[1:]
         ns.append(layout_ns[1:])
-    layouts = [len(each) for each in ns]
-    return Launch(core, None, orders, np.concatenate(ns), pair.placements, layouts, task.nsection)
+    return Launch(
+        core=core,
+        cores=None,
+        orders=orders,
+        ns=np.concatenate(ns),
+        placements=pair.placements,
+        layouts=[len(each) for each in ns],
+        runs=range(len(ns)),  # each layout draws simulations anew
+        nsection=task.nsection,
+    )

@@ -162,7 +162,6 @@ class StepTask(ReleaseTask):
         self._prepared: Preparation | None = None
         # Simulations differ in how much slower they are. So all of them are timed equally often.
         self._draws: BalancedDraws | None = None
-        self._rows: list[int] | None = None
         self._digest = ""
 
     @property
@@ -190,7 +189,7 @@ class StepTask(ReleaseTask):
 
     def equip(self, processes: Processes) -> None:
         """See `ReleaseTask.equip`."""
-        prepared, self._rows = self._prepared, None
+        prepared = self._prepared
         assert prepared is not None, "a task is prepared before it is timed"
         for process, target, model, workload in zip(
             processes, self._targets, prepared.models, prepared.workloads, strict=True
@@ -202,16 +201,14 @@ class StepTask(ReleaseTask):
         prepared, draws = self._prepared, self._draws
         assert prepared is not None, "a task is prepared before it is timed"
         assert draws is not None, "a task is prepared before it is timed"
-        # all layouts of a launch time sections of the same run
-        if self._rows is None or prepared.nsection == 1:
-            self._rows = draws.draw(prepared.work_check.nbatch)
+        rows = draws.draw(prepared.work_check.nbatch)
         ns = {}
         for i in random.sample((0, 1), 2):
             request = requests.Prepare(
                 path=self._targets[i].path,
                 options={},
                 cores=cores.usable(core),
-                simulations=self._rows,
+                simulations=rows,
                 nsection=prepared.nsection,
             )
             ns[i] = processes[i].call(request)

@@ -319,21 +319,26 @@ def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: W
 
 def test_the_log_ratio_of_a_pair_is_candidate_over_baseline_whatever_the_order() -> None:
     ns = np.array([[100.0, 200.0, 200.0, 100.0], [200.0, 100.0, 100.0, 200.0]])
-    launch = Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2])
+    launch = Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2], [0])
     assert np.exp(launch.pair_log_ratios()) == pytest.approx(np.full((2, 2), 2.0))
 
 
 def test_the_baseline_time_is_that_of_its_blocks_alone() -> None:
     ns = np.array([[100.0, 900.0, 900.0, 110.0], [900.0, 120.0, 130.0, 900.0]])
-    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2]).baseline_run_ns == 115.0
+    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2], [0]).baseline_run_ns == 115.0
     # two layouts with whole runs of their own, and two sections of a run
-    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [1, 1]).baseline_run_ns == 115.0
-    assert Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2], 2).baseline_run_ns == 230.0
+    assert (
+        Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [1, 1], [0, 1]).baseline_run_ns
+        == 115.0
+    )
+    assert (
+        Launch(None, None, ["ABBA", "BAAB"], ns, AS_SHIPPED, [2], [0], 2).baseline_run_ns == 230.0
+    )
 
 
 def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
     second_is_slower = np.array([[100.0, 101.0, 100.0, 101.0]])
-    launch = Launch(None, None, ["ABBA"], second_is_slower, AS_SHIPPED, [1])
+    launch = Launch(None, None, ["ABBA"], second_is_slower, AS_SHIPPED, [1], [0])
     assert launch.pair_log_ratios() == pytest.approx(np.log([[1.01, 1 / 1.01]]))
     assert launch.log_ratio == pytest.approx(0.0)
 
@@ -343,17 +348,17 @@ def test_the_sections_of_a_launch_are_those_of_all_its_layouts() -> None:
         [1.02, 1.04, 1.02, 1.04, 2.0, 2.0, 1.02, 1.04]
     )  # the third layout is disturbed
     ns = 100.0 * np.stack([np.ones(8), ratios, ratios, np.ones(8)], axis=1)
-    launch = Launch(None, None, ["ABBA"] * 8, ns, AS_SHIPPED, [4, 2, 2], nsection=2)
+    launch = Launch(None, None, ["ABBA"] * 8, ns, AS_SHIPPED, [4, 2, 2], [0, 0, 0], 2)
     assert launch.log_ratio == pytest.approx(np.log(1.03), abs=1e-4)
 
 
 def test_whole_runs_of_a_launch_differ_from_layout_to_layout() -> None:
     ratios = np.array([1.0, 1.0, 1.0, 1.3, 1.3])
     ns = 100.0 * np.stack([np.ones(5), ratios, ratios, np.ones(5)], axis=1)
-    launch = Launch(None, None, ["ABBA"] * 5, ns, AS_SHIPPED, [3, 2])
+    launch = Launch(None, None, ["ABBA"] * 5, ns, AS_SHIPPED, [3, 2], [0, 1])
     assert launch.log_ratio == pytest.approx(np.log(2.3 / 2))
 
 
 def test_drift_of_the_machine_cancels_within_a_quad() -> None:
     drifting = np.exp(np.array([[0.0, 0.1, 0.2, 0.3]]))
-    assert Launch(None, None, ["BAAB"], drifting, AS_SHIPPED, [1]).log_ratio == pytest.approx(0.0)
+    assert Launch(None, None, ["BAAB"], drifting, AS_SHIPPED, [1], [0]).log_ratio == pytest.approx(0.0)

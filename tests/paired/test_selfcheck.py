@@ -50,7 +50,7 @@ def trial(verdict: Verdict, estimate: float, half_width: float = 0.005, **others
 def launch(log_ratio: float, placements: PlacementPair) -> Launch:
     candidate_ns = 1e6 * np.exp(log_ratio)
     ns = np.array([[1e6, candidate_ns, candidate_ns, 1e6]])
-    return Launch(0, None, ["ABBA"], ns, placements, [1])
+    return Launch(0, None, ["ABBA"], ns, placements, [1], [0])
 
 
 def result(

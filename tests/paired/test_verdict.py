@@ -294,7 +294,7 @@ def launch(log_ratio: float, placements: PlacementPair) -> Launch:
     """Return a launch of one quad with a log ratio."""
     slower = round(1e9 * math.exp(log_ratio))
     ns = np.array([[10**9, slower, slower, 10**9]])
-    return Launch(0, None, ["ABBA"], ns, placements, [1])
+    return Launch(0, None, ["ABBA"], ns, placements, [1], [0])
 
 
 def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
