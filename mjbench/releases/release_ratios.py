@@ -31,6 +31,9 @@ REFERENCE = "4.0.0"
 # two turns, and more until the standard error is small enough, but no more than ten, and none that
 # would end later than so many seconds after the release's first began.
 SCHEDULE_LAUNCHES, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 90
+# Fewer launches say too little of their own spread: of launches in two modes, all of the first ones
+# may be of one mode.
+TRUSTED_LAUNCHES = 36
 TARGET_DEVIATION = 0.002
 TARGET_S = 110.0
 # The least standard error, since few launches can agree by chance. Estimates between builds of
@@ -154,7 +157,7 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
         return False
     if count >= MAX_LAUNCHES or seconds * (count + SCHEDULE_LAUNCHES) / count > TARGET_S:
         return True
-    ratio = averaged(launches)
+    ratio = averaged(launches) if count >= TRUSTED_LAUNCHES else None
     return ratio is not None and ratio.deviation <= TARGET_DEVIATION
 
 

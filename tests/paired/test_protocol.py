@@ -361,4 +361,6 @@ def test_whole_runs_of_a_launch_differ_from_layout_to_layout() -> None:
 
 def test_drift_of_the_machine_cancels_within_a_quad() -> None:
     drifting = np.exp(np.array([[0.0, 0.1, 0.2, 0.3]]))
-    assert Launch(None, None, ["BAAB"], drifting, AS_SHIPPED, [1], [0]).log_ratio == pytest.approx(0.0)
+    assert Launch(None, None, ["BAAB"], drifting, AS_SHIPPED, [1], [0]).log_ratio == pytest.approx(
+        0.0
+    )

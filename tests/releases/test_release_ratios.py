@@ -8,9 +8,9 @@ from mjbench.releases.placement import Placement
 from mjbench.releases.release_ratios import (
     MAX_LAUNCHES,
     MIN_DEVIATION,
-    MIN_LAUNCHES,
     PLACEMENT_DEVIATION,
     TARGET_S,
+    TRUSTED_LAUNCHES,
     LaunchRatio,
     StepRatioRecord,
     are_enough,
@@ -83,7 +83,7 @@ def test_too_few_launches_say_nothing() -> None:
     assert as_shipped([moved(0, 0.1), LaunchRatio(0.1)]) is None
 
 
-@pytest.mark.parametrize(("spread", "expected"), [(0.001, MIN_LAUNCHES), (0.05, MAX_LAUNCHES)])
+@pytest.mark.parametrize(("spread", "expected"), [(0.001, TRUSTED_LAUNCHES), (0.05, MAX_LAUNCHES)])
 def test_noisy_launches_are_repeated_but_not_for_ever(spread: float, expected: int) -> None:
     block = [moved(residue, sign * spread) for residue in (0, 16, 32, 48) for sign in (-1, 1)]
     schedule = 10 * [*block, LaunchRatio(0.0)]
