@@ -25,7 +25,7 @@ TRUTH = {0: 0.0, 16: 0.04, 32: -0.01, 48: 0.02}
 def launch(pair: PlacementPair, log_ratio: float) -> Launch:
     """Return a launch of one quad with a log ratio."""
     ns = np.array([[1e9, 1e9 * math.exp(log_ratio), 1e9 * math.exp(log_ratio), 1e9]])
-    return Launch(0, None, ["ABBA"], ns, pair, [1])
+    return Launch(0, None, ["ABBA"], ns, pair, [1], [0])
 
 
 def launches(count: int, truth: dict[int, float], deviation: float = 0.003) -> list[Launch]:

@@ -352,6 +352,14 @@ def test_the_sections_of_a_launch_are_those_of_all_its_layouts() -> None:
     assert launch.log_ratio == pytest.approx(np.log(1.03), abs=1e-4)
 
 
+def test_sections_of_different_runs_are_different_work() -> None:
+    ratios = np.array([1.0, 1.3, 1.0, 1.3, 1.2, 1.4, 1.2, 1.4])
+    ns = 100.0 * np.stack([np.ones(8), ratios, ratios, np.ones(8)], axis=1)
+    launch = Launch(None, None, ["ABBA"] * 8, ns, AS_SHIPPED, [4, 4], [0, 1], 2)
+    assert launch.log_ratio == pytest.approx(np.log(4.9 / 4))
+    assert launch.baseline_run_ns == 200.0
+
+
 def test_whole_runs_of_a_launch_differ_from_layout_to_layout() -> None:
     ratios = np.array([1.0, 1.0, 1.0, 1.3, 1.3])
     ns = 100.0 * np.stack([np.ones(5), ratios, ratios, np.ones(5)], axis=1)
