@@ -101,7 +101,7 @@ def _trimmed(pairs: np.ndarray) -> float:
 SUMMARIES: dict[str, Callable[[Launch], float]] = {
     "section by section, as in verdicts": lambda launch: launch.log_ratio,
     "median of all pairs": lambda launch: _median(launch.pair_log_ratios()),
-    "the same of each layout, and their mean": lambda launch: float(
+    "mean of the layouts, each section by section": lambda launch: float(
         np.mean([layout.log_ratio for layout in by_layout(launch)])
     ),
     "trimmed mean of all pairs": lambda launch: _trimmed(launch.pair_log_ratios()),

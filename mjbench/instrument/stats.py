@@ -97,6 +97,12 @@ def paired_log_ratio(orders: Sequence[str], times: np.ndarray) -> float:
     return float(np.median(pair_log_ratios(orders, times), axis=0).mean())
 
 
+def blocks_by_target(orders: Sequence[str], times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (quads, 2) times of the baseline, and of the candidate; see `pair_log_ratios`."""
+    is_baseline = np.array([[letter == "A" for letter in order] for order in orders])
+    return times[is_baseline].reshape(-1, 2), times[~is_baseline].reshape(-1, 2)
+
+
 def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray) -> float:
     """Return the log ratio of work that was timed in parts.
 
@@ -110,16 +116,14 @@ def total_log_ratio(orders: Sequence[str], times: np.ndarray, parts: np.ndarray)
       times: likewise.
       parts: (quads,) number of the part that each quad timed.
     """
-    pairs, logs = pair_log_ratios(orders, times), np.log(times)
+    pairs = pair_log_ratios(orders, times)
     order_effect = np.median(pairs[:, 0] - pairs[:, 1]) / 2
     aligned = pairs - [order_effect, -order_effect]
-    is_baseline = np.array([[letter == "A" for letter in order] for order in orders])
-    baseline, candidate = (logs[mask].reshape(-1, 2) for mask in (is_baseline, ~is_baseline))
-    numbers = np.unique(parts)
-    half_ratios = np.array([np.median(aligned[parts == n]) / 2 for n in numbers])
-    centers = np.array(
-        [(np.median(baseline[parts == n]) + np.median(candidate[parts == n])) / 2 for n in numbers]
-    )
+    baseline, candidate = blocks_by_target(orders, np.log(times))
+    masks = [parts == number for number in np.unique(parts)]
+    half_ratios = np.array([np.median(aligned[m]) / 2 for m in masks])
+    # robust geometric means of both targets' times
+    centers = np.array([(np.median(baseline[m]) + np.median(candidate[m])) / 2 for m in masks])
     total = np.logaddexp.reduce(centers + half_ratios)
     return float(total - np.logaddexp.reduce(centers - half_ratios))
 

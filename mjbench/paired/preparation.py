@@ -99,17 +99,18 @@ class _ChosenSizes:
     Attributes:
       sizes: as the user asked.
       run: what follows from them.
-      faster_step_s: seconds of a step of the target that is faster, as tables have it.
+      faster_step_s: seconds of a step of the target that is faster, as tables have it; None where
+        no run is divided into sections.
       request: draws the workload.
     """
 
     sizes: Sizes
     run: RunSize
-    faster_step_s: float
+    faster_step_s: float | None
     request: requests.MakeWorkload
 
     def nsection(self, nbatch: int) -> int:
-        """Return the number of sections of a run of `nbatch` simulations in the plain loop."""
+        """Return the number of sections of a run of `nbatch` simulations; 1 for no division."""
         return self.run._replace(nbatch=nbatch).nsection(self.faster_step_s, self.sizes.hold)
 
 
@@ -204,9 +205,8 @@ def _choose_sizes(
             if sizes.starts.file is not None:
                 affordable = int(DRAWING_S / (run.nstep * cost_s))
                 drawn = max(drawn, min(NSTART, affordable))
-        nsection = 1
-        if _is_plain_loop(targets, sizes):
-            nsection = run.nsection(min(costs_s), sizes.hold)
+        faster_step_s = min(costs_s) if _is_plain_loop(targets, sizes) else None
+        nsection = run.nsection(faster_step_s, sizes.hold)
         nrun = 2 if nsection == 1 else 4  # of both targets; where sections warm up, it is twice
         drawing_nstep = _drawing_nstep(drawn, run.nstep, nsection > 1)
         time_limit.check_first_launch(
@@ -221,7 +221,7 @@ def _choose_sizes(
         sizes.starts,
         max_nstep,
     )
-    return _ChosenSizes(sizes, run, min(costs_s), requests.MakeWorkload(sample))
+    return _ChosenSizes(sizes, run, faster_step_s, requests.MakeWorkload(sample))
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -260,9 +260,8 @@ def _prepared(
     """
     shared = drawn[0] is drawn[1]
     workloads = [each.workload for each in drawn]
-    nbatch, drawn_nsection = chosen.run.nbatch, 1
-    if _is_plain_loop(targets, chosen.sizes) and chosen.nsection(nbatch) > 1:
-        drawn_nsection = chosen.nsection(nbatch) * len(workloads[0].control) // nbatch
+    nbatch, nsection = chosen.run.nbatch, chosen.nsection(chosen.run.nbatch)
+    drawn_nsection = nsection * len(workloads[0].control) // nbatch if nsection > 1 else 1
     observed = []
     for process, workload in zip(processes, workloads, strict=True):
         with pool.saved(workload) as file:
@@ -284,7 +283,6 @@ def _prepared(
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
         pool.save(workloads[1].only(rows[1], candidate.final_state)),
     )
-    # none can be divided unless it was asked for
     can_divide = baseline.can_divide and candidate.can_divide
     nsection = chosen.nsection(work_check.nbatch) if can_divide else 1
     return Preparation(models, files, nsim, nsection, work_check)

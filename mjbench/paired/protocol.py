@@ -82,8 +82,8 @@ class Launch:
 
         It is the sum of the medians of its sections; of several runs, it is the median.
         """
-        is_baseline = np.array([[letter == "A" for letter in order] for order in self.orders])
-        blocks, parts = self.ns[is_baseline].reshape(-1, 2), self._parts()
+        blocks, _ = stats.blocks_by_target(self.orders, self.ns)
+        parts = self._parts()
         medians = [np.median(blocks[parts == part]) for part in np.unique(parts)]
         return float(np.median(np.reshape(medians, (-1, self.nsection)).sum(axis=1)))
 

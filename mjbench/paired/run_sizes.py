@@ -71,13 +71,15 @@ class RunSize(NamedTuple):
     nbatch: int
     nstep: int
 
-    def nsection(self, step_s: float, hold: int) -> int:
+    def nsection(self, step_s: float | None, hold: int) -> int:
         """Return the number of sections of a run of the plain loop; 1 if it is not to be divided.
 
         Args:
-          step_s: seconds of a step of the target that is faster.
+          step_s: seconds of a step of the target that is faster; None where no run is divided.
           hold: steps per control.
         """
+        if step_s is None:
+            return 1
         steps = self.nbatch * self.nstep
         count = round(steps * step_s / SECTION_S)
         return min(max(1, count), steps // hold) if count <= MAX_SECTIONS else 1

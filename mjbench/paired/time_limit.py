@@ -40,18 +40,19 @@ def quad_count(all_blocks_s: float, nsection: int = 1, layout_s: float = LAYOUT_
       nsection: sections of the run.
       layout_s: seconds of the blocks of the layout.
     """
-    fewest = _fewest_quads(nsection) // nsection
+    fewest = _fewest_rounds(nsection)
     most = max(fewest, MAX_QUADS // nsection)
     return nsection * min(max(round(layout_s / (2 * all_blocks_s)), fewest), most)
 
 
-def _fewest_quads(nsection: int) -> int:
-    return max(MIN_QUADS, nsection)
+def _fewest_rounds(nsection: int) -> int:
+    """Return how many quads each section has, at least."""
+    return math.ceil(MIN_QUADS / nsection)
 
 
 def layout_count(all_blocks_s: float, nsection: int = 1) -> int:
     """Return the number of layouts of a launch, at least; see `quad_count` for the arguments."""
-    fewest_s = 2 * _fewest_quads(nsection) / nsection * all_blocks_s
+    fewest_s = 2 * _fewest_rounds(nsection) * all_blocks_s
     return LONG_LAYOUTS if fewest_s > LAYOUT_S else LAYOUTS
 
 

@@ -90,6 +90,8 @@ def test_a_disturbed_block_does_not_change_the_weight_of_its_part() -> None:
 def test_work_in_one_part_has_the_ratio_of_its_quads() -> None:
     rng = np.random.default_rng(2)
     orders = ["ABBA" if is_abba else "BAAB" for is_abba in rng.random(41) < 0.5]
-    ns = rng.uniform(99.0, 101.0, (41, 4))
+    is_candidate = np.array([[letter == "B" for letter in order] for order in orders])
+    ns = rng.uniform(99.0, 101.0, (41, 4)) * np.where(is_candidate, 1.5, 1.0)
     whole = stats.total_log_ratio(orders, ns, np.zeros(41, dtype=int))
+    assert whole == pytest.approx(np.log(1.5), abs=2e-3)
     assert whole == pytest.approx(stats.paired_log_ratio(orders, ns), abs=1e-3)

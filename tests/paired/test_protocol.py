@@ -344,9 +344,8 @@ def test_the_cost_of_coming_second_cancels_within_a_quad() -> None:
 
 
 def test_the_sections_of_a_launch_are_those_of_all_its_layouts() -> None:
-    ratios = np.array(
-        [1.02, 1.04, 1.02, 1.04, 2.0, 2.0, 1.02, 1.04]
-    )  # the third layout is disturbed
+    # the second layout is disturbed
+    ratios = np.array([1.02, 1.04, 1.02, 1.04, 2.0, 2.0, 1.02, 1.04])
     ns = 100.0 * np.stack([np.ones(8), ratios, ratios, np.ones(8)], axis=1)
     launch = Launch(None, None, ["ABBA"] * 8, ns, AS_SHIPPED, [4, 2, 2], [0, 0, 0], 2)
     assert launch.log_ratio == pytest.approx(np.log(1.03), abs=1e-4)
