@@ -27,15 +27,14 @@ from mjbench.status import FINISHED, Status
 
 # The release that all are compared with.
 REFERENCE = "4.0.0"
-# Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many;
-# two turns, and more until the standard error is small enough, but no more than ten, and none that
-# would end later than so many seconds after the release's first began.
+# Launches of a ratio: whole turns of the schedule of placements, so that each residue has as many.
+# There are two turns at least, and ten at most.
 SCHEDULE_LAUNCHES, MIN_LAUNCHES, MAX_LAUNCHES = 9, 18, 90
-# Fewer launches say too little of their own spread: of launches in two modes, all of the first ones
-# may be of one mode.
-TRUSTED_LAUNCHES = 36
-TARGET_DEVIATION = 0.002
+# No launch is added that would end later than so many seconds after the release's first began.
 TARGET_S = 110.0
+# From so many launches on, they end once the standard error is this small. Fewer say too little of
+# their own spread: of launches in two modes, all of the first ones may be of one mode.
+TRUSTED_LAUNCHES, TARGET_DEVIATION = 36, 0.002
 # The least standard error, since few launches can agree by chance. Estimates between builds of
 # equal code have a root mean square of 0.18 % (docs/method/history-errors.md).
 MIN_DEVIATION = 0.001
