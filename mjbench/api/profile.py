@@ -65,6 +65,7 @@ class Profile(Measured):
 def profile(
     model: "Model",
     *,
+    settle_s: float | None = None,
     states: "States | None" = None,
     time_limit_s: float = TIME_LIMIT_S,
     wait: bool = False,
@@ -75,8 +76,10 @@ def profile(
 
     Args:
       model: a name as on the command line, a path, an MjModel or an MjSpec.
+      settle_s: simulated seconds for which the model moves before the first start state; None for
+        its default.
       states: a file of start states, or arrays by MjData field, as `mjbench.record` returns and
-        `mjbench.capture` stores them; None for keyframe 0.
+        `mjbench.capture` stores them, instead; None for none.
       time_limit_s: a child process that reports nothing for this long is killed.
       wait: whether to wait until no other mjbench measures on this machine.
 
@@ -88,9 +91,9 @@ def profile(
     limit_s = checks.seconds("time_limit_s", time_limit_s)
     with (
         model_sources.sources([model]) as (source,),
-        start_states.plan(None, states) as starts,
+        start_states.plan(settle_s, states) as starts,
         Session("profile", wait) as session,
     ):
-        row = ProfileRow.measured(loop_profile.measure(source, limit_s, starts.file))
+        row = ProfileRow.measured(loop_profile.measure(source, limit_s, starts))
         run = session.run([row], {"models": [source.name]}, [source.path, *starts.files])
         return Profile(run, session.notes())

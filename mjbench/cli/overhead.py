@@ -7,17 +7,18 @@ import click
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, RESULTS, STATES, WAIT, start_plan, with_options
+from mjbench.cli.shared import JSON, LIMIT, RESULTS, SETTLE, STATES, WAIT, start_plan, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, metavar="[MODEL]…")
 @click.option("--code", is_flag=True, help="Print each habit's loop, and its cheaper form.")
-@with_options(STATES, LIMIT, RESULTS, WAIT, JSON)
+@with_options(SETTLE, STATES, LIMIT, RESULTS, WAIT, JSON)
 def overhead(
     names: tuple[str, ...],
     code: bool,
+    settle_s: float | None,
     states_file: Path | None,
     time_limit: float,
     results: Path,
@@ -27,7 +28,8 @@ def overhead(
     """What does each habit of a Python loop cost beside mj_step, and what is cheaper?
 
     Every habit is timed inside a stepping loop, in turns with the bare loop, in several processes.
-    Loops start at keyframe 0; with --states, at many states of the file, and hold their controls.
+    Loops start from states along the model's own run, or from those of --states, and hold their
+    controls.
     Without a MODEL: cartpole.
 
     \b
@@ -41,7 +43,7 @@ def overhead(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names or ("cartpole",)]
-    starts = start_plan(None, states_file)
+    starts = start_plan(settle_s, states_file)
     files = [*(source.path for source in sources), *starts.files]
     rows: list[OverheadRow] = []
     arguments = {"models": [source.name for source in sources], "starts": starts}
@@ -49,7 +51,7 @@ def overhead(
     with RunContext("overhead", json_file, files, storage, wait) as run:
         for source in sources:
             table = measure_or_report(
-                source, lambda source: measure(source, time_limit, states_file=starts.file)
+                source, lambda source: measure(source, time_limit, starts=starts)
             )
             if isinstance(table, Failure):
                 rows.append(OverheadRow.failed(source.name, table))

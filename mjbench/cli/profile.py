@@ -7,15 +7,16 @@ import click
 from mjbench.cli.context import RunContext, Storage
 from mjbench.cli.each_model import measure_or_report
 from mjbench.cli.group import cli
-from mjbench.cli.shared import JSON, LIMIT, RESULTS, STATES, WAIT, start_plan, with_options
+from mjbench.cli.shared import JSON, LIMIT, RESULTS, SETTLE, STATES, WAIT, start_plan, with_options
 from mjbench.errors import Failure
 
 
 @cli.command()
 @click.argument("names", nargs=-1, required=True, metavar="MODEL…")
-@with_options(STATES, LIMIT, RESULTS, WAIT, JSON)
+@with_options(SETTLE, STATES, LIMIT, RESULTS, WAIT, JSON)
 def profile(
     names: tuple[str, ...],
+    settle_s: float | None,
     states_file: Path | None,
     time_limit: float,
     results: Path,
@@ -25,7 +26,7 @@ def profile(
     """Where does a step's time go: engine stages, Python around it, rendering?
 
     Stages are from MuJoCo's own timers. Rendering is timed with EGL and with OSMesa, or on macOS
-    with CGL. Steps are those of keyframe 0; with --states, short runs from many states of the file,
+    with CGL. Steps are short runs from states along the model's own run, or from those of --states,
     each with its controls held.
 
     \b
@@ -39,7 +40,7 @@ def profile(
     from mjbench.simulation import models
 
     sources = [models.resolve(name) for name in names]
-    starts = start_plan(None, states_file)
+    starts = start_plan(settle_s, states_file)
     files = [*(source.path for source in sources), *starts.files]
     rows: list[ProfileRow] = []
     arguments = {"models": [source.name for source in sources], "starts": starts}
@@ -47,7 +48,7 @@ def profile(
     with RunContext("profile", json_file, files, storage, wait) as run:
         for source in sources:
             step_profile = measure_or_report(
-                source, lambda source: measure(source, time_limit, starts.file)
+                source, lambda source: measure(source, time_limit, starts)
             )
             if isinstance(step_profile, Failure):
                 rows.append(ProfileRow.failed(source.name, step_profile))

@@ -376,17 +376,14 @@ ACTIONS = click.option(
     help="Take controls from this .npz or .npy file: an array `ctrl` or `actions` of shape"
     " (ncontrol, nu) or (nsequence, ncontrol, nu). Each row is held for --hold steps.",
 )
-STARTS = (
-    click.option(
-        "--settle",
-        "settle_s",
-        type=Seconds(zero=True),
-        help="Simulated time for which the model moves before the first start state; 0 starts at"
-        " keyframe 0  [default: 0.1s with a keyframe, 1s without]",
-    ),
-    STATES,
-    ACTIONS,
+SETTLE = click.option(
+    "--settle",
+    "settle_s",
+    type=Seconds(zero=True),
+    help="Simulated time for which the model moves before the first start state; 0 starts at"
+    " keyframe 0  [default: 0.1s with a keyframe, 5s without]",
 )
+STARTS = (SETTLE, STATES, ACTIONS)
 SIZES = (
     click.option("--nbatch", type=COUNT, help="Simulations of a run."),
     click.option("--nstep", type=COUNT, help="Steps of each simulation."),

@@ -28,7 +28,7 @@ from mjbench.loop.loop_starts import LoopStarts
 from mjbench.simulation import agreement, compat, models
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import Starts
+from mjbench.simulation.starts import StartPlan, Starts
 from mjbench.simulation.workload import Product, Workload
 from mjbench.status import Status
 
@@ -356,7 +356,9 @@ class _Loop:
         request = self._request
         if request.states_file is None:
             return None
-        return LoopStarts(self._model, request.states_file, request.hold, request.settings.seed)
+        return LoopStarts(
+            self._model, StartPlan(file=request.states_file), request.hold, request.settings.seed
+        )
 
     def _costs(
         self, start: np.ndarray, candidates: np.ndarray, shuffle: Callable[[list[int]], None]

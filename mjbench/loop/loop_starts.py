@@ -1,24 +1,24 @@
-"""From which states the loops of `profile` and `overhead` start: one, or many in turns.
+"""From which states the loops of `profile` and `overhead` start: many, in turns.
 
-These loops write no controls, because writing them is one of the habits that are measured. So each
-run holds the controls of its start, and runs are short: a simulation stays where the program that
-it was captured from was.
+They are those of every other command. These loops write no controls, because writing them is one of
+the habits that are measured. So each run holds the controls of its start, and runs are short: a
+simulation stays where it started.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat, sampling, work
+from mjbench.simulation import compat, sampling, starts, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.sampling import SampleRequest
-from mjbench.simulation.starts import StartPlan, Starts
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Observation
 
-# Start states that are drawn from a file.
-NSTART = 256
+# Start states that are drawn; fewer where to step from all of them would take more seconds than
+# this, but not fewer than the least.
+NSTART, LEAST_NSTART, DRAWING_S = 256, 16, 1.0
 # Steps of a run: at least so many, and as many as take about so long, in seconds. Restoring a
 # state, which every run begins with, then counts for less than one percent.
 LEAST_NSTEP, RUN_S = 5, 1e-4
@@ -30,12 +30,12 @@ class LoopRequest:
 
     Attributes:
       source: of the model.
-      states_file: with start states of the user's own; None for keyframe 0.
-      seed: of which of them are drawn.
+      starts: where start states are to come from.
+      seed: of start states and controls.
     """
 
     source: ModelSource
-    states_file: Path | None = None
+    starts: StartPlan = DEFAULT_STARTS
     seed: int = 0
 
 
@@ -68,7 +68,7 @@ class StartsInTurn:
 
 
 class LoopStarts:
-    """The start states of a file, for loops that hold the controls of their start.
+    """Start states for loops that hold the controls of their start.
 
     Attributes:
       starts: where they came from.
@@ -76,22 +76,28 @@ class LoopStarts:
       nstep: steps of a run.
     """
 
-    def __init__(self, model: mujoco.MjModel, file: Path, nstep: int | None = None, seed: int = 0):
+    def __init__(
+        self, model: mujoco.MjModel, plan: StartPlan, nstep: int | None = None, seed: int = 0
+    ):
         """Draw starts.
 
         Args:
           model: to step.
-          file: with the states (see `state_file`).
+          plan: where the states are to come from.
           nstep: steps of a run; None for as many as take about RUN_S.
-          seed: of which states are drawn.
+          seed: of states and controls.
 
         Raises:
           InputError: the file does not fit the model, or every simulation diverges.
         """
-        self._model = model
-        self.nstep = nstep or max(LEAST_NSTEP, int(RUN_S / work.step_s(model)))
-        request = SampleRequest(NSTART, self.nstep, self.nstep, seed, StartPlan(file=file))
-        sample = sampling.draw(model, request)
+        self._model, step_s = model, work.step_s(model)
+        self.nstep = nstep or max(LEAST_NSTEP, int(RUN_S / step_s))
+        affordable = int(DRAWING_S / (self.nstep * step_s))
+        nstart = min(NSTART, max(LEAST_NSTART, affordable))
+        max_nstep = starts.max_settling_nstep(step_s)
+        sample = sampling.draw(
+            model, SampleRequest(nstart, self.nstep, self.nstep, seed, plan, max_nstep)
+        )
         self.starts: Starts = sample.starts
         self.observation: Observation = sample.observation
         self._states = sample.workload.initial_state

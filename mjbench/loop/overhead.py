@@ -11,7 +11,6 @@ import random
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import ClassVar
 
 from mjbench.errors import Failure
@@ -23,8 +22,7 @@ from mjbench.loop.habits import BARE, CLOCK_OFF, ONE_CALL, ZERO_STEPS, Habit
 from mjbench.loop.loop_starts import LoopRequest, LoopStarts
 from mjbench.simulation import compat, models, work
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import Starts
-from mjbench.simulation.workload import reset_to_start
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.status import Status
 
 # A block of the bare loop, in seconds; quads of each habit in a launch; launches.
@@ -70,7 +68,7 @@ class OverheadTable:
       binding_ns: a call that steps nothing, made after a step.
       nstep: steps of a run of the loop, which is an episode; median over launches.
       costs: of the habits, the most expensive first.
-      starts: where start states came from; None for keyframe 0.
+      starts: where start states came from; None in older files, for keyframe 0.
     """
 
     model: str
@@ -138,12 +136,12 @@ class BareTime:
     Attributes:
       nstep: steps of a run.
       step_ns: of a step; the median over quads.
-      starts: where start states came from; None for keyframe 0.
+      starts: where start states came from.
     """
 
     nstep: int
     step_ns: float
-    starts: Starts | None = None
+    starts: Starts
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ def measure(
     source: ModelSource,
     limit_s: float = 60.0,
     launches: int = LAUNCHES,
-    states_file: Path | None = None,
+    starts: StartPlan = DEFAULT_STARTS,
 ) -> OverheadTable:
     """Return what every habit costs on a model.
 
@@ -171,13 +169,13 @@ def measure(
       source: of the model.
       limit_s: a launch is killed after this long without a message.
       launches: processes that measure, one after the other.
-      states_file: with start states of the user's own (see `state_file`); None for keyframe 0.
+      starts: where start states are to come from.
 
     Raises:
       InputError: the model cannot be loaded, or the file does not fit it.
       MachineError: a launch crashed or hung.
     """
-    requests = [LoopRequest(source, states_file, seed) for seed in range(launches)]
+    requests = [LoopRequest(source, starts, seed) for seed in range(launches)]
     measured = [_launch_in_child(request, limit_s) for request in requests]
     bare_ns = statistics.median(launch.bare.step_ns for launch in measured)
     added_ns = {
@@ -212,11 +210,8 @@ def launch(request: LoopRequest, channel: Channel) -> None:
     """Time every habit against the bare loop; runs in the child."""
     model, file = models.load(request.source), str(request.source.path)
     nstep = max(LEAST_NSTEP, int(BLOCK_S / work.step_s(model)))
-    came_from, in_turn, start = None, None, reset_to_start
-    if request.states_file is not None:
-        starts = LoopStarts(model, request.states_file, nstep, request.seed)
-        came_from = starts.starts
-        start = in_turn = starts.in_turn(repeats=_BLOCKS_PER_QUAD)
+    starts = LoopStarts(model, request.starts, nstep, request.seed)
+    start = starts.in_turn(repeats=_BLOCKS_PER_QUAD)
     run_bare = compile_loop(BARE, model, nstep, start=start).run
     runs = {
         habit.name: compile_loop(habit, model, nstep, file, start).run
@@ -232,8 +227,7 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         channel.doing(f"timing {name}")
         for warm_up in (run_bare, runs[name]):
             warm_up()
-        if in_turn is not None:  # all blocks of a quad start from one state
-            in_turn.count = len(bare_ns) * _BLOCKS_PER_QUAD
+        start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
         quads = timing.quads(run_bare, runs[name], QUADS)
         own_bare_ns = [1e9 * quad.baseline_s / nstep for quad in quads]
         added_ns = statistics.median(
@@ -246,7 +240,7 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         else:
             bare_ns += own_bare_ns
         channel.send(HabitTime(name, added_ns))
-    channel.send(BareTime(nstep, statistics.median(bare_ns), came_from))
+    channel.send(BareTime(nstep, statistics.median(bare_ns), starts.starts))
 
 
 def _cost(

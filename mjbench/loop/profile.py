@@ -10,13 +10,12 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from mjbench.errors import Failure, InputError
+from mjbench.errors import Failure
 from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.instrument.limits import TIME_LIMIT_S
@@ -25,9 +24,9 @@ from mjbench.loop.compiled_loop import compile_loop
 from mjbench.loop.habits import Habit
 from mjbench.loop.loop_starts import LoopRequest, LoopStarts
 from mjbench.loop.rendering import FrameTime
-from mjbench.simulation import compat, models, work, workload
+from mjbench.simulation import compat, models, work
 from mjbench.simulation.models import ModelSource
-from mjbench.simulation.starts import Starts
+from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
 
@@ -50,8 +49,8 @@ class StepTimes:
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
-      starts: where start states came from; None for keyframe 0.
-      run_nstep: steps from each start, which hold its controls; None for all steps of a block.
+      starts: where start states came from; None in older files, for keyframe 0.
+      run_nstep: steps from each start, which hold its controls; None in older files.
     """
 
     timestep: float
@@ -152,21 +151,21 @@ class ProfileRow:
 
 
 def measure(
-    source: ModelSource, limit_s: float = TIME_LIMIT_S, states_file: Path | None = None
+    source: ModelSource, limit_s: float = TIME_LIMIT_S, starts: StartPlan = DEFAULT_STARTS
 ) -> StepProfile:
     """Return the profile of a model.
 
     Args:
       source: of the model.
       limit_s: seconds of silence after which a child is killed.
-      states_file: with start states of the user's own (see `state_file`); None for keyframe 0.
+      starts: where start states are to come from.
 
     Raises:
       InputError: it cannot be loaded, diverges, or the file does not fit it.
       MachineError: the process that steps it crashed or hung.
     """
     messages: list[StepTimes] = []
-    request = LoopRequest(source, states_file)
+    request = LoopRequest(source, starts)
     isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
     frames = [rendering.measure(source, backend, limit_s) for backend in rendering.BACKENDS]
     return StepProfile(source.name, messages[0], frames)
@@ -177,7 +176,7 @@ class _Block:
     """The runs of a block.
 
     Attributes:
-      nrun: runs, each from a start of its own.
+      nrun: runs, each from another start.
       nstep: steps of each, which hold the controls of its start.
       new_start: returns what restores the starts, from the first on.
     """
@@ -189,8 +188,6 @@ class _Block:
     def of_loop(self, habit: Habit, model: mujoco.MjModel) -> Callable[[], None]:
         """Return a block of the loop of a habit."""
         run, nrun = compile_loop(habit, model, self.nstep, start=self.new_start()).run, self.nrun
-        if nrun == 1:
-            return run
 
         def runs() -> None:
             for _ in range(nrun):
@@ -204,18 +201,10 @@ def step(request: LoopRequest, channel: Channel) -> None:
     channel.doing("loading the model")
     model = models.load(request.source)
     channel.doing("stepping the model")
-    nstep = max(2, int(BLOCK_S / work.step_s(model)))
-    came_from = None
-    if request.states_file is None:
-        # the steps that are timed: from the start state, with its controls
-        observation = work.observe(workload.make(model, 1, nstep, spread=0.0))
-        if not observation.healthy.all():
-            raise InputError(f"the model diverges ({observation.diagnosis()})")
-        block = _Block(1, nstep, lambda: workload.reset_to_start)
-    else:
-        starts = LoopStarts(model, request.states_file, seed=request.seed)
-        came_from, observation = starts.starts, starts.observation
-        block = _Block(max(1, nstep // starts.nstep), starts.nstep, starts.in_turn)
+    starts = LoopStarts(model, request.starts, seed=request.seed)
+    observation = starts.observation
+    nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
+    block = _Block(nrun, starts.nstep, starts.in_turn)
     stages = _stages(model, block)
     loop_ns, engine_ns = _step_ns(model, block, habits.BARE, habits.ONE_CALL)
     clock_ns = None
@@ -232,8 +221,8 @@ def step(request: LoopRequest, channel: Channel) -> None:
             work=observation.work,
             stages=stages,
             warnings=observation.other_warnings(),
-            starts=came_from,
-            run_nstep=None if came_from is None else block.nstep,
+            starts=starts.starts,
+            run_nstep=block.nstep,
         )
     )
 
@@ -261,7 +250,7 @@ def _stages(model: mujoco.MjModel, block: _Block) -> dict[str, float]:
 
 def _timer_s(model: mujoco.MjModel, block: _Block) -> np.ndarray:
     """Return (ntimer,) seconds by mjtTimer that a block takes: the median over blocks."""
-    data, start = workload.start_data(model), block.new_start()
+    data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not compat.has_clock(model)
     if needs_clock:
         mujoco.set_mjcb_time(time.perf_counter)

@@ -104,6 +104,47 @@ def sections(resources: Resources, count: int) -> list[Section]:
     return [Section(runs[k], warm_up(k), _check(resources, ends[k])) for k in range(count)]
 
 
+def after_lead_in(resources: Resources) -> Section:
+    """Return the whole run of the path `python_loop` as one section, which follows its lead-in.
+
+    The lead-in is stepped once, here. Copies of the MjData that it ends in hold what sleeps.
+
+    Args:
+      resources: of the workload, whose MjData and `final_state()` the section writes.
+    """
+    workload, final_state = resources.workload, resources.final_state()
+    model, hold, spec = workload.model, workload.hold, compat.state_spec("INTEGRATION")
+    led_in = [mujoco.MjData(model) for _ in range(workload.nbatch)]
+    datas = list(resources.datas(workload.nbatch))
+    first = workload.lead_in // hold
+    for data, start, controls in zip(led_in, workload.initial_state, workload.control, strict=True):
+        mujoco.mj_resetData(model, data)
+        compat.set_state(model, data, start, spec)
+        for values in controls[:first]:
+            data.ctrl[:] = values
+            mujoco.mj_step(model, data, hold)
+
+    def warm_up() -> None:
+        datas[:] = map(compat.copied_data, [model] * len(datas), datas, led_in)
+
+    def run() -> None:
+        mj_step = mujoco.mj_step
+        for data, controls, end in zip(
+            datas, workload.control[:, first:], final_state, strict=True
+        ):
+            ctrl = data.ctrl
+            for values in controls:
+                ctrl[:] = values
+                for _ in range(hold):
+                    mj_step(model, data)
+            mujoco.mj_getState(model, data, end, spec)
+
+    section = Section(run, warm_up)
+    section.warm_up()
+    section.run()
+    return section
+
+
 def _check(resources: Resources, end: np.ndarray) -> Callable[[], None]:
     def check() -> None:
         if not np.array_equal(_state(resources), end, equal_nan=True):

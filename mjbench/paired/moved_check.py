@@ -15,6 +15,7 @@ from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import RESIDUES, Placement
 from mjbench.simulation import models
 from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import KEYFRAME_STARTS
 
 # A model with many contacts, which most of the engine's loops work on; simulations and steps of it.
 _MODEL, _NBATCH, _NSTEP = "pile", 2, 20
@@ -78,7 +79,7 @@ def _as_shipped(
     pool.wait_for(process, release)
     try:
         process.call(requests.LoadModel(source.name, source.path, {}))
-        request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP))
+        request = requests.MakeWorkload(SampleRequest(_NBATCH, _NSTEP, starts=KEYFRAME_STARTS))
         workload = pool.save(process.call(request).workload)
         return workload, process.call(requests.Observe(workload)).final_state
     except InputError as error:

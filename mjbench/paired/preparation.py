@@ -5,8 +5,9 @@ the plain way; simulations that diverge in either are left out, and the work is 
 """
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,15 +23,18 @@ from mjbench.paired.time_limit import TimeLimit, launch_s
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import WorkerProcess
 from mjbench.simulation import agreement, starts, work_check
-from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.sampling import LEAD_IN, SampleRequest
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.simulation.work_check import StateDrift
-from mjbench.simulation.workload import Product
+from mjbench.simulation.workload import Product, whole_holds
 
 # Simulations that start from a file of states, so that they are wherever it was; fewer where a run
 # of all would take more seconds than this.
 NSTART, DRAWING_S = 64, 0.5
+# Steps of a simulation, at least, where a model may sleep: its steps may take a twentieth of those
+# that sizes follow from.
+LEAST_SLEEPING_NSTEP = 20
 # What error messages call two targets.
 ROLES = "baseline", "candidate"
 
@@ -48,8 +52,10 @@ class WorkCheck:
       warnings: how many other simulations raised each warning, in the baseline, and in the
         candidate.
       nbatch: simulations of a run.
-      nstep: steps of each.
+      nstep: steps of each that are timed.
       starts: where the start states of the baseline came from.
+      candidate_starts: where those of the candidate came from; None where both start alike.
+      timesteps_s: of the baseline's model, and of the candidate's.
     """
 
     baseline: Work
@@ -60,6 +66,13 @@ class WorkCheck:
     nbatch: int
     nstep: int
     starts: Starts
+    candidate_starts: Starts | None = None
+    timesteps_s: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def log_scale(self) -> float:
+        """What to add to the log ratio of a step's time for that of a simulated second's."""
+        return math.log(self.timesteps_s[0] / self.timesteps_s[1])
 
     @property
     def changes(self) -> list[str]:
@@ -102,12 +115,14 @@ class _ChosenSizes:
       faster_step_s: seconds of a step of the target that is faster, as tables have it; None where
         no run is divided into sections.
       request: draws the workload.
+      sleep_alike: whether both models enable sleeping, or neither does.
     """
 
     sizes: Sizes
     run: RunSize
     faster_step_s: float | None
     request: requests.MakeWorkload
+    sleep_alike: bool
 
     def nsection(self, nbatch: int) -> int:
         """Return the number of sections of a run of `nbatch` simulations; 1 for no division."""
@@ -155,7 +170,7 @@ def prepare(
         models = _load(pool, targets, processes)
         time_limit.start()
         chosen = _choose_sizes(targets, sizes, processes, time_limit)
-        drawn = _draw(pool, targets, processes, chosen.request)
+        drawn = _draw(targets, processes, chosen)
         return _prepared(pool, targets, processes, models, drawn, chosen)
     finally:
         pool.end(processes)
@@ -189,6 +204,7 @@ def _choose_sizes(
     """
     nthread = max(target.nthread for target in targets)
     step_s, costs_s, settling_nstep = 0.0, list[float](), 0
+    sleeps, is_plain_loop = list[bool](), _is_plain_loop(targets, sizes)
     for process in processes:
         request = requests.MeasureStepCost(sizes.starts, sizes.nbatch or NSTART, sizes.hold)
         now = process.call(request)
@@ -196,16 +212,19 @@ def _choose_sizes(
         step_s = max(step_s, now.step_s)
         costs_s.append(step_costs.step_cost_s(now.digest, settled))
         cost_s = max(costs_s)
+        sleeps.append(now.has_sleep)
         max_nstep = starts.max_settling_nstep(cost_s)
         settling_nstep = min(max(settling_nstep, now.settling_nstep), max_nstep)
         run = run_size(sizes, nthread, cost_s, now.most_nstep)
+        if any(sleeps) and is_plain_loop and sizes.nstep is None:
+            run = run._replace(nstep=max(run.nstep, whole_holds(LEAST_SLEEPING_NSTEP, sizes.hold)))
         drawn = run.nbatch
         if not sizes.nbatch and nthread == 1:
             drawn *= DRAWN_PER_RUN
-            if sizes.starts.file is not None:
+            if sizes.starts.file is not None or targets[0].model != targets[1].model:
                 affordable = int(DRAWING_S / (run.nstep * cost_s))
                 drawn = max(drawn, min(NSTART, affordable))
-        faster_step_s = min(costs_s) if _is_plain_loop(targets, sizes) else None
+        faster_step_s = min(costs_s) if is_plain_loop else None
         nsection = run.nsection(faster_step_s, sizes.hold)
         nrun = 2 if nsection == 1 else 4  # of both targets; where sections warm up, it is twice
         drawing_nstep = _drawing_nstep(drawn, run.nstep, nsection > 1)
@@ -220,8 +239,11 @@ def _choose_sizes(
         sizes.seed,
         sizes.starts,
         max_nstep,
+        lead_in=whole_holds(LEAD_IN, sizes.hold) if any(sleeps) and is_plain_loop else 0,
+        perturbs=False,
     )
-    return _ChosenSizes(sizes, run, faster_step_s, requests.MakeWorkload(sample))
+    making = requests.MakeWorkload(sample)
+    return _ChosenSizes(sizes, run, faster_step_s, making, len(set(sleeps)) == 1)
 
 
 def _is_plain_loop(targets: Sequence[Target], sizes: Sizes) -> bool:
@@ -272,12 +294,14 @@ def _prepared(
     work_check = WorkCheck(
         baseline=baseline.work,
         candidate=candidate.work,
-        drift=_drift(baseline, candidate) if shared else None,
+        drift=_drift(baseline, candidate, shared),
         diverged=(int((~baseline.healthy).sum()), int((~candidate.healthy).sum())),
         warnings=(baseline.warnings, candidate.warnings),
         nbatch=min(nbatch, nsim),
         nstep=chosen.run.nstep,
         starts=drawn[0].starts,
+        candidate_starts=None if shared else drawn[1].starts,
+        timesteps_s=(baseline.timestep_s, candidate.timestep_s),
     )
     files = (
         pool.save(workloads[0].only(rows[0], baseline.final_state)),
@@ -289,21 +313,26 @@ def _prepared(
 
 
 def _draw(
-    pool: WorkerPool,
-    targets: Sequence[Target],
-    processes: Sequence[WorkerProcess],
-    request: requests.MakeWorkload,
+    targets: Sequence[Target], processes: Sequence[WorkerProcess], chosen: _ChosenSizes
 ) -> tuple[requests.DrawnWorkload, requests.DrawnWorkload]:
-    """Return the workload of each target: the same one, unless their models differ in size."""
-    drawn = processes[0].call(request)
-    try:
-        with pool.saved(drawn.workload) as file:
-            processes[1].call(requests.TakeWorkload(file))
-    except InputError:
-        if targets[0].model == targets[1].model:
-            raise
-        return drawn, processes[1].call(request)
-    return drawn, drawn
+    """Return the workload of each target: the same one for one model, in whatever releases.
+
+    Two models each settle by themselves: what one comes to is no typical state of the other. Where
+    their states have the same fields, the candidate steps from the baseline's probe nevertheless,
+    so that results are compared.
+    """
+    drawn = processes[0].call(chosen.request)
+    if targets[0].model == targets[1].model and chosen.sleep_alike:
+        return drawn, drawn
+    own = processes[1].call(chosen.request)
+    probe = drawn.workload.probe
+    if _widths(drawn.workload.fields) != _widths(own.workload.fields):
+        return drawn, own
+    return drawn, replace(own, workload=replace(own.workload, probe=probe))
+
+
+def _widths(fields: Mapping[str, np.ndarray]) -> dict[str, int]:
+    return {name: values.shape[1] for name, values in fields.items()}
 
 
 def _rows_to_time(
@@ -335,7 +364,9 @@ def _rows_to_time(
     return baseline[:count], candidate[:count]
 
 
-def _drift(baseline: requests.Observed, candidate: requests.Observed) -> StateDrift | None:
+def _drift(
+    baseline: requests.Observed, candidate: requests.Observed, shared: bool
+) -> StateDrift | None:
     """Return how far the states of two targets differ; None where the sizes differ."""
-    is_compared = baseline.healthy & candidate.healthy
-    return work_check.drift(baseline.followed, candidate.followed, is_compared)
+    is_compared = baseline.healthy & candidate.healthy if shared else baseline.healthy
+    return work_check.drift(baseline.followed, candidate.followed, is_compared, shared)

@@ -88,6 +88,14 @@ class WarningsPair:
 
 
 @dataclass(frozen=True)
+class TimestepPair:
+    """Timesteps in seconds, of the baseline's model and of the candidate's."""
+
+    old: PositiveFloat
+    new: PositiveFloat
+
+
+@dataclass(frozen=True)
 class PlacementEffect:
     """What the placement of code has to do with a ratio of times.
 
@@ -119,7 +127,7 @@ class VerdictRow:
       status: how the comparison ended.
       detail: one line; empty when ok.
       verdict: None where nothing was measured.
-      ratio: of time, or of instructions.
+      ratio: of time, or of instructions; of the time of a simulated second where timesteps differ.
       e_slower: evidence that the candidate is slower, as an e-value (see `anytime.e_value`), and at
         most MAX_E_VALUE; None for instructions.
       e_faster: the same that it is faster.
@@ -135,7 +143,9 @@ class VerdictRow:
       warnings: how many of the others raised each warning of MuJoCo.
       nbatch: simulations of a run.
       nstep: steps of each.
-      starts: where start states came from; of the baseline where the two differ in size.
+      starts: where start states came from; those of the baseline where `candidate_starts` is given.
+      candidate_starts: where those of the candidate came from, where each model settled by itself.
+      timesteps_s: where the two differ; None elsewhere.
       launches: in all, those as shipped included.
       pairs: of blocks, over all launches.
       seconds: from start to verdict.
@@ -164,6 +174,8 @@ class VerdictRow:
     nbatch: PositiveInt | None = None
     nstep: PositiveInt | None = None
     starts: Starts | None = None
+    candidate_starts: Starts | None = None
+    timesteps_s: TimestepPair | None = None
     launches: NonNegativeInt = 0
     pairs: NonNegativeInt = 0
     seconds: NonNegativeFloat = 0.0

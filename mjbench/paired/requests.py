@@ -143,14 +143,6 @@ class MakeWorkload(Request["DrawnWorkload"]):
 
 
 @dataclass(frozen=True)
-class TakeWorkload(Request[None]):
-    """Read a pickled `PortableWorkload`; an InputError says that it does not fit the model."""
-
-    activity = "reading the workload"
-    file: Path
-
-
-@dataclass(frozen=True)
 class Observe(Request["Observed"]):
     """Read a workload, do it once the plain way, and return what it was.
 
@@ -285,12 +277,14 @@ class StepCost:
       settling_nstep: steps of the run along which starts are to be sampled, if nothing bounds it.
       most_nstep: steps of a simulation that the user's files have controls for; None for any
         number.
+      has_sleep: whether the model enables sleeping.
     """
 
     digest: str
     step_s: float
     settling_nstep: int
     most_nstep: int | None
+    has_sleep: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,6 +325,7 @@ class Observed:
       final_state: (nbatch, nstate) rows of mjSTATE_INTEGRATION after the last step.
       followed: what the target did from the states of the workload's probe.
       can_divide: whether its healthy simulations can be divided into the sections asked for.
+      timestep_s: of the model.
     """
 
     work: "Work"
@@ -340,6 +335,7 @@ class Observed:
     final_state: "np.ndarray"
     followed: "Followed"
     can_divide: bool
+    timestep_s: float
 
 
 @dataclass(frozen=True, eq=False)

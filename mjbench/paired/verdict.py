@@ -24,6 +24,7 @@ from mjbench.paired.records import (
     LaunchRow,
     PlacementEffect,
     Ratio,
+    TimestepPair,
     VerdictRecord,
     VerdictRow,
     WarningsPair,
@@ -124,6 +125,8 @@ class PairedResult:
             nbatch=check.nbatch if check else None,
             nstep=check.nstep if check else None,
             starts=check.starts if check else None,
+            candidate_starts=check.candidate_starts if check else None,
+            timesteps_s=TimestepPair(*check.timesteps_s) if check and check.log_scale else None,
             launches=len(self.launches),
             pairs=2 * sum(len(launch.orders) for launch in self.launches),
             seconds=self.seconds,
@@ -252,6 +255,7 @@ def decide(
     finally:
         if pair is not None:
             pair.close()
+    log_scale = _log_scale(pair, plan) if pair else 0.0
     return PairedResult(
         baseline,
         candidate,
@@ -262,8 +266,10 @@ def decide(
         workload_file=pair.baseline_workload if pair else None,
         launches=launches,
         averaging=averaged,
-        judgement=_judge_launches(launches, plan),
-        as_shipped=_judge_as_shipped(launches, plan) if averaged and averaged.is_on else None,
+        judgement=_judge_launches(launches, plan, log_scale),
+        as_shipped=(
+            _judge_as_shipped(launches, plan, log_scale) if averaged and averaged.is_on else None
+        ),
         seconds=clock() - begin,
     )
 
@@ -280,11 +286,11 @@ def _launch_until_enough(
     Raises:
       OutOfTimeError: time is up before there are enough launches for a verdict.
     """
-    before_s, batches = time_limit.spent_s(), 0
+    before_s, batches, log_scale = time_limit.spent_s(), 0, _log_scale(pair, plan)
     while True:
         launches += pair.launch_batch()
         batches += 1
-        judgement = _judge_launches(launches, plan)
+        judgement = _judge_launches(launches, plan, log_scale)
         assert judgement is not None, "there is a launch"
         on_launch(judgement)
         can_judge = judgement.launches >= MIN_LAUNCHES
@@ -292,14 +298,25 @@ def _launch_until_enough(
             return
 
 
-def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
+def _log_scale(pair: TargetPair, plan: VerdictPlan) -> float:
+    """Return what turns log ratios of the time of a step into those that are judged.
+
+    Where timesteps differ, they are of the time of a simulated second; not the slowest steps, which
+    have to keep up with a rate.
+    """
+    return pair.work_check.log_scale if plan.sizes.metric == Metric.TIME else 0.0
+
+
+def _judge_launches(
+    launches: Sequence[Launch], plan: VerdictPlan, log_scale: float
+) -> Judgement | None:
     """Judge the launches in which code was moved, or all if it never was; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]
     used = moved or launches
     if not used:
         return None
     return judge(
-        [launch.log_ratio for launch in used],
+        [launch.log_ratio + log_scale for launch in used],
         plan.min_effect,
         plan.confidence,
         plan.precision,
@@ -308,16 +325,20 @@ def _judge_launches(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement 
     )
 
 
-def _judge_as_shipped(launches: Sequence[Launch], plan: VerdictPlan) -> Judgement | None:
+def _judge_as_shipped(
+    launches: Sequence[Launch], plan: VerdictPlan, log_scale: float
+) -> Judgement | None:
     """Judge the launches as shipped beside those in which code was moved; None without any."""
     moved = [launch for launch in launches if launch.placements.is_moved]
-    shipped = [launch.log_ratio for launch in launches if not launch.placements.is_moved]
+    shipped = [
+        launch.log_ratio + log_scale for launch in launches if not launch.placements.is_moved
+    ]
     if not shipped:
         return None
     interval = anytime.interval_beside(
         shipped,
         plan.confidence,
-        [launch.log_ratio for launch in moved],
+        [launch.log_ratio + log_scale for launch in moved],
         [launch.placements.residue for launch in moved],
     )
     return conclude(Evidence(interval, 1.0, 1.0), plan.min_effect, plan.confidence, plan.precision)

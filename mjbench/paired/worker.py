@@ -91,7 +91,6 @@ class Worker:
             requests.MeasureStepCost: self._measure_step_cost,
             requests.MeasureSettledCost: self._measure_settled_cost,
             requests.MakeWorkload: self._make_workload,
-            requests.TakeWorkload: self._take_workload,
             requests.Observe: self._observe,
             requests.Trace: self._trace,
             requests.ListFiles: self._list_files,
@@ -160,7 +159,7 @@ class Worker:
             raise MachineError(f"cannot write {request.file}: is the disk full?")
 
     def _measure_step_cost(self, request: requests.MeasureStepCost) -> requests.StepCost:
-        from mjbench.simulation import sampling, starts, work
+        from mjbench.simulation import compat, sampling, starts, work
         from mjbench.simulation.model_digest import model_digest
 
         return requests.StepCost(
@@ -168,6 +167,7 @@ class Worker:
             work.step_s(self.model),
             starts.settling_nstep(self.model, request.starts),
             sampling.most_nstep(self.model, request.starts, request.nstart, request.hold),
+            compat.has_sleep(self.model),
         )
 
     def _measure_settled_cost(self, request: requests.MeasureSettledCost) -> float:
@@ -182,9 +182,6 @@ class Worker:
         check_memory(self.model, request.sample.nbatch, request.sample.nstep)
         sample = sampling.draw(self.model, request.sample)
         return requests.DrawnWorkload(work_check.portable(sample.workload), sample.starts)
-
-    def _take_workload(self, request: requests.TakeWorkload) -> None:
-        self._read_workload(request.file)
 
     def _observe(self, request: requests.Observe) -> requests.Observed:
         from mjbench.paired import loop_sections
@@ -203,6 +200,7 @@ class Worker:
             can_divide=loop_sections.can_divide(
                 self.workload.only(observation.healthy), request.nsection
             ),
+            timestep_s=float(self.model.opt.timestep),
         )
 
     def _trace(self, request: requests.Trace) -> requests.Traced:
@@ -257,6 +255,7 @@ class Worker:
             workload.hold,
             workload.seed,
             request.returns or Product.FINAL,
+            workload.lead_in,
         )
         path = paths.find(request.path)
         reason = path.unavailable() or path.cannot_return(selected.returns)
@@ -276,6 +275,9 @@ class Worker:
             self.sections = [loop_sections.Section(self.single_steps.run)]
         elif request.nsection > 1:
             self.sections = loop_sections.sections(self.resources, request.nsection)
+            states = States(self.resources.final_state())
+        elif selected.lead_in:
+            self.sections = [loop_sections.after_lead_in(self.resources)]
             states = States(self.resources.final_state())
         else:
             prepared = path.prepare(selected, request.options, self.resources)

@@ -16,6 +16,7 @@ from mjbench.report.advice import Advice, ClockAdvice, Loop, Reason, advise, adv
 from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
+from mjbench.report.starts import starts_lines
 from mjbench.report.work_crossovers import CallWork, WorkCrossover, work_crossovers
 from mjbench.simulation import accelerated_limits
 from mjbench.simulation.accelerated_limits import Precision
@@ -219,7 +220,7 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
             f"The spread of starts and controls is scaled by {model.spread:g}:"
             " with more, most simulations diverge"
         )
-    lines += tables.starts_lines(model.starts)
+    lines += starts_lines(model.starts)
     if model.facts.can_fall and not model.start_contacts and work.contacts < _FALLING_CONTACTS:
         lines.append(Text(_FALLING, style="yellow"))
     if model.diverged:

@@ -9,6 +9,7 @@ from mjbench.counts.function_differences import MAIN_FUNCTIONS, largest_differen
 from mjbench.counts.instructions import ModelCount
 from mjbench.counts.records import ExplainRow, FunctionDifference, InstructionsRow
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 
 
@@ -38,7 +39,7 @@ def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> N
 
 def _print_functions(out: Console, count: InstructionsRow, total: float, top: int) -> None:
     out.print(f"\n{count.model}, MuJoCo {count.release}")
-    for line in [*tables.starts_lines(count.starts), *tables.warning_lines(count.warnings)]:
+    for line in [*starts_lines(count.starts), *tables.warning_lines(count.warnings)]:
         out.print(line, soft_wrap=True)
     out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
     table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))

@@ -7,6 +7,7 @@ from rich.console import Console
 from mjbench.instrument.units import duration
 from mjbench.loop.latency import LatencyRow, SlowFeature
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 
 # Slow steps have a feature in common if they have so many times as much of it as all steps, and at
 # least this much in every tenth of them.
@@ -25,7 +26,7 @@ def print_rows(out: Console, rows: Sequence[LatencyRow]) -> None:
         ),
         soft_wrap=True,
     )
-    for line in tables.starts_lines(rows[0].starts):
+    for line in starts_lines(rows[0].starts):
         out.print(line, soft_wrap=True)
     table = tables.plain_table(
         ["", "steps", "p50", "p99", "p99.9", "max", "deadline", "missed"], right=range(1, 8)

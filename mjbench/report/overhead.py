@@ -6,6 +6,7 @@ from mjbench.loop import habits
 from mjbench.loop.compiled_loop import script
 from mjbench.loop.overhead import OverheadTable
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 
 
 def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
@@ -19,7 +20,7 @@ def print_table(out: Console, overhead: OverheadTable, code: bool) -> None:
         ),
         soft_wrap=True,
     )
-    for line in tables.starts_lines(overhead.starts):
+    for line in starts_lines(overhead.starts):
         out.print(line, soft_wrap=True)
     headings = ["in the loop", "adds ns/step", "95 %", "of a step", "cheaper", "saves ns"]
     table = tables.plain_table(headings, right=(1, 2, 3, 5))

@@ -7,6 +7,7 @@ from rich.console import Console
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.report import tables
+from mjbench.report.starts import capture_lines
 from mjbench.status import Status
 
 
@@ -23,7 +24,7 @@ def print_rows(out: Console, rows: Sequence[PlanningRow]) -> None:
     )
     if first.starts is not None:
         out.print(f"Plans start from states of {first.starts.file}", soft_wrap=True)
-        for line in tables.capture_lines(first.starts):
+        for line in capture_lines(first.starts):
             out.print(line, soft_wrap=True)
     table = tables.plain_table(
         ["path", "options", "ms/plan", "plans/s", "speed-up", "same plans"], right=range(2, 5)

@@ -6,6 +6,7 @@ from mjbench.instrument.units import duration
 from mjbench.loop.profile import FRAMES_PER_S, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 
 _WIDTH = 30
 # The engine's clock is mentioned from this share of a step on.
@@ -53,9 +54,9 @@ def _print_step(out: Console, profile: StepProfile) -> None:
 
 def _starts_lines(steps: StepTimes) -> list[str]:
     """Return which states were stepped, where they are the user's own."""
-    lines = tables.starts_lines(steps.starts)
+    lines = starts_lines(steps.starts)
     if steps.run_nstep:
-        lines.append(f"Each start is stepped {steps.run_nstep} times with its controls held")
+        lines.append("Each run holds the controls of its start")
     return lines
 
 

@@ -10,7 +10,6 @@ from rich.text import Text
 
 from mjbench.errors import printable
 from mjbench.instrument.units import plain as plain
-from mjbench.simulation.starts import SettleLimit, Starts
 from mjbench.status import ExitCode
 
 _PLAIN_WIDTH, _MIN_WIDTH = 160, 80
@@ -124,54 +123,6 @@ def warning_lines(warnings: Mapping[str, int] | None) -> list[str]:
     if other:
         lines.append(f"MuJoCo warned ({_simulations(other)}) but the simulations did not diverge")
     return lines
-
-
-def starts_lines(starts: Starts | None) -> list[str]:
-    """Return which files starts and controls are from, and what was not as asked, a line each."""
-    if starts is None:
-        return []
-    return [*_file_lines(starts), *capture_lines(starts), *_limit_lines(starts)]
-
-
-def _file_lines(starts: Starts) -> list[str]:
-    """Return which files starts and controls are from."""
-    match starts.file, starts.controls_file:
-        case None, str(controls):
-            return [f"Controls are those of {controls}"]
-        case str(file), None:
-            return [f"Starts are those of {file}, controls are random"]
-        case str(file), str(controls) if file == controls:
-            return [f"Starts and controls are those of {file}"]
-        case str(file), str(controls):
-            return [f"Starts are those of {file}, controls those of {controls}"]
-    return []
-
-
-def capture_lines(starts: Starts) -> list[str]:
-    """Return what is not as it was where the states of a file were captured, a line each."""
-    lines = []
-    if starts.is_other_model:
-        lines.append(
-            f"{starts.file} was captured from a model that differs from this one, in masses,"
-            " geometry or options"
-        )
-    if starts.held_inputs:
-        lines.append(
-            f"The captured program also set {', '.join(starts.held_inputs)} between steps; here"
-            " these stay as they were at each start"
-        )
-    return lines
-
-
-def _limit_lines(starts: Starts) -> list[str]:
-    """Return how starts were sampled where that is not what was asked for."""
-    if starts.limit is None:
-        return []
-    asked = f"{plain(starts.asked_s, 3)} s"
-    if starts.limit == SettleLimit.COST:
-        settled = f"{plain(starts.settle_s, 3)} s"
-        return [f"The model settled for {settled} instead of {asked}, because its steps are slow"]
-    return [f"Starts are at the keyframe: settled for {asked}, the model diverges"]
 
 
 def _simulations(counts: Mapping[str, int]) -> str:

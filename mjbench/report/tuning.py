@@ -8,6 +8,7 @@ from rich.console import Console
 from mjbench.instrument.units import plain
 from mjbench.paired.records import Ratio
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.attempts import Effect
@@ -236,7 +237,7 @@ def notes(record: TuneRecord) -> list[str]:
             "These runs part too soon to compare errors: only settings that change no state are"
             " recommended"
         )
-    lines += tables.starts_lines(present.starts)
+    lines += starts_lines(present.starts)
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
         for each in record.withdrawn

@@ -8,6 +8,7 @@ from rich.console import Console
 from mjbench.instrument.units import plain
 from mjbench.paired.records import Ratio
 from mjbench.report import tables, tuning
+from mjbench.report.starts import starts_lines
 from mjbench.report.tuning import interval, paste_lines, percent
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import (
@@ -157,7 +158,7 @@ def notes(record: EngineTuneRecord, facts: EngineFacts) -> list[str]:
         for setting in (best.settings if best else ())
         if setting.evidence
     ]
-    lines += tables.starts_lines(facts.starts)
+    lines += starts_lines(facts.starts)
     lines += [f"Withdrawn: {label(each.settings)}: {each.reason}" for each in record.withdrawn]
     lines += [
         f"Failed: {label(each.settings)}: {each.detail}"

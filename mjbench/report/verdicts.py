@@ -14,9 +14,10 @@ from mjbench.paired.across_machines import (
 )
 from mjbench.paired.family import Family
 from mjbench.paired.outcomes import Cause, Metric, Verdict
-from mjbench.paired.records import Ratio, TargetRow, VerdictRow
+from mjbench.paired.records import Ratio, TargetRow, TimestepPair, VerdictRow
 from mjbench.paths import BASE
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 from mjbench.simulation import agreement
 
 # What stands behind the name of a comparison of something else than the time of a block.
@@ -27,6 +28,8 @@ _METRICS = {
 }
 # Machines that a sentence names, at most; of more it says how many.
 _MOST_NAMES = 3
+# From this factor on, a change is a factor and not a percentage.
+_LARGE = 2.0
 
 
 def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> None:
@@ -45,9 +48,8 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
     out.print(table)
     for row in rows:
         out.print(describe_verdict(row), soft_wrap=True)
-        starts_lines = [f"  {line}" for line in tables.starts_lines(row.starts)]
-        for line in [*starts_lines, *_warning_lines(row)]:
-            out.print(line, soft_wrap=True)
+        for line in [*_starts_lines(row), *_warning_lines(row)]:
+            out.print(f"  {line}", soft_wrap=True)
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
         out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
 
@@ -177,6 +179,8 @@ def describe_verdict(row: VerdictRow) -> str:
     work = f"changed work: {describe_work(row)}" if row.changed_work else _same_work(row)
     detail = f"; {row.detail}" if row.detail else ""
     ratio = _describe_ratio(row.verdict, row.ratio)
+    if row.timesteps_s is not None and row.metric == Metric.TIME:
+        ratio += f" per simulated second (timestep {_timesteps(row.timesteps_s)})"
     return f"{name}: {ratio}{_describe_cause(row)}, {work}{_describe_placement(row)}{detail}"
 
 
@@ -188,6 +192,17 @@ def _same_work(row: VerdictRow) -> str:
     return f"same work (runs drift apart: by {drifted.difference:.0e} after {drifted.step} steps)"
 
 
+def _starts_lines(row: VerdictRow) -> list[str]:
+    """Return which states were stepped from; of each side where they are not the same."""
+    if row.candidate_starts is None:
+        return starts_lines(row.starts)
+    return [
+        f"{role}: {line}"
+        for role, starts in (("baseline", row.starts), ("candidate", row.candidate_starts))
+        for line in starts_lines(starts)
+    ]
+
+
 def _warning_lines(row: VerdictRow) -> list[str]:
     """Return what MuJoCo's warnings mean for a comparison; once if both targets have the same."""
     if row.warnings is None:
@@ -196,9 +211,9 @@ def _warning_lines(row: VerdictRow) -> list[str]:
         tables.warning_lines(warnings) for warnings in (row.warnings.old, row.warnings.new)
     )
     if baseline == candidate:
-        return [f"  {line}" for line in baseline]
+        return baseline
     return [
-        f"  {role}: {line}"
+        f"{role}: {line}"
         for role, lines in (("baseline", baseline), ("candidate", candidate))
         for line in lines
     ]
@@ -230,8 +245,18 @@ def describe_work(row: VerdictRow) -> str:
     )
 
 
+def _timesteps(timesteps: TimestepPair) -> str:
+    return f"{timesteps.old:g} → {timesteps.new:g} s"
+
+
 def _describe_ratio(verdict: Verdict, ratio: Ratio) -> str:
     ends = [end for end in (ratio.low, ratio.high) if end is not None]
+    if len(ends) == 2 and verdict == Verdict.FASTER and ratio.estimate <= 1 / _LARGE:
+        low, high = _times(1 / ends[1]), _times(1 / ends[0])
+        return f"faster, {_times(1 / ratio.estimate)} times as fast (interval {low} to {high})"
+    if len(ends) == 2 and verdict == Verdict.SLOWER and ratio.estimate >= _LARGE:
+        low, high = map(_times, ends)
+        return f"slower, takes {_times(ratio.estimate)} times as long (interval {low} to {high})"
     if verdict == Verdict.SAME:
         return f"same within {_change(max(abs(end - 1) for end in ends))} %"
     interval = f"{_signed(ends[0])} to {_signed(ends[1])} %" if len(ends) == 2 else "unknown"
@@ -264,6 +289,10 @@ def _describe_placement(row: VerdictRow) -> str:
     interval = f" (interval {_signed(ends[0])} to {_signed(ends[1])} %)" if len(ends) == 2 else ""
     unsure = "" if interval else " (too few launches for an interval)"
     return f"; the placement of these builds adds {_signed(ratio.estimate)} %{interval}{unsure}"
+
+
+def _times(factor: float) -> str:
+    return tables.plain(factor, 3)
 
 
 def _change(share: float) -> str:

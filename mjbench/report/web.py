@@ -8,6 +8,7 @@ from rich.console import Console
 from mjbench.comparison.plan import Variant
 from mjbench.instrument.stats import Estimate
 from mjbench.report import tables
+from mjbench.report.starts import starts_lines
 from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.status import Status
 from mjbench.web.messages import Examined, HeapLimit, ObjectMemory
@@ -47,7 +48,7 @@ def print_model(out: Console, row: WebRow) -> None:
         f" {row.work.constraints:.1f} constraints a step",
         soft_wrap=True,
     )
-    for line in tables.starts_lines(row.starts):
+    for line in starts_lines(row.starts):
         out.print(line, soft_wrap=True)
     headings = (
         *("path", "ns/step", "× C", "", "agrees", "difference"),

@@ -4,6 +4,7 @@ It looks everything up by name, never by release number (enum values change betw
 Nothing here belongs inside a timed region.
 """
 
+import copy
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -227,6 +228,30 @@ def has_sleep(model: mujoco.MjModel) -> bool:
     """Return whether the model enables sleep, which is not part of mjSTATE_INTEGRATION."""
     bit = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
     return bit is not None and bool(model.opt.enableflags & int(bit))
+
+
+def copied_data(
+    model: mujoco.MjModel, target: mujoco.MjData, source: mujoco.MjData
+) -> mujoco.MjData:
+    """Return a copy of an MjData, all of it: `target`, where this release can copy into one."""
+    if hasattr(mujoco, "mj_copyData"):
+        mujoco.mj_copyData(target, model, source)
+        return target
+    return copy.copy(source)
+
+
+def sensor_shares(model: mujoco.MjModel) -> np.ndarray:
+    """Return (nsensor,) in which share of the steps each sensor is computed: 1 without interval."""
+    period = np.array(getattr(model, "sensor_interval", np.zeros((model.nsensor, 2))))[:, 0]
+    timestep = model.opt.timestep
+    return np.asarray(np.minimum(1.0, timestep / np.where(period > 0, period, timestep)))
+
+
+def trees_asleep(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return (ntree,) bool: which kinematic trees sleep; (0,) where sleeping is not enabled."""
+    if not has_sleep(model):
+        return np.zeros(0, dtype=bool)
+    return np.asarray(data.tree_asleep) >= 0
 
 
 def enum_name(enum: Any, value: int, prefix: str) -> str:

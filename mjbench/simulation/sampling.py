@@ -10,7 +10,7 @@ from mjbench.errors import InputError
 from mjbench.simulation import given_controls, starts, state_file, work, workload
 from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.simulation.given_controls import GivenControls
-from mjbench.simulation.starts import SettleLimit, StartPlan, Starts
+from mjbench.simulation.starts import Later, SettleLimit, StartPlan, Starts, Window
 from mjbench.simulation.state_file import RecordedStates
 from mjbench.simulation.work import Observation
 from mjbench.simulation.workload import Workload
@@ -19,6 +19,9 @@ from mjbench.simulation.workload import Workload
 SPREADS = (1.0, 0.1, 0.01, 0.0)
 # The share of simulations that must not diverge.
 _LEAST_HEALTHY = 0.25
+# Steps that let what sleeps fall asleep again, where they are not to count. MuJoCo puts a tree to
+# sleep after mjMINAWAKE (10) steps below the tolerance.
+LEAD_IN = 20
 
 
 @dataclass(frozen=True)
@@ -27,21 +30,32 @@ class SampleRequest:
 
     Attributes:
       nbatch: simulations.
-      nstep: steps of each.
+      nstep: steps of each that count.
       hold: steps per control.
       seed: of starts and controls.
-      starts: where start states are to come from.
+      starts: where start states are to come from; by default settled, as in every command.
       max_settling_nstep: steps of the settling run at most; None for no bound.
       may_shorten: whether simulations may have fewer steps, where a file has too few controls.
+      lead_in: steps that come first and do not count (see `Workload`), a multiple of hold.
+      perturbs: whether velocities of states along a settling run are perturbed, so that simulations
+        differ where the model rests: what compares their final states needs that. What compares
+        times alone does not: the noise wakes what sleeps, and makes the solver work.
     """
 
     nbatch: int
     nstep: int
     hold: int = 1
     seed: int = 0
-    starts: StartPlan = starts.KEYFRAME_STARTS
+    starts: StartPlan = starts.DEFAULT_STARTS
     max_settling_nstep: int | None = None
     may_shorten: bool = False
+    lead_in: int = 0
+    perturbs: bool = True
+
+    @property
+    def total_nstep(self) -> int:
+        """Steps of each simulation, those that do not count included."""
+        return self.lead_in + self.nstep
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +94,14 @@ class Sample:
       observation: its reference run; warnings, and which simulations are healthy, are those of all.
       spread: factor on the noise of starts and controls; below 1 where more would diverge.
       starts: where its start states came from.
+      asleep_in_run: see `Window`.
     """
 
     workload: Workload
     observation: Observation
     spread: float
     starts: Starts
+    asleep_in_run: float | None = None
 
 
 def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
@@ -101,6 +117,7 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
     given = _Given.read(model, request.starts)
     most_nstep = given.most_nstep(request.nbatch, request.hold) if request.may_shorten else None
     if most_nstep is not None:
+        most_nstep = max(request.hold, most_nstep - request.lead_in)
         request = replace(request, nstep=min(request.nstep, most_nstep))
     best: Sample | None = None
     for candidate in _candidates(model, request, given):
@@ -113,7 +130,41 @@ def draw(model: mujoco.MjModel, request: SampleRequest) -> Sample:
             f"every simulation diverges ({best.observation.diagnosis()});"
             " there is nothing to compare"
         )
-    return best
+    return replace(best, starts=replace(best.starts, window=_window(best, request)))
+
+
+def _window(sample: Sample, request: SampleRequest) -> Window:
+    """Return what is stepped from the starts of a sample."""
+    observation, model = sample.observation, sample.workload.model
+    return Window(
+        nstart=sample.workload.nbatch,
+        nstep=request.nstep,
+        contacts=observation.work.contacts,
+        solver_limited=observation.solver_limited,
+        asleep=observation.asleep,
+        asleep_in_run=sample.asleep_in_run,
+        flat_hfields=work.flat_hfields(model),
+        later=_later(sample, request) if sample.starts.settle_s else None,
+    )
+
+
+def _later(sample: Sample, request: SampleRequest) -> Later | None:
+    """Return what the model does later in its run; None where that would take too long."""
+    model, drawn = sample.workload.model, sample.workload
+    timestep, begin_s = float(model.opt.timestep), 2 * sample.starts.settle_s
+    nstep = int((starts.LATER_S - begin_s) / timestep)
+    if request.max_settling_nstep is not None:
+        nstep = min(nstep, int(starts.LATER_SHARE * request.max_settling_nstep))
+    if nstep * timestep < begin_s:  # not much later
+        return None
+    rng, hold = np.random.default_rng([request.seed, 4]), request.hold
+    nstep = workload.whole_holds(nstep, hold)
+    control = workload.random_controls(model, 1, nstep // hold, hold, rng, sample.spread)
+    run = Workload(model, drawn.initial_state[-1:], control, hold, request.seed)
+    observation = work.observe(replace(run, lead_in=workload.whole_holds(nstep // 2, hold)))
+    if not observation.healthy.all():
+        return None
+    return Later(begin_s + nstep * timestep, observation.work.contacts)
 
 
 def most_nstep(model: mujoco.MjModel, plan: StartPlan, nbatch: int, hold: int) -> int | None:
@@ -138,15 +189,15 @@ def settled_step_s(model: mujoco.MjModel) -> float:
     """Return about how long one step takes in the model's typical regime, in seconds."""
     settle_s = starts.settle_s(model, StartPlan())
     nstep = starts.settle_nstep(model, settle_s, starts.max_settling_nstep(work.step_s(model)))
-    states = starts.settled(model, 1, nstep)
-    return work.step_s(model, None if states is None else states[0])
+    settled = starts.settled(model, 1, nstep)
+    return work.step_s(model, None if settled is None else settled.states[0])
 
 
 def _candidates(model: mujoco.MjModel, request: SampleRequest, given: _Given) -> Iterator[Sample]:
     """Yield workloads, the one that is most like what was asked for first."""
     controls = given.controls
     if controls is not None:
-        controls.check(request.nstep, request.hold)
+        controls.check(request.total_nstep, request.hold)
     if given.states is not None:
         yield from _from_file(model, request, given.states, controls)
         return
@@ -154,12 +205,13 @@ def _candidates(model: mujoco.MjModel, request: SampleRequest, given: _Given) ->
     if asked_s > 0:
         yield from _settled(model, request, asked_s, controls)
     limit = SettleLimit.DIVERGED if asked_s > 0 else None
+    nbatch, nstep, hold, seed = request.nbatch, request.total_nstep, request.hold, request.seed
     yield from _over_spreads(
         lambda spread: _controlled(
-            workload.make(model, request.nbatch, request.nstep, request.hold, request.seed, spread),
-            controls,
+            workload.make(model, nbatch, nstep, hold, seed, spread), controls
         ),
         Starts(0.0, asked_s, limit, controls_file=_name(controls)),
+        request.lead_in,
     )
 
 
@@ -171,17 +223,21 @@ def _settled(
     limit = SettleLimit.COST if nstep < starts.settle_nstep(model, asked_s) else None
     settled_s = nstep * float(model.opt.timestep)
     came_from = Starts(settled_s, asked_s, limit, controls_file=_name(controls))
+    nbatch, hold, seed = request.nbatch, request.hold, request.seed
+    asleep: list[float | None] = [None]
 
     def make(spread: float) -> Workload | None:
-        states = starts.settled(model, request.nbatch, nstep, request.hold, request.seed, spread)
-        if states is None:
+        settled = starts.settled(model, nbatch, nstep, hold, seed, spread, request.perturbs)
+        if settled is None:
             return None
-        rng = np.random.default_rng([request.seed, 1])
-        ncontrol, hold = request.nstep // request.hold, request.hold
-        control = workload.random_controls(model, request.nbatch, ncontrol, hold, rng, spread)
-        return _controlled(Workload(model, states, control, hold, request.seed), controls)
+        asleep[:] = [settled.asleep]
+        rng = np.random.default_rng([seed, 1])
+        ncontrol = request.total_nstep // hold
+        control = workload.random_controls(model, nbatch, ncontrol, hold, rng, spread)
+        return _controlled(Workload(model, settled.states, control, hold, seed), controls)
 
-    yield from _over_spreads(make, came_from)
+    for sample in _over_spreads(make, came_from, request.lead_in):
+        yield replace(sample, asleep_in_run=asleep[0])
 
 
 def _controlled(drawn: Workload, controls: GivenControls | None) -> Workload:
@@ -212,13 +268,14 @@ def _from_file(
             model,
             recorded,
             request.nbatch,
-            request.nstep,
+            request.total_nstep,
             request.hold,
             request.seed,
             spread,
             controls,
         ),
         came_from,
+        request.lead_in,
         SPREADS if came_from.controls_file is None else SPREADS[:1],  # a file's are not scaled
     )
 
@@ -239,11 +296,12 @@ def _name(controls: GivenControls | None) -> str | None:
 def _over_spreads(
     make: Callable[[float], Workload | None],
     came_from: Starts,
+    lead_in: int,
     spreads: Sequence[float] = SPREADS,
 ) -> Iterator[Sample]:
     """Yield what `make` returns for each spread, without the simulations that diverge."""
     for spread in spreads:
         drawn = make(spread)
         if drawn is not None:
-            healthy, observation = work.observe_healthy(drawn)
+            healthy, observation = work.observe_healthy(replace(drawn, lead_in=lead_in))
             yield Sample(healthy, observation, spread, came_from)

@@ -26,9 +26,12 @@ from mjbench.simulation.workload import (
 _NPY = b"\x93NUMPY"
 # Simulated seconds for which a model settles unless the user says otherwise. A keyframe is a pose
 # that its author chose; it loses its first transients. Without one, models start at their defaults,
-# often in the air: this is long enough to fall from a height of 1 m, and to land.
+# often in the air: objects that fall and tumble have come to rest by then (see docs/method).
 KEYFRAME_SETTLE_S = 0.1
-DEFAULT_SETTLE_S = 1.0
+DEFAULT_SETTLE_S = 5.0
+# How far a model's run is followed beyond its starts, to see whether it goes on to do other work:
+# to this time in simulated seconds, and for this share of the steps of a settling run at most.
+LATER_S, LATER_SHARE = 10.0, 1 / 8
 # Seconds of computing that the settling run may take, by what a step costs.
 MAX_SETTLING_S = 2.0
 
@@ -104,8 +107,48 @@ def _array_file(option: str, file: Path) -> Path:
 
 
 @dataclass(frozen=True)
+class Later:
+    """What the model does later in its own run than where it was measured.
+
+    Attributes:
+      time_s: of the run, in simulated seconds.
+      contacts: per step, in the second half of the time from the last start to then.
+    """
+
+    time_s: float
+    contacts: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """What was stepped from the start states.
+
+    Attributes:
+      nstart: simulations, each from its own start state.
+      nstep: steps of each that count.
+      contacts: per step.
+      solver_limited: share of the steps whose solver stopped at its limit of iterations.
+      asleep: share of the model's trees that slept, averaged over the steps; None where sleeping
+        is not enabled.
+      asleep_in_run: the same along the model's own run, where it was sampled; None where the start
+        states are not of such a run.
+      flat_hfields: height fields whose cells are all zero.
+      later: None where starts are not of the model's own run, or its steps are too slow to see.
+    """
+
+    nstart: int
+    nstep: int
+    contacts: float
+    solver_limited: float = 0.0
+    asleep: float | None = None
+    asleep_in_run: float | None = None
+    flat_hfields: int = 0
+    later: Later | None = None
+
+
+@dataclass(frozen=True)
 class Starts:
-    """Where start states came from.
+    """Where start states came from, and what was stepped from them.
 
     Attributes:
       settle_s: simulated seconds before the first start; 0 for keyframe 0, or a file.
@@ -116,6 +159,7 @@ class Starts:
       is_other_model: whether the states of the file were captured from a model that differs from
         this one; False also where the file does not say.
       held_inputs: MjData fields that the captured program set between steps, and simulations hold.
+      window: what was stepped from the states; None in older files.
     """
 
     settle_s: float
@@ -125,6 +169,7 @@ class Starts:
     controls_file: str | None = None
     is_other_model: bool = False
     held_inputs: tuple[str, ...] = ()
+    window: Window | None = None
 
 
 def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:
@@ -159,6 +204,20 @@ def settle_nstep(model: mujoco.MjModel, settle_s: float, max_nstep: int | None =
     return nstep if max_nstep is None else min(nstep, max(1, max_nstep // 2))
 
 
+@dataclass(frozen=True, eq=False)
+class SettledStates:
+    """Start states along a settling run.
+
+    Attributes:
+      states: (nbatch, nstate) rows of mjSTATE_INTEGRATION, in the order of time.
+      asleep: share of the model's trees that sleep there, averaged over the rows; None where
+        sleeping is not enabled.
+    """
+
+    states: np.ndarray
+    asleep: float | None
+
+
 def settled(
     model: mujoco.MjModel,
     nbatch: int,
@@ -166,12 +225,13 @@ def settled(
     hold: int = 1,
     seed: int = 0,
     spread: float = 1.0,
-) -> np.ndarray | None:
-    """Return (nbatch, nstate) start states, in the order of time; None where the run diverges.
+    perturbs: bool = True,
+) -> SettledStates | None:
+    """Return start states along a run of the model; None where the run diverges.
 
-    Velocities of each are perturbed by normal noise, so that simulations differ also where the
-    model rests; positions are not, so that what touches stays in contact. The perturbed state is
-    then stepped once, so its warm-start is that of the state before, as in any simulation.
+    Velocities of each may be perturbed by normal noise, so that simulations differ also where the
+    model rests; positions are not, so that what touches stays in contact. The state is then stepped
+    once, so its warm-start is that of the state before, as in any simulation.
 
     Args:
       model: to step.
@@ -180,34 +240,42 @@ def settled(
       hold: steps per control.
       seed: of controls and perturbations.
       spread: scales both; at 0 the controls are the keyframe's.
+      perturbs: whether velocities are perturbed.
     """
     after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
-    states = _settling_run(model, after, hold, seed, spread)
-    if states is None:
+    run = _settling_run(model, after, hold, seed, spread)
+    if run is None:
         return None
+    states, is_asleep = run
     rng, spec = np.random.default_rng([seed, 0]), compat.state_spec("INTEGRATION")
     data = mujoco.MjData(model)
     for row in states:
         mujoco.mj_resetData(model, data)
         compat.set_state(model, data, row, spec)
-        data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
+        if perturbs:
+            data.qvel[:] += spread * START_VELOCITY_SD * rng.standard_normal(model.nv)
         mujoco.mj_step(model, data)
         compat.get_state(model, data, row, spec)
-    return states
+    asleep = float(is_asleep.mean()) if is_asleep.size else None
+    return SettledStates(states, asleep)
 
 
 def _settling_run(
     model: mujoco.MjModel, after: np.ndarray, hold: int, seed: int, spread: float
-) -> np.ndarray | None:
-    """Return (nbatch, nstate) states of one run after ascending numbers of steps.
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return states of one run after ascending numbers of steps, and which trees sleep there.
 
     None stands for a run that diverges.
+
+    Returns:
+      (nbatch, nstate) rows, and (nbatch, ntree) bool; ntree is 0 where sleeping is not enabled.
     """
     spec, data = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
     nstep = whole_holds(int(after[-1]), hold) + hold
     rng = np.random.default_rng([seed, 2])
     control = random_controls(model, 1, nstep // hold, hold, rng, spread)[0]
     states = np.empty((len(after), compat.state_size(model, spec)))
+    is_asleep = []
     reset_to_start(model, data)
     done = 0
     for row, count in zip(states, after, strict=True):
@@ -216,5 +284,8 @@ def _settling_run(
             mujoco.mj_step(model, data)
             done += 1
         compat.get_state(model, data, row, spec)
+        is_asleep.append(compat.trees_asleep(model, data))
     diverged = compat.warning_counts(data)[compat.divergence_warnings()].any()
-    return None if diverged or not np.isfinite(states).all() else states
+    if diverged or not np.isfinite(states).all():
+        return None
+    return states, np.array(is_asleep)

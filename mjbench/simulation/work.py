@@ -13,33 +13,58 @@ from dataclasses import asdict, dataclass
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat
+from mjbench.simulation import compat, geom_pairs
 from mjbench.simulation.workload import StepOutputs, Workload, start_data
 
 # How long to measure the time of a step: at most this many times, and about this long in seconds.
 _COST_CALLS, _COST_S = 50, 0.05
+# Columns of `_count_steps`.
+_NCOUNTER = 6
 # A step of so many seconds is measured once: what warms up hardly counts.
 _LONG_STEP_S = 1.0
 
 
 @dataclass(frozen=True)
 class Work:
-    """The work of one step, averaged over all steps of all simulations.
+    """The work of one step: what it did, averaged over all steps of all simulations, and on what.
+
+    The sizes, from `degrees_of_freedom` on, are those of the model, and None in older files.
 
     Attributes:
       contacts: contacts (`data.ncon`) per step.
       constraints: scalar constraints (`data.nefc`) per step.
       solver_iterations: solver iterations per step, those of the constraint island with the most:
         a release that solves all islands together takes about as many.
+      degrees_of_freedom: `nv`.
+      actuators: 0 where actuation is disabled.
+      sensors: computed in a step; one with an interval counts for its share of the steps.
+      rays: of rangefinders, likewise.
+      geom_pairs: pairs of geoms that the collision filters let through, and explicit pairs; None
+        also of models with too many to look at (see `geom_pairs.MAX_GEOMS`).
+      tendons: `ntendon`.
+      plugins: instances of engine plugins.
+      mesh_vertices: of all meshes that collide.
+      hfield_cells: of all height fields that collide.
+      flex_vertices: of all deformable bodies.
     """
 
     contacts: float
     constraints: float
     solver_iterations: float
+    degrees_of_freedom: float | None = None
+    actuators: float | None = None
+    sensors: float | None = None
+    rays: float | None = None
+    geom_pairs: float | None = None
+    tendons: float | None = None
+    plugins: float | None = None
+    mesh_vertices: float | None = None
+    hfield_cells: float | None = None
+    flex_vertices: float | None = None
 
     def as_dict(self) -> dict[str, float]:
-        """Return the counters by name."""
-        return asdict(self)
+        """Return the counters and sizes that are known, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -68,6 +93,8 @@ class Observation:
       peaks: maxima over all steps of all simulations.
       start_contacts: contacts at the first simulation's start.
       summed_iterations: solver iterations of a step, summed over constraint islands.
+      solver_limited: share of the steps whose solver stopped at its limit of iterations.
+      asleep: share of the model's trees that slept in a step; None where sleeping is not enabled.
     """
 
     final_state: np.ndarray
@@ -77,6 +104,8 @@ class Observation:
     peaks: Peaks
     start_contacts: int
     summed_iterations: float
+    solver_limited: float = 0.0
+    asleep: float | None = None
 
     def diagnosis(self) -> str:
         """Return why simulations diverged and how many, such as `BADQACC in 3`."""
@@ -131,27 +160,31 @@ def observe(workload: Workload) -> Observation:
     data = mujoco.MjData(model)
     final_state = np.empty_like(workload.initial_state)
     warnings = np.zeros((workload.nbatch, len(compat.warning_counts(data))), dtype=int)
-    sums, maxima = np.zeros((workload.nbatch, 4)), np.zeros((workload.nbatch, 4), dtype=int)
+    sums, maxima = np.zeros((workload.nbatch, _NCOUNTER)), np.zeros((workload.nbatch, 2), dtype=int)
     for i in range(workload.nbatch):
         mujoco.mj_resetData(model, data)
         compat.set_state(model, data, workload.initial_state[i], spec)
         counters = _count_steps(model, data, workload.control[i], workload.hold)
-        sums[i], maxima[i] = counters.sum(axis=0), counters.max(axis=0)
+        sums[i] = counters[workload.lead_in :].sum(axis=0)
+        maxima[i] = counters[:, :2].max(axis=0)
         warnings[i] = compat.warning_counts(data)
         compat.get_state(model, data, final_state[i], spec)
     bad = warnings[:, compat.divergence_warnings()].any(axis=1)
     healthy = ~bad & np.isfinite(final_state).all(axis=1)
-    mean = sums[healthy].sum(axis=0) / max(1, int(healthy.sum()) * workload.nstep)
-    contacts, constraints, *_ = maxima.max(axis=0)
-    *means, summed_iterations = map(float, mean)
+    counted = int(healthy.sum()) * (workload.nstep - workload.lead_in)
+    mean = sums[healthy].sum(axis=0) / max(1, counted)
+    contacts, constraints = maxima.max(axis=0)
+    *means, summed_iterations, solver_limited, asleep = map(float, mean)
     return Observation(
         final_state,
         warnings,
         healthy,
-        Work(*means),
+        _work(model, *means),
         Peaks(int(contacts), int(constraints)),
         _start_contacts(workload),
         summed_iterations,
+        solver_limited,
+        asleep if compat.has_sleep(model) else None,
     )
 
 
@@ -277,6 +310,45 @@ def describe(model: mujoco.MjModel) -> ModelFacts:
     )
 
 
+def _work(
+    model: mujoco.MjModel, contacts: float, constraints: float, solver_iterations: float
+) -> Work:
+    """Return the work of a step: these counters, and the sizes of the model."""
+    senses, shares = compat.flag_enabled(model, "sensor") is not False, compat.sensor_shares(model)
+    is_ray = np.asarray(model.sensor_type) == int(mujoco.mjtSensor.mjSENS_RANGEFINDER)
+    pairs = geom_pairs.read(model)
+    collide = geom_pairs.colliding_geoms(model)
+    kinds, assets = np.asarray(model.geom_type)[collide], np.asarray(model.geom_dataid)[collide]
+    meshes = np.unique(assets[(kinds == int(mujoco.mjtGeom.mjGEOM_MESH)) & (assets >= 0)])
+    hfields = np.unique(assets[kinds == int(mujoco.mjtGeom.mjGEOM_HFIELD)])
+    cells = np.asarray(model.hfield_nrow) * np.asarray(model.hfield_ncol)
+    return Work(
+        contacts,
+        constraints,
+        solver_iterations,
+        degrees_of_freedom=float(model.nv),
+        actuators=float(model.nu) * (compat.flag_enabled(model, "actuation") is not False),
+        sensors=senses * float(shares.sum()),
+        rays=senses * float((shares * np.asarray(model.sensor_dim))[is_ray].sum()),
+        geom_pairs=None if pairs.is_too_large else float(len(pairs.geoms) + model.npair),
+        tendons=float(model.ntendon),
+        plugins=float(getattr(model, "nplugin", 0)),
+        mesh_vertices=float(np.asarray(model.mesh_vertnum)[meshes].sum()),
+        hfield_cells=float(cells[hfields].sum()),
+        flex_vertices=float(getattr(model, "nflexvert", 0)),
+    )
+
+
+def flat_hfields(model: mujoco.MjModel) -> int:
+    """Return how many height fields have no height anywhere, such as those a program fills."""
+    return sum(
+        not np.any(model.hfield_data[adr : adr + nrow * ncol])
+        for adr, nrow, ncol in zip(
+            model.hfield_adr, model.hfield_nrow, model.hfield_ncol, strict=True
+        )
+    )
+
+
 def _can_fall(model: mujoco.MjModel) -> bool:
     """Return whether gravity acts on a free body."""
     is_free = np.asarray(model.jnt_type) == int(mujoco.mjtJoint.mjJNT_FREE)
@@ -290,16 +362,19 @@ def _count_steps(
     """Step one simulation through (ncontrol, nu) controls, each held for `hold` steps.
 
     Returns:
-      (nstep, 4) contacts, scalar constraints, and solver iterations of each step: those of the
-      constraint island with the most, and those of all.
+      (nstep, _NCOUNTER) contacts, scalar constraints, solver iterations of each step (those of the
+      constraint island with the most, and those of all), whether an island reached the limit of
+      iterations, and the share of trees that slept.
     """
-    counters = []
+    counters, limit = [], int(model.opt.iterations) or np.inf
     for ctrl in control:
         data.ctrl[:] = ctrl
         for _ in range(hold):
             mujoco.mj_step(model, data)
-            iterations = compat.solver_iterations(data)
-            counters.append((data.ncon, data.nefc, iterations.max(), iterations.sum()))
+            iterations, is_asleep = compat.solver_iterations(data), compat.trees_asleep(model, data)
+            most = iterations.max()
+            asleep = is_asleep.mean() if is_asleep.size else 0.0
+            counters.append((data.ncon, data.nefc, most, iterations.sum(), most >= limit, asleep))
     return np.array(counters)
 
 

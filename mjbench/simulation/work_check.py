@@ -95,31 +95,39 @@ def follow(own: Workload, probe: Fields) -> Followed:
     states = states_after(_probed(own), nsteps)
     run = workload.fields(model, states.reshape(-1, states.shape[2]))
     stepped = one_step(model, workload.states(model, probe))
-    shape = (*states.shape[:2], -1)
     compared = [field for field, rows in stepped.items() if rows.size]
+
+    def by_point(rows: np.ndarray) -> np.ndarray:
+        return rows.reshape(len(nsteps), -1, rows.shape[1])
+
     return Followed(
         nsteps,
-        {field: run[field].reshape(shape) for field in compared},
-        {field: stepped[field].reshape(shape) for field in compared},
+        {field: by_point(run[field]) for field in compared},
+        {field: by_point(stepped[field]) for field in compared},
     )
 
 
-def drift(baseline: Followed, candidate: Followed, is_compared: np.ndarray) -> StateDrift | None:
+def drift(
+    baseline: Followed, candidate: Followed, is_compared: np.ndarray, start_alike: bool = True
+) -> StateDrift | None:
     """Return how far two targets differ; None where their states differ in size.
 
     Args:
       baseline: the one.
       candidate: the other.
       is_compared: (nbatch,) bool, the simulations that diverge in neither.
+      start_alike: whether their runs begin in the same states, so that these are compared, too.
     """
     if _shapes(baseline) != _shapes(candidate):
         return None
-    nprobe = next(iter(baseline.run.values())).shape[1]
+    nprobe = next(iter(baseline.stepped.values())).shape[1]
     keep = np.flatnonzero(is_compared[:nprobe])
     scales = agreement.scales(baseline.run)
     one_step = agreement.relative_drift(
         _of(candidate.stepped, keep), _of(baseline.stepped, keep), scales
     )
+    if not start_alike:
+        return StateDrift(one_step)
     runs = tuple(
         RunDrift(
             nstep,

@@ -51,6 +51,8 @@ class Workload:
       hold: steps for which each control is held (an RL user's frame_skip).
       seed: that starts and controls were drawn with.
       returns: what a run returns.
+      lead_in: steps of each simulation that come first and do not count: a state does not hold what
+        sleeps, so bodies fall asleep again in them.
     """
 
     model: mujoco.MjModel
@@ -59,6 +61,7 @@ class Workload:
     hold: int
     seed: int
     returns: Product = Product.FINAL
+    lead_in: int = 0
 
     @property
     def nbatch(self) -> int:
@@ -297,6 +300,7 @@ class PortableWorkload:
         mjSTATE_INTEGRATION in the release that runs them; None where nothing is compared.
       probe: states along some simulations, by MjData field (see `work_check.probe`); None where
         nobody compares steps from them.
+      lead_in: steps that come first and do not count (see `Workload`).
     """
 
     fields: Mapping[str, np.ndarray]
@@ -304,6 +308,7 @@ class PortableWorkload:
     hold: int
     final_state: np.ndarray | None = None
     probe: Mapping[str, np.ndarray] | None = None
+    lead_in: int = 0
 
     def only(self, rows: np.ndarray, final_state: np.ndarray) -> "PortableWorkload":
         """Return the workload of some simulations.
@@ -313,7 +318,9 @@ class PortableWorkload:
           final_state: (nbatch, nstate) states that all simulations of this workload must reach.
         """
         fields = {name: values[rows] for name, values in self.fields.items()}
-        return PortableWorkload(fields, self.control[rows], self.hold, final_state[rows])
+        return PortableWorkload(
+            fields, self.control[rows], self.hold, final_state[rows], lead_in=self.lead_in
+        )
 
     def digest(self) -> str:
         """Return a short name for its start states and controls."""
@@ -332,7 +339,7 @@ def whole_holds(nstep: int, hold: int) -> int:
 def portable(workload: Workload) -> PortableWorkload:
     """Return a workload in the form that `restore` turns back into one, in any release."""
     start = fields(workload.model, workload.initial_state)
-    return PortableWorkload(start, workload.control, workload.hold)
+    return PortableWorkload(start, workload.control, workload.hold, lead_in=workload.lead_in)
 
 
 def restore(model: mujoco.MjModel, portable: PortableWorkload) -> Workload:
@@ -345,7 +352,7 @@ def restore(model: mujoco.MjModel, portable: PortableWorkload) -> Workload:
     if ncontrol != model.nu:
         raise InputError(f"the model has {model.nu} controls, the workload {ncontrol}")
     start = states(model, portable.fields)
-    return Workload(model, start, portable.control, portable.hold, seed=0)
+    return Workload(model, start, portable.control, portable.hold, seed=0, lead_in=portable.lead_in)
 
 
 def start_data(model: mujoco.MjModel) -> mujoco.MjData:

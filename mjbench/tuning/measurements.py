@@ -95,8 +95,7 @@ class OnThisMachine:
         self._pool, self._source, self._starts = pool, source, starts
         self._hold, self._limit_s = hold, limit_s
         self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
-        # By the label of settings: the changed model, and its timestep over the present one.
-        self._changed: dict[str, tuple[Path, float]] = {}
+        self._changed: dict[str, Path] = {}  # the changed model, by the label of settings
 
     def baseline(self, plan: TrialPlan) -> Present:
         """See `Measurements.baseline`.
@@ -114,12 +113,11 @@ class OnThisMachine:
         """See `Measurements.attempt`."""
         file = None
         if nrun is None:  # it may be compared
-            earlier = self._changed.get(label(settings))
-            file = earlier[0] if earlier else self._pool.new_file(".mjb")
+            file = self._changed.get(label(settings)) or self._pool.new_file(".mjb")
         request = AttemptRequest(self._source, self._baseline_file, settings, file, nrun, quads)
         done = attempts.attempt(request, self._limit_s)
         if file is not None:
-            self._changed[label(settings)] = file, done.timestep_factor
+            self._changed[label(settings)] = file
         return done
 
     def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
@@ -127,7 +125,7 @@ class OnThisMachine:
         release = installs.parse_release(installs.INSTALLED)
         loop = loop_change(settings)
         path = paths.find(loop.path)
-        name, (file, timestep_factor) = self._source.name, self._changed[label(settings)]
+        name, file = self._source.name, self._changed[label(settings)]
         baseline, candidate = (
             Target(release, ModelSource(name, model), path.name, path.complete(options))
             for model, options in ((self._model_file, {}), (file, loop.options))
@@ -150,12 +148,6 @@ class OnThisMachine:
         return PairedTime(
             row.status,
             row.detail,
-            scaled(row.ratio, 1 / timestep_factor) if row.ratio else None,
+            row.ratio,
             [launch.row() for launch in result.launches],
         )
-
-
-def scaled(ratio: Ratio, factor: float) -> Ratio:
-    """Return a ratio of times of a step as one of times of a simulated second."""
-    low, high = (None if end is None else factor * end for end in (ratio.low, ratio.high))
-    return Ratio(factor * ratio.estimate, low, high)

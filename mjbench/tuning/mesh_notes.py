@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.tuning import geom_pairs
+from mjbench.simulation import geom_pairs
 
 # The hull's share of the primitive's volume, at least.
 MIN_SHARE = 0.9

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat
-from mjbench.tuning import geom_pairs
+from mjbench.simulation import compat, geom_pairs
 
 
 def is_zero(model: mujoco.MjModel, term: str) -> bool:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjbench.simulation import compat
-from mjbench.tuning import geom_pairs
+from mjbench.simulation import compat, geom_pairs
 
 # Distances that are computed at most: a pair of meshes takes some 10 µs.
 _MAX_DISTANCES = 20_000

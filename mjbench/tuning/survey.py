@@ -58,10 +58,12 @@ def survey(request: SurveyRequest, limit_s: float = SILENCE_S) -> Survey:
     return messages[0]
 
 
-def stages(source: ModelSource, limit_s: float = SILENCE_S) -> Mapping[str, float] | None:
+def stages(
+    source: ModelSource, starts: StartPlan, limit_s: float = SILENCE_S
+) -> Mapping[str, float] | None:
     """Return the share of a step by stage; None where it cannot be measured."""
     messages: list[profile.StepTimes] = []
-    request = LoopRequest(source, None)
+    request = LoopRequest(source, starts)
     try:
         isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
     except (InputError, MachineError):

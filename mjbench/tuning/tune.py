@@ -35,7 +35,7 @@ def tune(
     try:
         advance(0, "what there is to try", 0.0)
         seen = survey.survey(SurveyRequest(source, plan.seed, plan.starts, plan.hold), limit_s)
-        shares = survey.stages(source, limit_s)
+        shares = survey.stages(source, plan.starts, limit_s)
     except MjbenchError as error:
         failure = failure_of(error)
         detail = failure.detail.removeprefix(f"{source.name}: ")

@@ -10,7 +10,9 @@ import mjbench
 from mjbench.errors import InputError
 from mjbench.loop import overhead, profile
 from mjbench.loop.loop_starts import NSTART, LoopStarts
-from mjbench.simulation import models
+from mjbench.simulation import compat, models, sampling, work
+from mjbench.simulation.sampling import SampleRequest
+from mjbench.simulation.starts import StartPlan
 
 CARTPOLE = models.load(models.resolve("cartpole"))
 
@@ -27,7 +29,7 @@ def captured(tmp_path: Path) -> Path:
 
 
 def test_starts_are_restored_in_turn_with_the_control_that_follows(captured: Path) -> None:
-    starts, data = LoopStarts(CARTPOLE, captured, nstep=7), mujoco.MjData(CARTPOLE)
+    starts, data = LoopStarts(CARTPOLE, StartPlan(file=captured), nstep=7), mujoco.MjData(CARTPOLE)
     assert starts.starts.file == "states.npz"
     assert starts.observation.healthy.sum() == NSTART
     start, times = starts.in_turn(repeats=2), []
@@ -42,19 +44,21 @@ def test_starts_are_restored_in_turn_with_the_control_that_follows(captured: Pat
 
 
 def test_a_run_is_short_but_not_too_short(captured: Path) -> None:
-    assert LoopStarts(CARTPOLE, captured).nstep >= 5
+    assert LoopStarts(CARTPOLE, StartPlan(file=captured)).nstep >= 5
 
 
 def test_a_profile_of_captured_states_says_so(captured: Path) -> None:
     source = models.resolve("cartpole")
-    steps = profile.measure(source, states_file=captured).steps
+    steps = profile.measure(source, starts=StartPlan(file=captured)).steps
     assert steps.starts is not None and steps.starts.file == "states.npz"
     assert steps.run_nstep is not None and steps.run_nstep >= 5
     assert sum(steps.stages.values()) == pytest.approx(1.0)
 
 
 def test_habits_cost_something_from_captured_states(captured: Path) -> None:
-    table = overhead.measure(models.resolve("cartpole"), launches=1, states_file=captured)
+    table = overhead.measure(
+        models.resolve("cartpole"), launches=1, starts=StartPlan(file=captured)
+    )
     assert table.starts is not None and table.starts.file == "states.npz"
     assert table.bare_ns > 0
 
@@ -62,16 +66,35 @@ def test_habits_cost_something_from_captured_states(captured: Path) -> None:
 def test_a_file_that_does_not_fit_is_bad_input(captured: Path) -> None:
     for measure in (profile.measure, overhead.measure):
         with pytest.raises(InputError, match="holds states of another model, cartpole"):
-            measure(models.resolve("humanoid"), states_file=captured)
+            measure(models.resolve("humanoid"), starts=StartPlan(file=captured))
 
 
 def test_states_without_controls_get_random_ones(tmp_path: Path) -> None:
     file = tmp_path / "states.npz"
     np.savez(file, qpos=np.zeros((5, 2)))
-    starts, data = LoopStarts(CARTPOLE, file, nstep=3), mujoco.MjData(CARTPOLE)
+    starts, data = LoopStarts(CARTPOLE, StartPlan(file=file), nstep=3), mujoco.MjData(CARTPOLE)
     start, controls = starts.in_turn(), set()
     for _ in range(20):
         start(CARTPOLE, data)
         controls.add(float(data.ctrl[0]))
     assert starts.starts.controls_file is None
     assert len(controls) == 20
+
+
+def test_without_a_file_starts_are_those_of_every_other_command() -> None:
+    drawn = LoopStarts(CARTPOLE, StartPlan(), nstep=5)
+    expected = sampling.draw(CARTPOLE, SampleRequest(NSTART, 5, 5)).workload
+    start, data = drawn.in_turn(), mujoco.MjData(CARTPOLE)
+    for row, control in zip(expected.initial_state[:3], expected.control[:3, 0], strict=True):
+        start(CARTPOLE, data)
+        state = np.empty(len(row))
+        compat.get_state(CARTPOLE, data, state, compat.state_spec("INTEGRATION"))
+        columns = compat.state_columns(CARTPOLE, compat.state_spec("INTEGRATION"))
+        np.testing.assert_array_equal(state[columns["qpos"]], row[columns["qpos"]])
+        np.testing.assert_array_equal(data.ctrl, control)
+
+
+def test_a_model_of_slow_steps_has_fewer_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(work, "step_s", lambda model, state=None: 0.01)
+    drawn = LoopStarts(CARTPOLE, StartPlan())
+    assert (drawn.nstep, drawn.starts.window.nstart) == (5, 20)  # type: ignore[union-attr]

@@ -87,8 +87,18 @@ def test_a_verdict_says_what_the_placement_adds(effect: Ratio, text: str) -> Non
     ("verdict", "ratio", "text"),
     [
         (Verdict.SAME, Ratio(1.001, 0.996, 1.003), ": same within 0.4 %,"),
-        (Verdict.FASTER, Ratio(0.5, 0.4, 0.6), ": faster by 50 % (interval -60.00 to -40.00 %),"),
-        (Verdict.SLOWER, Ratio(2.5, 2.4, 2.6), ": slower by 150 % ("),
+        (Verdict.FASTER, Ratio(0.6, 0.5, 0.7), ": faster by 40 % (interval -50.00 to -30.00 %),"),
+        (
+            Verdict.FASTER,
+            Ratio(0.1, 0.08, 0.125),
+            ": faster, 10 times as fast (interval 8 to",
+        ),
+        (Verdict.SLOWER, Ratio(1.9, 1.8, 2.0), ": slower by 90 % ("),
+        (
+            Verdict.SLOWER,
+            Ratio(2.5, 2.4, 2.6),
+            ": slower, takes 2.5 times as long (interval",
+        ),
         (Verdict.INCONCLUSIVE, Ratio(1.5, None, None), "inconclusive, +50.00 % (interval unknown)"),
     ],
 )
@@ -97,7 +107,7 @@ def test_each_verdict_says_how_much_and_how_sure(verdict: Verdict, ratio: Ratio,
 
 
 @settings(deadline=None)
-@given(st.floats(1e-9, 1e9))
+@given(st.floats(1e-9, 0.99))
 def test_any_change_is_written_as_people_write_a_percentage(change: float) -> None:
     """A factor of 1 + change is slower by 100 × change percent, to two significant digits."""
     row = replace(ROW, ratio=Ratio(1 + change, 1.0, 1 + 2 * change))
@@ -107,7 +117,7 @@ def test_any_change_is_written_as_people_write_a_percentage(change: float) -> No
     )
     assert written, sentence
     assert float(written[1]) == pytest.approx(100 * ((1 + change) - 1), rel=0.051)
-    assert len(written[1].replace(".", "").strip("0")) <= 2 or change >= 0.99
+    assert len(written[1].replace(".", "").strip("0")) <= 2
 
 
 def test_changed_work_says_what_changed() -> None:

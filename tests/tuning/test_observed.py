@@ -8,9 +8,9 @@ import pytest
 from tuning_models import GEOMETRY, ROD_GAP_M
 
 from benchmarks.tuning_planted import rods
-from mjbench.simulation import model_options, models
+from mjbench.simulation import geom_pairs, model_options, models
 from mjbench.simulation.models import ModelSource
-from mjbench.tuning import geom_pairs, observed, random_poses
+from mjbench.tuning import observed, random_poses
 from mjbench.tuning.observed import Observed, observe_model
 
 

@@ -1,0 +1,134 @@
+"""The lines that say from which states a measurement stepped, and what its steps were like."""
+
+from mjbench.instrument.units import plain
+from mjbench.simulation.starts import SettleLimit, Starts, Window
+
+# From this share of the steps on, a solver that stops at its limit of iterations is mentioned.
+_MOST_LIMITED = 0.5
+# A window shows sleeping if its share of sleeping trees is that of the model's run, within this.
+_SAME_SLEEP = 0.05
+# Later contacts are mentioned if they differ by more than this share of the larger number, and by
+# more than this number.
+_SAME_CONTACTS, _LEAST_CONTACTS = 0.2, 0.5
+
+
+def starts_lines(starts: Starts | None) -> list[str]:
+    """Return where starts are from and what the steps from them were like, a line each.
+
+    The first line is such as `64 starts from 1 to 2 s of the model's own run, 100 steps each, 8.1
+    contacts a step`; files from before it was stored lack it.
+    """
+    if starts is None:
+        return []
+    lines = _file_lines(starts) if starts.window is None else [_window_line(starts, starts.window)]
+    lines += [*capture_lines(starts), *_limit_lines(starts)]
+    return lines if starts.window is None else [*lines, *_regime_lines(starts.window)]
+
+
+def _window_line(starts: Starts, window: Window) -> str:
+    """Return how many starts are from where, and what was stepped from them."""
+    count = f"{window.nstart} start{'s' * (window.nstart != 1)}"
+    steps = f"{window.nstep} step{'s' * (window.nstep != 1)} each"
+    return f"{count}{_source(starts)}, {steps}, {plain(window.contacts, 3)} contacts a step"
+
+
+def _source(starts: Starts) -> str:
+    """Return where starts and controls come from."""
+    if starts.file is None:
+        begin, end = plain(starts.settle_s, 3), plain(2 * starts.settle_s, 3)
+        run = f" from {begin} to {end} s of the model's own run"
+        source = run if starts.settle_s else " at keyframe 0"
+        return source + (f", controls of {starts.controls_file}" if starts.controls_file else "")
+    if starts.controls_file == starts.file:
+        return f" and their controls from {starts.file}"
+    controls = f"controls of {starts.controls_file}" if starts.controls_file else "random controls"
+    return f" from {starts.file}, {controls}"
+
+
+def _file_lines(starts: Starts) -> list[str]:
+    """Return which files starts and controls are from, where nothing else is known."""
+    if starts.file is None and starts.controls_file is None:
+        return []
+    return [f"Starts{_source(starts)}"]
+
+
+def capture_lines(starts: Starts) -> list[str]:
+    """Return what is not as it was where the states of a file were captured, a line each."""
+    lines = []
+    if starts.is_other_model:
+        lines.append(
+            f"{starts.file} was captured from a model that differs from this one, in masses,"
+            " geometry or options"
+        )
+    if starts.held_inputs:
+        lines.append(
+            f"The captured program also set {', '.join(starts.held_inputs)} between steps; here"
+            " these stay as they were at each start"
+        )
+    return lines
+
+
+def _limit_lines(starts: Starts) -> list[str]:
+    """Return how starts were sampled where that is not what was asked for."""
+    if starts.limit is None:
+        return []
+    asked = f"{plain(starts.asked_s, 3)} s"
+    if starts.limit == SettleLimit.COST:
+        settled = f"{plain(starts.settle_s, 3)} s"
+        return [f"The model settled for {settled} instead of {asked}, because its steps are slow"]
+    return [f"Starts are at the keyframe: settled for {asked}, the model diverges"]
+
+
+def _regime_lines(window: Window) -> list[str]:
+    """Return what limits how far the figures hold, a line each."""
+    lines = []
+    if window.solver_limited > _MOST_LIMITED:
+        lines.append(
+            f"The solver stopped at its limit of iterations in {_percent(window.solver_limited)} of"
+            " the steps: states and times depend on that limit"
+        )
+    if window.flat_hfields:
+        fields = (
+            "1 height field is"
+            if window.flat_hfields == 1
+            else (f"{window.flat_hfields} height fields are")
+        )
+        lines.append(
+            f"{fields} flat (all zero). If your program fills it, save the filled model with"
+            " mjbench.capture(…, save_model=…) and measure that"
+        )
+    return [*lines, *_later_lines(window), *_sleep_lines(window)]
+
+
+def _later_lines(window: Window) -> list[str]:
+    """Return that the model does other work later in its run, where it does."""
+    if window.later is None:
+        return []
+    before, after = window.contacts, window.later.contacts
+    if abs(after - before) <= max(_LEAST_CONTACTS, _SAME_CONTACTS * max(before, after)):
+        return []
+    time_s = plain(window.later.time_s, 2)
+    return [
+        f"At {time_s} s of its own run the model has {plain(after, 3)} contacts a step, so other"
+        f" costs: --settle {time_s}s measures there"
+    ]
+
+
+def _sleep_lines(window: Window) -> list[str]:
+    """Return how much of the model slept, where sleeping is enabled."""
+    if window.asleep is None:
+        return []
+    asleep, in_run = _percent(window.asleep), window.asleep_in_run
+    slept = f"On average {asleep} of the model slept in these steps"
+    if in_run is None:
+        return [f"{slept}: states do not hold what sleeps, so all of it is awake at each start"]
+    if abs(window.asleep - in_run) <= _SAME_SLEEP:
+        return [f"{slept}, as in its own run"]
+    return [
+        f"{slept}, and {_percent(in_run)} in its own run: states do not hold what sleeps, so these"
+        " steps do not show what sleeping saves; `mjbench ab` of the plain loop does"
+    ]
+
+
+def _percent(share: float) -> str:
+    return f"{plain(100 * share, 2)} %"
