@@ -100,7 +100,8 @@ def test_starts_are_settled_and_the_check_says_so(pool: WorkerPool) -> None:
     ):
         sizes = Sizes(nbatch=2, nstep=2, starts=plan)
         prepared = preparation.prepare(pool, (CUBES, CUBES), sizes, TimeLimit())
-        assert prepared.work_check.starts == starts
+        assert replace(prepared.work_check.starts, window=None) == starts
+        assert prepared.work_check.candidate_starts is None
 
 
 def test_a_file_of_states_that_fits_neither_model_is_bad_input(
@@ -129,9 +130,61 @@ def test_captured_states_are_seen_at_many_places_and_for_as_long_as_they_go_on(
 
 def test_changed_work_is_reported(pool: WorkerPool) -> None:
     candidate = replace(CUBES, model_options={"iterations": "1", "solver": "cg"})
-    check = preparation.prepare(pool, (CUBES, candidate), Sizes(), TimeLimit()).work_check
+    sizes = Sizes(starts=KEYFRAME_STARTS)
+    check = preparation.prepare(pool, (CUBES, candidate), sizes, TimeLimit()).work_check
     assert check.changed
     assert any(change.startswith("solver iterations") for change in check.changes)
+
+
+def _boxes(folder: Path, name: str, option: str = "", sensors: str = "") -> Target:
+    """Return a box that falls on a floor, as a file of its own."""
+    file = folder / name
+    file.write_text(
+        f"<mujoco><option {option}</option><worldbody><geom type='plane' size='1 1 1'/>"
+        "<body pos='0 0 .3'><freejoint/><geom type='box' size='.1 .1 .1'/>"
+        f"<site name='eye' pos='.2 0 0'/></body></worldbody><sensor>{sensors}</sensor></mujoco>"
+    )
+    return Target(INSTALLED, models.resolve(str(file)))
+
+
+def test_each_of_two_models_settles_by_itself(pool: WorkerPool, tmp_path: Path) -> None:
+    """Weightless, the box of the candidate never lands, wherever the baseline's lies."""
+    plain = _boxes(tmp_path, "plain.xml", ">")
+    weightless = _boxes(tmp_path, "weightless.xml", "gravity='0 0 0'>")
+    check = preparation.prepare(pool, (plain, weightless), Sizes(), TimeLimit()).work_check
+    assert (check.baseline.contacts, check.candidate.contacts) == (4, 0)
+    assert check.candidate_starts is not None
+    assert check.drift is not None and check.drift.one_step > 0 and check.drift.runs == ()
+
+
+def test_what_sleeps_in_its_own_run_sleeps_where_it_is_timed(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    awake = _boxes(tmp_path, "awake.xml", ">")
+    asleep = _boxes(tmp_path, "asleep.xml", "><flag sleep='enable'/>")
+    pair = TargetPair(pool, awake, asleep)
+    launch, *_ = pair.launch_batch()
+    pair.close()
+    window = pair.work_check.candidate_starts.window  # type: ignore[union-attr]
+    assert window is not None and window.asleep == window.asleep_in_run == 1.0
+    assert pair.work_check.nstep >= preparation.LEAST_SLEEPING_NSTEP
+    assert (launch.ns > 0).all()
+
+
+def test_a_time_per_step_is_scaled_to_one_per_simulated_second(
+    pool: WorkerPool, tmp_path: Path
+) -> None:
+    fine, coarse = _boxes(tmp_path, "a.xml", ">"), _boxes(tmp_path, "b.xml", "timestep='0.004'>")
+    check = preparation.prepare(pool, (fine, coarse), Sizes(), TimeLimit()).work_check
+    assert check.timesteps_s == (0.002, 0.004)
+    assert check.log_scale == pytest.approx(-np.log(2))
+
+
+def test_sensors_are_work(pool: WorkerPool, tmp_path: Path) -> None:
+    seeing = _boxes(tmp_path, "a.xml", ">", "<rangefinder site='eye'/><clock/>")
+    blind = _boxes(tmp_path, "b.xml", ">")
+    check = preparation.prepare(pool, (seeing, blind), Sizes(), TimeLimit()).work_check
+    assert check.changes == ["sensors 2 → 0", "rays 1 → 0"]
 
 
 @pytest.mark.parametrize(

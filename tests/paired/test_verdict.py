@@ -302,7 +302,8 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     launches = [launch(0.0, moved)] * 8 + [launch(0.05, AS_SHIPPED)] * 3
     plan = verdict.VerdictPlan()
     averaged, shipped = (
-        judged(launches, plan) for judged in (verdict._judge_launches, verdict._judge_as_shipped)
+        judged(launches, plan, 0.0)
+        for judged in (verdict._judge_launches, verdict._judge_as_shipped)
     )
     assert averaged is not None
     assert shipped is not None
@@ -310,3 +311,11 @@ def test_launches_as_shipped_have_a_judgement_of_their_own() -> None:
     # the others help to estimate how far launches spread
     assert (shipped.verdict, shipped.launches) == (Verdict.SLOWER, 11)
     assert shipped.ratio == pytest.approx(math.exp(0.05))
+
+
+def test_steps_alike_of_twice_the_timestep_are_twice_as_fast() -> None:
+    launches = [launch(0.001 * k, AS_SHIPPED) for k in range(-4, 5)]
+    judged = verdict._judge_launches(launches, verdict.VerdictPlan(), log_scale=-math.log(2))
+    assert judged is not None
+    assert judged.verdict == Verdict.FASTER
+    assert judged.ratio == pytest.approx(0.5)
