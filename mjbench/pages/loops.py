@@ -12,8 +12,9 @@ from mjbench.loop.overhead import OverheadRow, OverheadTable
 from mjbench.loop.profile import ProfileRow, StepProfile
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report import planning, vega
+from mjbench.report import planning, tables, vega
 from mjbench.report.profile import LEAST_CLOCK_SHARE
+from mjbench.report.starts import starts_lines
 from mjbench.status import Status
 
 # Habits that are drawn: those that add most.
@@ -83,6 +84,7 @@ def _overhead_section(table: OverheadTable, command: str) -> Section:
         heading=f"{table.model}: what a Python loop wastes",
         command=command,
         conclusions=conclusions,
+        notes=starts_lines(table.starts),
         figures=[_waterfall(table)],
         tables=[DataTable("Habits", columns, rows)],
     )
@@ -162,6 +164,7 @@ def _profile_section(profile: StepProfile, command: str) -> Section:
         heading=f"{profile.model}: where a step's time goes",
         command=command,
         conclusions=conclusions,
+        notes=[*starts_lines(steps.starts, False), *tables.warning_lines(steps.warnings)],
         figures=[figure],
     )
 
@@ -177,6 +180,7 @@ def latency_sections(rows: Sequence[LatencyRow], command: str) -> Iterator[Secti
             heading=f"{model}: latency of single steps",
             command=command,
             conclusions=[_missed(row) for row in of_model],
+            notes=starts_lines(of_model[0].starts),
             figures=[_latency_figure(model, of_model)],
             tables=[_latency_table(of_model)],
         )

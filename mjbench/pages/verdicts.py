@@ -49,6 +49,7 @@ def section(rows: Sequence[VerdictRow], confidence: float, command: str) -> Sect
         heading="Verdicts",
         command=command,
         conclusions=[*_conclusions(rows, confidence)],
+        notes=[f"{_label(row)}: {line}" for row in rows for line in verdicts.notes(row)],
         figures=[_forest(timed)] if timed else [],
         tables=[_table(rows)],
     )

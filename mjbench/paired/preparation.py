@@ -240,7 +240,7 @@ def _choose_sizes(
         sizes.starts,
         max_nstep,
         lead_in=whole_holds(LEAD_IN, sizes.hold) if any(sleeps) and is_plain_loop else 0,
-        perturbs=False,
+        perturbs=sizes.perturbs,
     )
     making = requests.MakeWorkload(sample)
     return _ChosenSizes(sizes, run, faster_step_s, making, len(set(sleeps)) == 1)

@@ -36,6 +36,8 @@ from mjbench.simulation.workload import PortableWorkload
 from mjbench.status import Status
 
 ROLES = "reference", "release"
+# Perturbed, as in all of the committed history: steps of other work are not compared.
+SIZES = Sizes(perturbs=True)
 # The reference and the release, in this order.
 Processes = tuple[WorkerProcess, WorkerProcess]
 Releases = tuple[ReleaseSpec, ReleaseSpec]
@@ -177,11 +179,11 @@ class StepTask(ReleaseTask):
     def prepare(self, pool: WorkerPool) -> None:
         """See `ReleaseTask.prepare`."""
         try:
-            self._prepared = preparation.prepare(pool, self._targets, Sizes(), TimeLimit(), ROLES)
+            self._prepared = preparation.prepare(pool, self._targets, SIZES, TimeLimit(), ROLES)
         except InputError as error:
             # if the reference can do it, the release lacks something; if not, the model is wrong
             reference = self._targets[0]
-            preparation.prepare(pool, (reference, reference), Sizes(), TimeLimit(), ROLES)
+            preparation.prepare(pool, (reference, reference), SIZES, TimeLimit(), ROLES)
             raise UnavailableError(str(error)) from error
         workload: PortableWorkload = pickle.loads(self._prepared.workloads[0].read_bytes())
         self._digest = workload.digest()

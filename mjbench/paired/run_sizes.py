@@ -40,6 +40,7 @@ class Sizes:
       starts: where start states are to come from.
       returns: what a run returns.
       metric: what is compared: the time of blocks, or that of their slowest steps.
+      perturbs: whether velocities of start states are perturbed (see `SampleRequest`).
     """
 
     nbatch: int | None = None
@@ -49,6 +50,7 @@ class Sizes:
     starts: StartPlan = DEFAULT_STARTS
     returns: Product = Product.FINAL
     metric: Metric = Metric.TIME
+    perturbs: bool = False
 
     def __post_init__(self) -> None:
         """Check that a run has enough steps.

@@ -220,7 +220,7 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
             f"The spread of starts and controls is scaled by {model.spread:g}:"
             " with more, most simulations diverge"
         )
-    lines += starts_lines(model.starts)
+    lines += starts_lines(model.starts, with_warnings=False)
     if model.facts.can_fall and not model.start_contacts and work.contacts < _FALLING_CONTACTS:
         lines.append(Text(_FALLING, style="yellow"))
     if model.diverged:

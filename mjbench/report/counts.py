@@ -39,7 +39,10 @@ def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> N
 
 def _print_functions(out: Console, count: InstructionsRow, total: float, top: int) -> None:
     out.print(f"\n{count.model}, MuJoCo {count.release}")
-    for line in [*starts_lines(count.starts), *tables.warning_lines(count.warnings)]:
+    for line in [
+        *starts_lines(count.starts, with_warnings=False),
+        *tables.warning_lines(count.warnings),
+    ]:
         out.print(line, soft_wrap=True)
     out.print(_stage_shares(count.stages or {}, total), soft_wrap=True)
     table = tables.plain_table(["function", "self/step", "share", "inclusive"], right=(1, 2, 3))

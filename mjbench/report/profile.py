@@ -54,7 +54,7 @@ def _print_step(out: Console, profile: StepProfile) -> None:
 
 def _starts_lines(steps: StepTimes) -> list[str]:
     """Return which states were stepped, where they are the user's own."""
-    lines = starts_lines(steps.starts)
+    lines = starts_lines(steps.starts, with_warnings=False)
     if steps.run_nstep:
         lines.append("Each run holds the controls of its start")
     return lines

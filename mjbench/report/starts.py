@@ -1,6 +1,7 @@
 """The lines that say from which states a measurement stepped, and what its steps were like."""
 
 from mjbench.instrument.units import plain
+from mjbench.report import tables
 from mjbench.simulation.starts import SettleLimit, Starts, Window
 
 # From this share of the steps on, a solver that stops at its limit of iterations is mentioned.
@@ -12,17 +13,24 @@ _SAME_SLEEP = 0.05
 _SAME_CONTACTS, _LEAST_CONTACTS = 0.2, 0.5
 
 
-def starts_lines(starts: Starts | None) -> list[str]:
+def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]:
     """Return where starts are from and what the steps from them were like, a line each.
 
     The first line is such as `64 starts from 1 to 2 s of the model's own run, 100 steps each, 8.1
     contacts a step`; files from before it was stored lack it.
+
+    Args:
+      starts: of a measurement; None where it is unknown.
+      with_warnings: whether to say which warnings MuJoCo raised.
     """
     if starts is None:
         return []
     lines = _file_lines(starts) if starts.window is None else [_window_line(starts, starts.window)]
     lines += [*capture_lines(starts), *_limit_lines(starts)]
-    return lines if starts.window is None else [*lines, *_regime_lines(starts.window)]
+    if starts.window is not None:
+        lines += _regime_lines(starts.window)
+        lines += tables.warning_lines(starts.window.warnings) if with_warnings else []
+    return lines
 
 
 def _window_line(starts: Starts, window: Window) -> str:

@@ -48,7 +48,7 @@ def print_table(out: Console, rows: Sequence[VerdictRow], confidence: float) -> 
     out.print(table)
     for row in rows:
         out.print(describe_verdict(row), soft_wrap=True)
-        for line in [*_starts_lines(row), *_warning_lines(row)]:
+        for line in notes(row):
             out.print(f"  {line}", soft_wrap=True)
     if len(rows) > 1 and all(has_evidence(row) for row in rows):
         out.print(describe_family(family.decide(rows, confidence), confidence), soft_wrap=True)
@@ -192,14 +192,19 @@ def _same_work(row: VerdictRow) -> str:
     return f"same work (runs drift apart: by {drifted.difference:.0e} after {drifted.step} steps)"
 
 
+def notes(row: VerdictRow) -> list[str]:
+    """Return which states a comparison stepped from, and what MuJoCo warned of, a line each."""
+    return [*_starts_lines(row), *_warning_lines(row)]
+
+
 def _starts_lines(row: VerdictRow) -> list[str]:
     """Return which states were stepped from; of each side where they are not the same."""
     if row.candidate_starts is None:
-        return starts_lines(row.starts)
+        return starts_lines(row.starts, with_warnings=False)
     return [
         f"{role}: {line}"
         for role, starts in (("baseline", row.starts), ("candidate", row.candidate_starts))
-        for line in starts_lines(starts)
+        for line in starts_lines(starts, with_warnings=False)
     ]
 
 

@@ -145,6 +145,7 @@ def _window(sample: Sample, request: SampleRequest) -> Window:
         asleep_in_run=sample.asleep_in_run,
         flat_hfields=work.flat_hfields(model),
         later=_later(sample, request) if sample.starts.settle_s else None,
+        warnings=observation.other_warnings(),
     )
 
 

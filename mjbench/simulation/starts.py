@@ -7,7 +7,8 @@ evenly over this second part.
 
 import enum
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -134,6 +135,7 @@ class Window:
         states are not of such a run.
       flat_hfields: height fields whose cells are all zero.
       later: None where starts are not of the model's own run, or its steps are too slow to see.
+      warnings: how many simulations, none of which diverged, raised each warning, by its name.
     """
 
     nstart: int
@@ -144,6 +146,7 @@ class Window:
     asleep_in_run: float | None = None
     flat_hfields: int = 0
     later: Later | None = None
+    warnings: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -244,7 +244,11 @@ def draw(model: mujoco.MjModel, plan: TrialPlan) -> tuple[Trials, Starts]:
         np.concatenate([each.control[:, :shortest] for each in drawn]),
         control_s,
     )
-    return trials, samples[0].starts
+    first = samples[0].starts
+    assert first.window is not None, "it was drawn"
+    nstep = shortest * plan.hold
+    window = replace(first.window, nstart=len(trials.initial_state), nstep=nstep)
+    return trials, replace(first, window=window)
 
 
 def equivalent_share(solver: np.ndarray, rounding: np.ndarray) -> np.ndarray:
