@@ -180,6 +180,35 @@ class DropsUserdata(DropsInputs):
     fields = ("userdata",)
 
 
+class CopiesInput(_Wrong):
+    """Takes one field of the start states, `field`, from another simulation, `source`."""
+
+    name = "wrong_paths:CopiesInput"
+
+    def prepare(
+        self, workload: Workload, options: paths.Options, resources: paths.Resources
+    ) -> paths.Prepared:
+        place = compat.state_columns(workload.model, compat.state_spec("INTEGRATION"))[
+            options["field"]
+        ]
+        rows = np.arange(workload.nbatch)
+        source = {
+            "first": np.zeros_like(rows),
+            "previous": np.maximum(rows - 1, 0),
+            "last": np.full_like(rows, rows[-1]),
+        }[options["source"]]
+        final, outputs = resources.final_state(), resources.step_outputs()
+        data = mujoco.MjData(workload.model)
+        simulate = make_simulate(workload.model, workload.hold, workload.returns)
+
+        def run() -> None:
+            start = workload.initial_state.copy()
+            start[:, place] = start[source, place]
+            simulate(data, start, workload.control, final, outputs)
+
+        return prepared_arrays(run, final, outputs)
+
+
 class WrongMiddle(Right):
     """Returns a wrong state after the third step, and right ones before and after."""
 

@@ -49,10 +49,14 @@ def set_inputs(
     """
     rng, changed = np.random.default_rng([seed, 3]), states.copy()
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    for row in changed:
+    for i, row in enumerate(changed):
         for field, place in columns.items():
             if fields is None or field in fields:
-                row[place] = _input_value(model, field, row[place], rng)
+                row[place] = (
+                    _with_one_changed(row[place], i)
+                    if field == "eq_active"
+                    else _input_value(model, field, row[place], rng)
+                )
     return changed
 
 
@@ -74,8 +78,6 @@ def _input_value(
             quaternions = (value + MOCAP_SD * noise).reshape(-1, 4)
             norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
             return np.asarray((quaternions / norms).ravel())
-        case "eq_active":
-            return _with_one_changed(value, rng)
         case "userdata":
             return noise
         case "act":
@@ -86,15 +88,17 @@ def _input_value(
             return value
 
 
-def _with_one_changed(active: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return which constraints are active, one of them inactive instead, or active if all were not.
+def _with_one_changed(active: np.ndarray, i: int) -> np.ndarray:
+    """Return which constraints are active in simulation i, another one changed than in i - 1.
 
-    Releasing a constraint is gentler than imposing one.
+    One of them is inactive instead, or active if all were not: releasing a constraint is gentler
+    than imposing one. Where there is a choice of one, every second simulation keeps it.
     """
     candidates = np.flatnonzero(active) if active.any() else np.arange(len(active))
     changed = active.copy()
-    chosen = rng.choice(candidates)
-    changed[chosen] = 1 - changed[chosen]
+    if len(candidates) > 1 or i % 2 == 0:
+        chosen = candidates[i % len(candidates)]
+        changed[chosen] = 1 - changed[chosen]
     return changed
 
 

@@ -188,3 +188,43 @@ def test_a_right_path_agrees_with_every_input_and_output(
 ) -> None:
     report, _ = verify(0, Variant("wrong_paths:Right", {}), humanoid, further_humanoid)
     assert report.agreement.startswith("bit-identical, also with every input set")
+
+
+@pytest.mark.parametrize("source", ["first", "previous", "last"])
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [
+        ("gripper", "eq_active"),
+        ("gripper", "qfrc_applied"),
+        ("gripper", "xfrc_applied"),
+        ("muscle_arm", "act"),
+        ("mocap", "mocap_pos"),
+        ("mocap", "mocap_quat"),
+        ("mocap", "userdata"),
+    ],
+)
+def test_an_input_that_is_taken_from_another_simulation_is_refused(
+    every_input_cases: dict[str, FurtherCases], name: str, field: str, source: str
+) -> None:
+    further = every_input_cases[name]
+    variant = Variant("wrong_paths:CopiesInput", {"field": field, "source": source})
+    (inputs_case,) = [case for p, case in further.inputs.items() if p == Product.SENSORS]
+    report, _ = verify(0, variant, inputs_case, NOTHING_FURTHER)
+    assert report.agrees is False, report
+
+
+@pytest.fixture(scope="module")
+def every_input_cases() -> dict[str, FurtherCases]:
+    """Return the cases with every input set, of models that have them."""
+    mocap = mujoco.MjModel.from_xml_string(
+        "<mujoco><size nuserdata='2'/><worldbody><body name='hand' mocap='true' pos='0 0 1'/>"
+        "<body name='held' pos='0 0 1'><freejoint/><geom size='.04'/></body></worldbody>"
+        "<equality><weld body1='hand' body2='held'/></equality></mujoco>"
+    )
+    loaded = {name: models.load(models.resolve(name)) for name in ("gripper", "muscle_arm")}
+    return {
+        name: FurtherCases.create(
+            ReferenceCase.create(*work.observe_healthy(workload.make(model, 4, 8))), 1e-5
+        )
+        for name, model in {**loaded, "mocap": mocap}.items()
+    }

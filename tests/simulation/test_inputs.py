@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjbench.simulation import compat, inputs, work, workload
+from mjbench.simulation import compat, inputs, models, work, workload
 
 # A model with every input of mjSTATE_INTEGRATION that MJCF alone can give it.
 XML = """
@@ -41,6 +41,22 @@ def plain(model: mujoco.MjModel) -> workload.Workload:
 
 def columns(model: mujoco.MjModel) -> dict[str, slice]:
     return compat.state_columns(model, compat.state_spec("INTEGRATION"))
+
+
+@pytest.mark.parametrize("field", [*FIELDS, "userdata"])
+def test_an_input_differs_from_simulation_to_simulation(
+    model: mujoco.MjModel, plain: workload.Workload, field: str
+) -> None:
+    values = inputs.with_every_input(plain, seed=0).initial_state[:, columns(model)[field]]
+    assert (values[1:] != values[:-1]).any(axis=1).all()
+    assert (values[0] != values[-1]).any()
+
+
+def test_a_single_equality_is_active_in_every_second_simulation() -> None:
+    gripper = models.load(models.resolve("gripper"))
+    every = inputs.with_every_input(workload.make(gripper, nbatch=4, nstep=2), seed=0)
+    place = compat.state_columns(gripper, compat.state_spec("INTEGRATION"))["eq_active"]
+    assert every.initial_state[:, place].ravel().tolist() == [0.0, 1.0, 0.0, 1.0]
 
 
 @pytest.mark.parametrize("field", [*FIELDS, "userdata"])
