@@ -1,6 +1,7 @@
 """What `mjbench.record` costs, compared with a loop written by hand that does the same."""
 
 import functools
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
@@ -27,16 +28,42 @@ class Record(Tracked):
 
     def track_ratio_to_handwritten(self) -> float:
         """Return the median ratio over rounds in which both take turns; 1 is no overhead."""
-        model = stored.load(MODEL)
-        data = workload.start_data(model)
-        runs = [functools.partial(run, model, data) for run in (_handwritten, _recorded)]
-        contenders = [timing.Contender(run) for run in runs]
-        # one round more than is used: the first touches all memory
-        rounds = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
-        return float(np.median([recorded / by_hand for by_hand, recorded in rounds]))
+        return _ratio(_handwritten, _recorded)
 
     track_ratio_to_handwritten.unit = "record/by hand"
     track_ratio_to_handwritten.pretty_name = "mjbench.record over a loop written by hand"
+
+
+class RecordOneMoment(Tracked):
+    """Time of `mjbench.record` with `same_moment`, divided by that without; no unit."""
+
+    params = (["xpos", "sensordata", "qacc"],)
+    param_names = ("field",)
+
+    def track_ratio_to_two_moments(self, field: str) -> float:
+        """Return the median ratio over rounds in which both take turns."""
+        mixed, alike = (
+            functools.partial(_recorded, fields=["qpos", field], same_moment=each)
+            for each in (False, True)
+        )
+        return _ratio(mixed, alike)
+
+    track_ratio_to_two_moments.unit = "one moment/two moments"
+    track_ratio_to_two_moments.pretty_name = "mjbench.record, rows of one moment over those of two"
+
+
+_Recording = Callable[[mujoco.MjModel, mujoco.MjData], object]
+
+
+def _ratio(baseline: _Recording, candidate: _Recording) -> float:
+    """Return the median ratio of the times of two ways of recording, over rounds."""
+    model = stored.load(MODEL)
+    data = workload.start_data(model)
+    runs = [functools.partial(run, model, data) for run in (baseline, candidate)]
+    contenders = [timing.Contender(run) for run in runs]
+    # one round more than is used: the first touches all memory
+    rounds = list(timing.rounds(contenders, 0.0, 1 + ROUNDS, 1 + ROUNDS))[1:]
+    return float(np.median([second / first for first, second in rounds]))
 
 
 def _handwritten(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
@@ -57,6 +84,11 @@ def _handwritten(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.nda
     return log
 
 
-def _recorded(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray | Ragged]:
+def _recorded(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    fields: Sequence[str] = FIELDS,
+    same_moment: bool = False,
+) -> dict[str, np.ndarray | Ragged]:
     workload.reset_to_start(model, data)
-    return mjbench.record(model, data, NSTEP, FIELDS)
+    return mjbench.record(model, data, NSTEP, fields, same_moment=same_moment)

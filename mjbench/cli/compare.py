@@ -103,7 +103,7 @@ class _Options:
     default="final",
     show_default=True,
     help="What every path returns: final states; the state after every step, too; and sensor data"
-    " of every step, too.",
+    " of every step, too, which are of the state before it.",
 )
 @click.option("--nstep", type=COUNT, help="Steps of each simulation  [default: up to 200]")
 @click.option(

@@ -5,6 +5,7 @@ loop every row shows the last state. Here every row is a copy, written into an a
 allocated before the loop.
 """
 
+import enum
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mjbench.errors import InputError, suggestion
+from mjbench.errors import InputError, one_line, suggestion
+from mjbench.simulation import compat
 
 # Kinds of named elements, and the attribute that a field without one means; None: it needs one.
 _KINDS = {
@@ -74,8 +76,13 @@ def record(
     fields: Sequence[str],
     controls: ArrayLike | None = None,
     policy: Policy | None = None,
+    same_moment: bool = False,
 ) -> dict[str, np.ndarray | Ragged]:
     """Step nstep times; return the fields after every step.
+
+    By default, a row holds two moments: after `mj_step`, qpos, qvel, act and time are those of the
+    new state, while what follows from a state (xpos, contacts, sensordata, …) is still that of the
+    state before. With `same_moment`, all of a row is that of the new state.
 
     A field is one of
     - an array or number of MjData: `qpos`, `time`, `xpos`, …;
@@ -92,6 +99,8 @@ def record(
       controls: (nstep, nu) or (nu,), written to `data.ctrl` before each step.
       policy: called with (model, data) before each step; what it returns is written to
         `data.ctrl`, unless it returns None.
+      same_moment: whether what follows from the new state is computed after each step, in another
+        MjData, so that the steps stay the same. It costs up to the time of a step.
 
     Returns:
       By field, an array (nstep, *shape), or a `Ragged` for a field whose size changes; with such
@@ -99,16 +108,87 @@ def record(
 
     Raises:
       InputError: an unknown field or name (the message suggests near ones), the same field twice,
-        both controls and a policy, or controls of another shape.
+        both controls and a policy, controls of another shape, or nstep is not a whole number.
     """
-    if nstep < 0:
-        raise InputError(f"nstep must be at least 0, got {nstep}")
+    if not isinstance(nstep, int | np.integer) or nstep < 0:
+        raise InputError(f"nstep must be a whole number, at least 0, got {one_line(repr(nstep))}")
     if controls is not None and policy is not None:
         raise InputError("give controls or a policy, not both")
-    step_controls = _step_controls(model, nstep, controls)
-    log = _Log.of(model, data, nstep, _with_counts(fields))
-    _run(model, data, nstep, step_controls, policy, log)
+    step_controls, names = _step_controls(model, int(nstep), controls), _with_counts(fields)
+    follower = _Follower(model, data, names) if same_moment else None
+    log = _Log.of(model, follower.data if follower else data, int(nstep), names)
+    _run(model, data, int(nstep), step_controls, policy, log, follower)
     return log.recorded()
+
+
+class _Stage(enum.IntEnum):
+    """What to compute of a state before a field can be read, all stages before it included."""
+
+    STATE = 0
+    KINEMATICS = 1
+    POSITION = 2
+    VELOCITY = 3
+    ACCELERATION = 4
+
+
+# The stage of fields whose names match; all others are of the last one.
+_STAGES = {
+    r"(qpos|qvel|act|ctrl|time|mocap_\w+|eq_active|[qx]frc_applied|userdata)$": _Stage.STATE,
+    r"(x(pos|ipos|quat|mat|imat|anchor|axis)|(geom|site)_x(pos|mat))$": _Stage.KINEMATICS,
+    r"(ncon|contact\.(dist|pos|frame|geom\d?)|subtree_com|ten_length|actuator_length)$": (
+        _Stage.POSITION
+    ),
+    r"(cvel|ten_velocity|actuator_velocity|qfrc_bias|qfrc_passive)$": _Stage.VELOCITY,
+}
+
+
+# By mjtStage.
+_SENSOR_STAGES = (_Stage.STATE, _Stage.POSITION, _Stage.VELOCITY, _Stage.ACCELERATION)
+
+
+def _stage(model: mujoco.MjModel, name: str) -> _Stage:
+    """Return what to compute before a field can be read; sensors say it themselves."""
+    kind, colon, element = name.partition(":")
+    if kind == "sensor" or name == "sensordata":
+        return _SENSOR_STAGES[int(np.max(model.sensor_needstage, initial=0))]
+    if colon:
+        default = _KINDS.get(kind) or ""
+        name = element.rpartition(".")[2] if "." in element else default
+        if kind in ("actuator", "tendon"):  # whose attributes have short names, such as `length`
+            return _Stage.ACCELERATION
+    matches = (stage for pattern, stage in _STAGES.items() if re.match(pattern, name))
+    return next(matches, _Stage.ACCELERATION)
+
+
+class _Follower:
+    """An MjData that is brought to the state of another one, to compute what follows from it.
+
+    Attributes:
+      data: that fields are read from.
+    """
+
+    def __init__(self, model: mujoco.MjModel, source: mujoco.MjData, names: Sequence[str]):
+        self.data = mujoco.MjData(model)
+        self._model, self._source = model, source
+        self._stage = max((_stage(model, name) for name in names), default=_Stage.STATE)
+        self._spec = compat.state_spec("INTEGRATION")
+        self._state = np.empty(compat.state_size(model, self._spec))
+
+    def follow(self) -> None:
+        """Compute what the fields need, in the state that the source is in."""
+        model, data, stage = self._model, self.data, self._stage
+        compat.get_state(model, self._source, self._state, self._spec)
+        compat.set_state(model, data, self._state, self._spec)
+        if stage == _Stage.ACCELERATION:
+            mujoco.mj_forward(model, data)
+        elif stage == _Stage.KINEMATICS:
+            mujoco.mj_kinematics(model, data)
+        elif stage >= _Stage.POSITION:
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_sensorPos(model, data)
+            if stage == _Stage.VELOCITY:
+                mujoco.mj_fwdVelocity(model, data)
+                mujoco.mj_sensorVel(model, data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +248,10 @@ def _run(
     controls: np.ndarray | None,
     policy: Policy | None,
     log: _Log,
+    follower: _Follower | None,
 ) -> None:
     """Step and record; everything that a step uses is local, as in a careful loop by hand."""
+    source = follower.data if follower else data
     mj_step, ctrl = mujoco.mj_step, data.ctrl
     views, numbers = list(log.views.values()), list(log.numbers.items())
     ragged = list(log.ragged.values())
@@ -181,10 +263,12 @@ def _run(
             if action is not None:  # it may have written data.ctrl itself
                 ctrl[:] = action
         mj_step(model, data)
+        if follower is not None:
+            follower.follow()
         for rows, view in views:
             rows[i] = view
         for name, rows in numbers:
-            rows[i] = getattr(data, name)
+            rows[i] = getattr(source, name)
         for steps, read in ragged:
             steps.append(read())
 
@@ -207,6 +291,8 @@ def _step_controls(
 def _with_counts(fields: Sequence[str]) -> list[str]:
     """Return the fields, and `ncon` or `nefc` where one of them has as many rows."""
     for i, name in enumerate(fields):
+        if not isinstance(name, str):
+            raise InputError(f"a field is a name, such as 'qpos', not {one_line(repr(name))}")
         if name in fields[:i]:
             raise InputError(f"field {name!r} is given twice")
     counts = {
@@ -232,8 +318,7 @@ def _reader(data: mujoco.MjData, name: str) -> Callable[[], np.ndarray]:
     known = _public(data.contact)
     if attribute not in known:
         raise InputError(f"a contact has no {attribute!r}{_choices(attribute, known)}")
-    # rows beyond ncon are of earlier steps
-    return lambda: np.array(getattr(data.contact, attribute)[: data.ncon])
+    return lambda: np.array(getattr(data.contact, attribute))
 
 
 def _value(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> np.ndarray | float:
@@ -264,7 +349,7 @@ def _field(data: mujoco.MjData, name: str) -> object:
 def _of_element(model: mujoco.MjModel, data: mujoco.MjData, kind: str, text: str) -> object:
     """Return an attribute of a named element, from `NAME.ATTRIBUTE`; NAME may hold dots."""
     count = getattr(model, _COUNTS.get(kind, f"n{kind}"))
-    names = [getattr(model, kind)(i).name for i in range(count)]
+    names = [name for i in range(count) if (name := getattr(model, kind)(i).name)]
     name, dot, attribute = text.rpartition(".")
     if text in names or not dot:
         name, attribute = text, _KINDS[kind] or ""

@@ -1,5 +1,6 @@
 """record(): what it returns, that every row is a copy, and how it refuses wrong names."""
 
+import re
 from typing import Any
 
 import mujoco
@@ -10,7 +11,7 @@ import mjbench
 from mjbench import record
 from mjbench.errors import InputError
 from mjbench.loop.recording import Ragged
-from mjbench.simulation import models
+from mjbench.simulation import compat, models, workload
 
 
 def opened(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -176,3 +177,72 @@ def test_no_step_gives_empty_arrays() -> None:
 
 def test_it_is_public_as_mjbench_record() -> None:
     assert mjbench.record is record
+
+
+SAME_MOMENT_FIELDS = [
+    ["xpos", "site:pole_tip.xpos"],
+    ["contact.dist", "qpos"],
+    ["sensordata"],
+    ["cvel", "subtree_com"],
+    ["qacc", "body:torso.xpos"],
+    ["qpos", "qvel", "time"],
+]
+
+
+@pytest.mark.parametrize("fields", SAME_MOMENT_FIELDS)
+def test_a_row_of_one_moment_is_what_forward_computes_of_its_state(fields: list[str]) -> None:
+    name = "cartpole" if "pole_tip" in " ".join(fields) else "humanoid"
+    model = models.load(models.resolve(name))
+    fields = [f for f in fields if not f.startswith("body:") or name == "humanoid"]
+    data, again = workload.start_data(model), workload.start_data(model)
+    log = mjbench.record(model, data, 30, [*fields, "xfrc_applied"], same_moment=True)
+    spec, now = compat.state_spec("INTEGRATION"), mujoco.MjData(model)
+    state = np.empty(compat.state_size(model, spec))
+    for i in range(30):
+        mujoco.mj_step(model, again)
+        compat.get_state(model, again, state, spec)
+        compat.set_state(model, now, state, spec)
+        mujoco.mj_forward(model, now)
+        for field in fields:
+            expected = _read(model, now, field)
+            np.testing.assert_array_equal(log[field][i], expected, err_msg=f"{field} {i}")
+    np.testing.assert_array_equal(data.qpos, again.qpos)
+    np.testing.assert_array_equal(data.qacc_warmstart, again.qacc_warmstart)
+
+
+def _read(model: mujoco.MjModel, data: mujoco.MjData, field: str) -> np.ndarray:
+    if field == "contact.dist":
+        return data.contact.dist
+    if ":" in field:
+        kind, _, element = field.partition(":")
+        element, _, attribute = element.partition(".")
+        return getattr(getattr(data, kind)(element), attribute)
+    return getattr(data, field)
+
+
+def test_by_default_a_row_holds_two_moments() -> None:
+    model = models.load(models.resolve("cartpole"))
+    data = workload.start_data(model)
+    mixed = mjbench.record(model, data, 2, ["qpos", "sensordata"])
+    angle = mixed["qpos"][:, 1]
+    assert mixed["sensordata"][1, 0] == angle[0] != angle[1]
+    data = workload.start_data(model)
+    alike = mjbench.record(model, data, 2, ["qpos", "sensordata"], same_moment=True)
+    np.testing.assert_array_equal(alike["sensordata"][:, 0], alike["qpos"][:, 1])
+
+
+@pytest.mark.parametrize(
+    ("nstep", "fields", "message"),
+    [
+        (1, ["actuator:.x"], "no actuator ''"),
+        (1, [5], "a field is a name, such as 'qpos', not 5"),
+        ("5", ["qpos"], "nstep must be a whole number, at least 0, got '5'"),
+        (1e3, ["qpos"], "nstep must be a whole number"),
+    ],
+)
+def test_what_is_no_field_or_number_is_bad_input(
+    nstep: Any, fields: list[Any], message: str
+) -> None:
+    model = models.load(models.resolve("cartpole"))
+    with pytest.raises(InputError, match=re.escape(message)):
+        mjbench.record(model, workload.start_data(model), nstep, fields)
