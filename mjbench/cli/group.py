@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import io
+import os
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -10,12 +11,14 @@ from typing import Any
 import click
 
 import mjbench
-from mjbench.errors import MjbenchError, describe, one_line, printable
+from mjbench.errors import MachineError, MjbenchError, describe, one_line, printable
 from mjbench.instrument import platforms
 from mjbench.status import ExitCode
 
 # Where a context keeps the words of the command line.
 _COMMAND_LINE = "mjbench.command_line"
+# Handlers of encoding errors that fail on some characters.
+_FAILING = ("strict", "surrogateescape", "surrogatepass")
 # What the operating system says when the machine, or a limit of this process, is used up.
 _EXHAUSTED = (
     *(errno.EMFILE, errno.ENFILE, errno.ENOSPC, errno.EDQUOT, errno.EAGAIN, errno.ENOMEM),
@@ -29,8 +32,9 @@ class Cli(click.Group):
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run the command line; what it printed has reached its destination when this ends."""
         # a character that the output's encoding lacks must not cost the table it stands in
-        if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-            sys.stdout.reconfigure(errors="backslashreplace")
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper) and stream.errors in _FAILING:
+                stream.reconfigure(errors="backslashreplace")
         try:
             with _errors_reported():
                 return super().main(*arguments, **options)
@@ -67,6 +71,7 @@ class Cli(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report its error in a line, and end with the error's exit code."""
         with _errors_reported():
+            _check_folder()
             return super().invoke(ctx)
 
 
@@ -75,6 +80,18 @@ def command_line() -> tuple[str, ...]:
     context = click.get_current_context(silent=True)
     arguments: tuple[str, ...] = context.meta.get(_COMMAND_LINE, ()) if context else ()
     return arguments
+
+
+def _check_folder() -> None:
+    """Refuse a current folder that was removed: paths and child processes need it.
+
+    Raises:
+      MachineError: it was.
+    """
+    try:
+        os.getcwd()  # noqa: PTH109 - Path.cwd() is the same call
+    except FileNotFoundError:
+        raise MachineError("the current folder no longer exists; change to another one") from None
 
 
 @contextlib.contextmanager
@@ -111,7 +128,13 @@ def describe_unforeseen(error: Exception) -> str:
     if exhausted := _exhausted(error):
         return exhausted
     is_defect = False
+    backend = os.environ.get("MUJOCO_GL")
     match error:
+        case _ if backend and _is_of_rendering(error):
+            return (
+                f"MuJoCo cannot load the rendering library of MUJOCO_GL={one_line(backend, 30)}"
+                f" ({describe(error)}); install it, or unset MUJOCO_GL"
+            )
         case ImportError():
             line = f"cannot import {error.name or 'a module'}: {one_line(error)}"
         case OSError():
@@ -122,6 +145,14 @@ def describe_unforeseen(error: Exception) -> str:
     if file is None:
         return line
     return f"{line}; {'please report it with the ' if is_defect else ''}details in {file}"
+
+
+def _is_of_rendering(error: BaseException) -> bool:
+    """Return whether an error was raised while a rendering library was loaded."""
+    import traceback
+
+    files = (frame.filename for frame in traceback.extract_tb(error.__traceback__))
+    return any("gl_context" in file or "/OpenGL/" in file for file in files)
 
 
 def _exhausted(error: BaseException | None) -> str:

@@ -152,6 +152,8 @@ def tune(
     records: list[TuneRecord | EngineTuneRecord] = []
     with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
         _see_whether_writable(written)
+        if target is not None:
+            model_copy.check_target(sources[0], Path(target), time_limit)
         for source in sources:
             with run.progress(PARTS) as advance:
                 if engine == "c":

@@ -60,7 +60,8 @@ def measure(model: ModelSource, backend: str, limit_s: float) -> FrameTime:
         request,
         messages.append,
         limit_s,
-        environment={"MUJOCO_GL": backend},
+        # MuJoCo sets the second to the backend that it loads; this process may have loaded another
+        environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None},
     )
     return FrameTime(backend, messages[0].seconds if messages else None, ended.detail)
 

@@ -1,13 +1,12 @@
 """Measure what remedies save: run the program with and without each, in turns."""
 
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.errors import InputError, MjbenchError
-from mjbench.instrument import machine, stats
+from mjbench.instrument import machine, scratch, stats
 from mjbench.loop import lint_fixes
 from mjbench.program import launch
 from mjbench.program.hook import step_clock
@@ -67,8 +66,8 @@ def confirm(
     def run_program(change: str, source: Path | None) -> Sequence[StepTimes]:
         return launch.time_steps(program, RUN_S, change, source)
 
-    with tempfile.TemporaryDirectory(prefix="mjbench-fixed-") as name:
-        original, fixed = _sources(program, Path(name))
+    with scratch.folder() as folder:
+        original, fixed = _sources(program, folder)
         trials = [_trial(remedy, program, original, fixed) for remedy in remedies]
         unchanged = Trial(source=original)
         distinct = list(dict.fromkeys([unchanged, *(trial for trial in trials if trial)]))

@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,6 +17,7 @@ from pathlib import Path
 from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
+from mjbench.instrument import scratch
 from mjbench.program import sampler, step_times
 from mjbench.program.hook import step_clock
 from mjbench.program.profiling import (
@@ -138,8 +138,8 @@ def run(
     Raises:
       MachineError: the program could not be started.
     """
-    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
-        return _run(program, Path(name), seconds, sampling)
+    with scratch.folder() as folder:
+        return _run(program, folder, seconds, sampling)
 
 
 def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Observation:
@@ -156,11 +156,11 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
     """
     if not _exists(pid):
         raise InputError(f"--attach {pid}: no such process")
-    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
+    with scratch.folder() as folder:
         begin_s = time.monotonic()
         if sampling.has_native is None and _has_many_children(pid):
             sampling = replace(sampling, has_native=False)
-        profiling = Profiling.begin(pid, Path(name), sampling, seconds)
+        profiling = Profiling.begin(pid, folder, sampling, seconds)
         with contextlib.suppress(KeyboardInterrupt):
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
                 profiling.look()
@@ -241,8 +241,7 @@ def time_steps(
     Raises:
       MachineError: the program could not be started, did not step, or the change did not apply.
     """
-    with tempfile.TemporaryDirectory(prefix="mjbench-run-") as name:
-        folder = Path(name)
+    with scratch.folder() as folder:
         process = _start(program, folder, change, source, quiet=True)
         first_ns = None
         try:

@@ -7,12 +7,13 @@ in the actuators' units, held for `hold` steps. Simulations begin with the first
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, one_line, shown
-from mjbench.simulation import capture_header
+from mjbench.simulation import array_files, capture_header
 
 # Names of the array; where a file has both, the first.
 _NAMES = ("ctrl", "actions")
@@ -108,13 +109,15 @@ def _read_array(file: Path, name: str) -> np.ndarray:
     """
     try:
         with file.open("rb") as stream:
-            loaded = np.load(stream, allow_pickle=False)
+            loaded: Any = array_files.load(stream, name, frozenset(_NAMES))
             if isinstance(loaded, np.ndarray):
                 return loaded
             names = list(loaded.files)
             array_name = next((n for n in _NAMES if n in names), None)
             if array_name is not None and capture_header.ARRAY not in names:
                 return np.asarray(loaded[array_name])
+    except InputError:
+        raise
     except Exception as error:  # a damaged file: NumPy and zipfile raise many kinds
         raise InputError(
             f"cannot read controls from {name}: {one_line(error)}; numpy.savez writes such files"

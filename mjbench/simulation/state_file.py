@@ -10,13 +10,13 @@ consecutive steps, and of which model (see `capture_header`).
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import mujoco
 import numpy as np
 
 from mjbench.errors import InputError, one_line, shown
-from mjbench.simulation import capture_header, compat, workload
+from mjbench.simulation import array_files, capture_header, compat, workload
 from mjbench.simulation.capture_header import CaptureHeader
 from mjbench.simulation.given_controls import GivenControls
 from mjbench.simulation.workload import Workload
@@ -195,7 +195,7 @@ def _read_arrays(
     """
     try:
         with file.open("rb") as stream:
-            arrays = np.load(stream, allow_pickle=False)
+            arrays: Any = array_files.load(stream, name, frozenset(fields))
             if isinstance(arrays, np.ndarray):
                 raise InputError(f"{name} holds one array: save named ones by numpy.savez")
             recorded = {key: arrays[key] for key in arrays.files if key in fields}

@@ -19,12 +19,12 @@ class CopyRequest:
 
     Attributes:
       source: of the model.
-      edits: of the copy.
+      edits: of the copy; None only to see whether one could be written.
       target: file to write, absolute.
     """
 
     source: ModelSource
-    edits: Sequence[Edit]
+    edits: Sequence[Edit] | None
     target: Path
 
 
@@ -36,6 +36,17 @@ def check_source(source: ModelSource) -> None:
     """
     if source.path.suffix.lower() != ".xml":
         raise InputError(f"--write: {source.name} is no MJCF file: give the one it comes from")
+
+
+def check_target(source: ModelSource, target: Path, limit_s: float = SILENCE_S) -> None:
+    """Refuse a file that a copy could not be written to.
+
+    Raises:
+      InputError: a copy there would not be the model (see `variants.write`).
+      MachineError: the file cannot be written, or the process crashed or hung.
+    """
+    request = CopyRequest(source, None, target.absolute())
+    isolate.run("mjbench.tuning.model_copy:run", request, lambda _: None, limit_s).check()
 
 
 def write(
@@ -52,6 +63,9 @@ def write(
 
 
 def run(request: CopyRequest, channel: Channel) -> None:
-    """Write a copy; runs in a child."""
+    """Write a copy, or see whether one could be written; runs in a child."""
     channel.doing(f"writing {request.target}")
-    variants.write(request.source, request.edits, request.target)
+    if request.edits is None:
+        variants.check_target(request.source, request.target)
+    else:
+        variants.write(request.source, request.edits, request.target)

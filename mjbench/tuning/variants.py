@@ -53,11 +53,7 @@ def write(source: ModelSource, edits: Sequence[Edit], target: Path) -> None:
         read from, or the copy compiles to something else, as where its meshes are not beside it.
       MachineError: the file cannot be written.
     """
-    if source.path.suffix.lower() == _COMPILED:
-        raise InputError(f"{source.name} is compiled: give the MJCF file that it comes from")
-    with writing(target):
-        file = Path(os.path.realpath(target))
-    _check_target(source, target, file)
+    file = _file_of(source, target)
     text, absent = _read(source.path), _absent(source, edits)
     try:
         text = mjcf_edit.edited(text, absent)
@@ -66,6 +62,37 @@ def write(source: ModelSource, edits: Sequence[Edit], target: Path) -> None:
     with writing(target), files.replacing(file) as partial:
         partial.write_bytes(text)
         _check_copy(source, edits, target, partial)
+
+
+def check_target(source: ModelSource, target: Path) -> None:
+    """Refuse a place for a copy as `write` would, before there are edits; nothing stays there.
+
+    Raises:
+      InputError: as `write`.
+      MachineError: the file cannot be written.
+    """
+    file = _file_of(source, target)
+    with writing(target):
+        copy = files.create_beside(file)
+        try:
+            copy.write_bytes(_read(source.path))
+            _check_copy(source, [], target, copy)
+        finally:
+            copy.unlink(missing_ok=True)
+
+
+def _file_of(source: ModelSource, target: Path) -> Path:
+    """Return the file that a copy is written to: where `target` is a link, the one it leads to.
+
+    Raises:
+      InputError: the model is compiled, or the target cannot be its copy.
+    """
+    if source.path.suffix.lower() == _COMPILED:
+        raise InputError(f"{source.name} is compiled: give the MJCF file that it comes from")
+    with writing(target):
+        file = Path(os.path.realpath(target))
+    _check_target(source, target, file)
+    return file
 
 
 # -- edits of a model in memory ---------------------------------------------------------------

@@ -3,8 +3,12 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
+import pytest
 from commands import PYTHONPATH, ROOT, mjbench
+
+from mjbench.cli import group
 
 
 def test_help_and_version_need_no_engine() -> None:
@@ -43,3 +47,34 @@ def test_a_table_is_printed_in_any_encoding() -> None:
     done = mjbench("show", run, env={"PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
     assert "cartpole: 64 simulations \\xd7 200 steps" in done.stdout
+
+
+def test_a_character_that_the_output_lacks_costs_no_table() -> None:
+    run = next((ROOT / "results" / "runs").glob("reference-mujoco-*.jsonl"))
+    for env in (
+        {"LC_ALL": "C", "PYTHONUTF8": "0"},
+        {"PYTHONIOENCODING": "ascii:surrogateescape", "PYTHONUTF8": "0"},
+    ):
+        done = mjbench("show", str(run), env=env)
+        assert done.returncode == 0, done.stderr
+        assert "64 simulations \\xd7 200 steps" in done.stdout
+
+
+def test_a_current_folder_that_was_removed_is_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    done = mjbench("models", cwd=folder, preexec_fn=folder.rmdir)
+    assert done.returncode == 3
+    assert done.stderr == "mjbench: the current folder no longer exists; change to another one\n"
+
+
+def test_a_rendering_library_that_cannot_be_loaded_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    program = compile("None.glGetError", "/site-packages/OpenGL/error.py", "eval")
+    with pytest.raises(AttributeError) as raised:
+        eval(program)
+    line = group.describe_unforeseen(raised.value)
+    assert line.startswith("MuJoCo cannot load the rendering library of MUJOCO_GL=osmesa (")
+    assert line.endswith("install it, or unset MUJOCO_GL")

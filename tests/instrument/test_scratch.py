@@ -1,5 +1,6 @@
 """Temporary folders, and those of processes that were killed."""
 
+import ast
 import os
 import tempfile
 from pathlib import Path
@@ -23,3 +24,17 @@ def test_the_folder_of_a_killed_parent_is_removed_by_the_next_run(
         pass
     assert not dead.exists()
     assert alive.exists()
+
+
+def test_only_this_module_creates_temporary_folders() -> None:
+    """What others create would stay after kill -9; a folder below the current one is below this."""
+    package = Path(scratch.__file__).parent.parent
+    creating = {
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).endswith(("TemporaryDirectory", "mkdtemp"))
+        and "dir=Path.cwd()" not in ast.unparse(node)
+    }
+    assert creating == {"instrument/scratch.py"}

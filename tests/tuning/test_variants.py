@@ -347,3 +347,19 @@ def test_broken_xml_that_mujoco_reads_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"loose\.xml: it is not well-formed XML: .*line 2"):
         variants.write(loose, [CG], tmp_path / "tuned.xml")
     assert [*_files(tmp_path)] == ["loose.xml"]
+
+
+def test_a_place_for_a_copy_is_refused_before_there_are_settings(
+    source: ModelSource, tmp_path: Path
+) -> None:
+    before = _files(source.path.parent)
+    included = next(path for path in source.path.parent.rglob("*.xml") if path != source.path)
+    with pytest.raises(InputError, match="is read from"):
+        variants.check_target(source, included)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    with pytest.raises(InputError, match="beside what it refers to"):
+        variants.check_target(source, elsewhere / "tuned.xml")
+    variants.check_target(source, source.path.with_name("tuned.xml"))
+    assert _files(source.path.parent) == before
+    assert not any(elsewhere.iterdir())
