@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from mjbench.instrument import machine, neighbours, topology
+from mjbench.instrument import machine, neighbours, topology, units
 from mjbench.instrument.machine import ProcessorTime
 from mjbench.instrument.neighbours import Neighbour
 
@@ -80,9 +80,9 @@ def all_conditions(others: Sequence[Neighbour]) -> Iterator[Condition]:
 def cores() -> Condition:
     """Return how many cores this process may use, and of what kind."""
     usable = topology.read()
-    detail = f"{usable.hardware_threads} hardware threads"
+    detail = units.count_of(usable.hardware_threads, "hardware thread")
     if usable.cores is not None:
-        detail += f" of {usable.cores} cores"
+        detail += f" of {units.count_of(usable.cores, 'core')}"
     if len(usable.node_sizes) > 1:
         detail += f" on {len(usable.node_sizes)} NUMA nodes"
     if usable.quota_cores is not None and usable.quota_cores < usable.hardware_threads:
@@ -154,7 +154,7 @@ def load() -> Condition:
 
     usable, average = machine.usable_cores(), psutil.getloadavg()[0]
     total = max(usable, os.cpu_count() or 1)
-    detail = f"load average {average:.1f} on {total} cores"
+    detail = f"load average {average:.1f} on {units.count_of(total, 'core')}"
     if usable < total:
         detail += f", of which {usable} are usable here"
     if average <= total - (1 - _MAX_LOAD) * usable:

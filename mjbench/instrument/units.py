@@ -21,3 +21,8 @@ def duration(ns: float) -> str:
         if abs(ns) >= size:
             return f"{plain(ns / size, 3)} {unit}"
     return f"{ns:.0f} ns"
+
+
+def count_of(number: int, noun: str) -> str:
+    """Return a number of things, such as `1 run` or `3 runs`."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"

@@ -201,7 +201,8 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
     detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
         return [tables.headed(model.model, f": {model.status}: {detail}")]
-    sizes = f": {model.nbatch} simulations × {model.nstep} steps"
+    simulations = tables.count_of(model.nbatch or 0, "simulation")
+    sizes = f": {simulations} × {tables.count_of(model.nstep or 0, 'step')}"
     if model.hold and model.hold > 1:
         sizes += f", each control held {model.hold} steps (frame_skip {model.hold})"
     if model.returns:
@@ -224,7 +225,8 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
     if model.facts.can_fall and not model.start_contacts and work.contacts < _FALLING_CONTACTS:
         lines.append(Text(_FALLING, style="yellow"))
     if model.diverged:
-        lines.append(f"{model.diverged} simulations diverged and are left out ({model.divergence})")
+        diverged = tables.count_of(model.diverged, "simulation")
+        lines.append(f"{diverged} diverged, left out of all figures ({model.divergence})")
     lines += tables.warning_lines(model.warnings)
     if model.warnings:
         lines.append("mujoco.rollout and Batch.rollout stop a simulation at its first warning")

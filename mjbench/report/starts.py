@@ -35,8 +35,8 @@ def starts_lines(starts: Starts | None, with_warnings: bool = True) -> list[str]
 
 def _window_line(starts: Starts, window: Window) -> str:
     """Return how many starts are from where, and what was stepped from them."""
-    count = f"{window.nstart} start{'s' * (window.nstart != 1)}"
-    steps = f"{window.nstep} step{'s' * (window.nstep != 1)} each"
+    count = tables.count_of(window.nstart, "start")
+    steps = f"{tables.count_of(window.nstep, 'step')} each"
     return f"{count}{_source(starts)}, {steps}, {plain(window.contacts, 3)} contacts a step"
 
 

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
+from mjbench.instrument.units import count_of as count_of
 from mjbench.instrument.units import plain as plain
 from mjbench.status import ExitCode
 
@@ -93,11 +94,6 @@ def short_names(names: Iterable[str]) -> dict[str, str]:
         name: short if own.count(short) == 1 else name
         for name, short in zip(full, own, strict=True)
     }
-
-
-def count_of(number: int, noun: str) -> str:
-    """Return a number of things, such as `1 run` or `3 runs`."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def all_machines(count: int) -> str:

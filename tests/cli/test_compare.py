@@ -249,7 +249,7 @@ def test_some_diverging_simulations_are_left_out_and_counted(tmp_path: Path) -> 
         pytest.fail(f"the model no longer diverges in part: {result['diverged']} of 64")
     assert done.returncode == 0
     assert result["nbatch"] == 64 - result["diverged"]
-    assert "diverged and are left out" in done.stdout
+    assert "diverged, left out of all figures" in done.stdout
     assert all(r["agrees"] for r in document["results"] if r["status"] == "ok")
 
 
