@@ -165,7 +165,7 @@ def _question(record: ModelRecord, run: Run) -> Question:
         hold=record.hold,
         returns=record.returns,
         seed=record.seed,
-        starts=replace(starts, window=None) if starts else None,
+        starts=starts,
         files=run.header.files_of(named),
         loop=Loop.OPEN,
     )

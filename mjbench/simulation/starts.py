@@ -172,7 +172,7 @@ class Starts:
     controls_file: str | None = None
     is_other_model: bool = False
     held_inputs: tuple[str, ...] = ()
-    window: Window | None = None
+    window: Window | None = field(default=None, compare=False)  # measured, not asked for
 
 
 def settle_s(model: mujoco.MjModel, plan: StartPlan) -> float:

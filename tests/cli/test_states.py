@@ -135,7 +135,7 @@ def test_profile_is_given_the_file_and_stores_its_digest(
     monkeypatch.chdir(folder)
     done = CliRunner().invoke(cli, ["profile", "robot.mjb", "--states", "states.npz"])
     assert done.exit_code == 0, done.output
-    assert given == [folder / "states.npz"]
+    assert [plan.file for plan in given] == [folder / "states.npz"]
     (file,) = (folder / "results/runs").glob("*.jsonl")
     header = json.loads(file.read_text().splitlines()[0])
     assert [f["name"] for f in header["files"]] == ["robot.mjb", "states.npz"]

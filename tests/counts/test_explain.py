@@ -75,7 +75,7 @@ def summarized(
 
 def test_the_json_row_has_both_releases_under_old_and_new() -> None:
     row = explained(counted("1.0", a=100.0), counted("2.0", a=90.0))
-    work = {"contacts": 4.0, "constraints": 16.0, "solver_iterations": 3.0}
+    row = replace(row, work=None)
     assert to_json(row) == {
         "model": "pile",
         "operation": "",
@@ -84,7 +84,7 @@ def test_the_json_row_has_both_releases_under_old_and_new() -> None:
         "status": "ok",
         "instructions_per_step": {"old": 100.0, "new": 90.0},
         "outside_per_step": {"old": 1.0, "new": 1.0},
-        "work": {"old": work, "new": work},
+        "work": None,
         "stages": {"solver": {"old": 100.0, "new": 90.0}},
         "functions": [
             {

@@ -22,11 +22,6 @@ def draw(model: mujoco.MjModel, **request: object) -> sampling.Sample:
     return sampling.draw(model, dataclasses.replace(default, **request))  # type: ignore[arg-type]
 
 
-def place(sample: sampling.Sample) -> Starts:
-    """Where start states came from, without what was stepped from them."""
-    return dataclasses.replace(sample.starts, window=None)
-
-
 def window(sample: sampling.Sample) -> Window:
     assert sample.starts.window is not None
     return sample.starts.window
@@ -36,9 +31,9 @@ def test_a_model_without_a_keyframe_stands_where_it_would_fall() -> None:
     falling = draw(BALL, starts=starts.KEYFRAME_STARTS)
     standing = draw(BALL)
     assert falling.observation.work.contacts == 0
-    assert place(falling) == Starts(0.0, 0.0)
+    assert falling.starts == Starts(0.0, 0.0)
     assert standing.observation.work.contacts == 1
-    assert place(standing) == Starts(starts.DEFAULT_SETTLE_S, starts.DEFAULT_SETTLE_S)
+    assert standing.starts == Starts(starts.DEFAULT_SETTLE_S, starts.DEFAULT_SETTLE_S)
 
 
 def test_starts_differ_and_follow_from_the_seed(model: mujoco.MjModel) -> None:
@@ -68,7 +63,7 @@ def test_the_cost_of_steps_bounds_the_run() -> None:
     max_nstep = starts.max_settling_nstep(step_s=0.02)
     assert max_nstep == 100
     sample = draw(BALL, max_settling_nstep=max_nstep)
-    assert place(sample) == Starts(0.1, 5.0, SettleLimit.COST)
+    assert sample.starts == Starts(0.1, 5.0, SettleLimit.COST)
     assert starts.max_settling_nstep(step_s=100.0) == 2
 
 
@@ -79,7 +74,7 @@ def test_a_model_that_diverges_while_it_settles_starts_at_its_keyframe() -> None
         "</mujoco>"
     )
     sample = draw(mujoco.MjModel.from_xml_string(xml), nstep=2, starts=StartPlan(settle_s=3.0))
-    assert place(sample) == Starts(0.0, 3.0, SettleLimit.DIVERGED)
+    assert sample.starts == Starts(0.0, 3.0, SettleLimit.DIVERGED)
     assert sample.observation.healthy.all()
 
 
