@@ -1,7 +1,10 @@
 """The committed runs are readable and complete, and say what the documentation says of them."""
 
+import functools
+import itertools
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +140,45 @@ def test_at_most_one_of_forty_no_change_pairs_is_called_different_by_code(file: 
     different = [trial for trial in trials if trial.verdict in (Verdict.SLOWER, Verdict.FASTER)]
     assert len(different) <= len(trials) / 40
     assert all(trial.placement is not None and trial.placement.averaged for trial in trials)
+
+
+@functools.cache
+def _trials_of(file: Path) -> list[TrialRecord]:
+    return runs.load(file, RECORD_TYPES).of_type(TrialRecord)
+
+
+def _trials(files: Sequence[Path]) -> list[TrialRecord]:
+    return [trial for file in files for trial in _trials_of(file)]
+
+
+def _case(trial: TrialRecord) -> tuple[str, str]:
+    return trial.model, trial.callback
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/method/README.md", "docs/method/selfcheck.md"])
+def test_pages_count_every_arm_of_the_committed_selfchecks(page: str) -> None:
+    """A slowdown inside a step counts if its mean estimate rounds to the least effect or more."""
+    known, between = _trials(SELFCHECKS), _trials(BETWEEN_BUILDS)
+    alike = [t for t in known if t.slowdown == 0]
+    injected = [t for t in known if t.slowdown and t.slowdown >= 0.01]
+    inside = [
+        t
+        for file in INSIDE_STEP
+        for _, of_case in itertools.groupby(sorted(_trials([file]), key=_case), key=_case)
+        if len(trials := list(of_case)) and round(np.mean([t.estimate for t in trials]), 2) >= 1.01
+        for t in trials
+    ]
+    different = {Verdict.SLOWER, Verdict.FASTER}
+    alarms = [sum(t.verdict in different for t in arm) for arm in (alike, between)]
+    missed = [sum(t.verdict != Verdict.SLOWER for t in arm) for arm in (injected, inside)]
+    text = " ".join((ROOT / page).read_text().split())
+    assert f"{sum(alarms)} of {len(alike) + len(between)} comparisons without a slowdown" in text
+    assert f"{sum(missed)} of {len(injected) + len(inside)} slowdowns of about 1 % or more" in text
+    if page != "docs/method/README.md":
+        undecided = sum(t.verdict == Verdict.INCONCLUSIVE for t in between)
+        assert f"{alarms[0]} of {len(alike)} of a build with itself" in text
+        assert f"{alarms[1]} of {len(between)} between builds" in text
+        assert f"{undecided} of the {len(between)} stayed undecided" in text
 
 
 def test_docs_say_how_far_changes_of_the_second_history_differ(
