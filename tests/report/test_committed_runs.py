@@ -157,7 +157,7 @@ def _case(trial: TrialRecord) -> tuple[str, str]:
 
 @pytest.mark.parametrize("page", ["README.md", "docs/method/README.md", "docs/method/selfcheck.md"])
 def test_pages_count_every_arm_of_the_committed_selfchecks(page: str) -> None:
-    """A slowdown inside a step counts if its mean estimate rounds to the least effect or more."""
+    """A slowdown inside a step counts if it is 0.9 % or more in the mean."""
     known, between = _trials(SELFCHECKS), _trials(BETWEEN_BUILDS)
     alike = [t for t in known if t.slowdown == 0]
     injected = [t for t in known if t.slowdown and t.slowdown >= 0.01]
@@ -165,7 +165,7 @@ def test_pages_count_every_arm_of_the_committed_selfchecks(page: str) -> None:
         t
         for file in INSIDE_STEP
         for _, of_case in itertools.groupby(sorted(_trials([file]), key=_case), key=_case)
-        if len(trials := list(of_case)) and round(np.mean([t.estimate for t in trials]), 2) >= 1.01
+        if len(trials := list(of_case)) and np.mean([t.estimate for t in trials]) >= 1.009
         for t in trials
     ]
     different = {Verdict.SLOWER, Verdict.FASTER}
