@@ -18,7 +18,7 @@ help:
 	@echo "make lint      check style, the layers of imports and types"
 	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (20 minutes or more)"
-	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour or more)"
+	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour to two hours)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"
 	@echo "make verdicts  simulate how often verdicts are wrong (3 minutes)"
 	@echo "make foreign   compare the C paths on the models of 13 packages, downloaded (half an hour)"

@@ -6,6 +6,11 @@ from pathlib import Path
 import pytest
 from commands import ROOT
 
+from mjbench.loop import overhead
+from mjbench.paired import confirmation, outcomes
+from mjbench.testing import fixture
+from mjbench.tuning import measurements
+
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")])
 PACKAGES = sorted(p.parent.name for p in (ROOT / "mjbench").glob("*/__init__.py"))
 
@@ -53,3 +58,18 @@ def test_every_file_of_the_project_that_a_page_names_exists(page: Path) -> None:
 def test_every_test_that_a_page_names_exists(page: Path) -> None:
     for file, test in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page.read_text()):
         assert re.search(rf"^def {test}\(", (ROOT / file).read_text(), flags=re.M), test
+
+
+def test_the_page_of_method_states_the_confidence_of_each_command() -> None:
+    text = (ROOT / "docs/method/README.md").read_text(encoding="utf-8")
+    stated = {
+        words: float(percent) / 100
+        for words, percent in re.findall(r"^\| (`?[^|]*?) \| (\d+) % \|", text, flags=re.M)
+    }
+    assert stated == {
+        "`compare`": confirmation.CONFIDENCE,
+        "`versions`, `ab`, `selfcheck`, `placement`": outcomes.CONFIDENCE,
+        "`tune`": measurements.CONFIDENCE,
+        "`overhead`": overhead.CONFIDENCE,
+        "the pytest fixture": fixture.CONFIDENCE,
+    }

@@ -240,8 +240,8 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
         machine += f" (operations on {_machine(history.operations_machine)})"
     yield (
         f"{len(releases)} releases, {releases[0]} to {releases[-1]}, were timed against the"
-        f" reference, {', '.join(references)}{machine}, [in turns](method/history.md), with the"
-        " [placement of code](method/placement.md) averaged out."
+        f" reference, {', '.join(references)}{machine}, [each in turns with it](method/history.md),"
+        " with the [placement of code](method/placement.md) averaged out."
         " Other machines have other times, and may have other ratios."
     )
     for problem in sorted({each.record.problem for each in measured if each.record.problem}):

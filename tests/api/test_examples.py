@@ -1,4 +1,4 @@
-"""The examples of docs/python.md run, with shorter limits."""
+"""The examples of docs/python.md and of the README run, with shorter limits."""
 
 import functools
 import re
@@ -12,8 +12,15 @@ from pytest_runs import run_pytest
 import mjbench
 from mjbench.instrument import runs
 
-PAGE = (ROOT / "docs/python.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.M | re.S)
+
+def blocks(page: str) -> list[str]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S)
+
+
+BLOCKS = blocks("docs/python.md")
+OF_README = [block for block in blocks("README.md") if "mjbench.compare" in block]
+TESTS = [b for b in [*BLOCKS, *blocks("README.md")] if b.startswith("# test_")]
 
 
 def test_the_examples_of_a_program_run(
@@ -29,11 +36,14 @@ def test_the_examples_of_a_program_run(
         options |= {"models": "cartpole", "time_limit_s": 0.1, "as_shipped": True}
         return versions(*["installed"] * len(releases), **options)
 
+    (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(mjbench, "compare", briefly)
     monkeypatch.setattr(mjbench, "versions", installed)
     monkeypatch.setattr(mjbench, "latency", functools.partial(mjbench.latency, nstep=100))
     names: dict[str, Any] = {}
+    assert len(OF_README) == 1
+    exec(OF_README[0], {})
     for block in BLOCKS:
         if not block.startswith("# test_"):
             exec(block, names)
@@ -46,9 +56,8 @@ def test_the_examples_of_a_program_run(
 
 
 def test_the_examples_of_tests_run(tmp_path: Path) -> None:
-    tests = [block for block in BLOCKS if block.startswith("# test_")]
-    assert len(tests) == 2
-    for block in tests:
+    assert len(TESTS) == 3
+    for block in TESTS:
         done = run_pytest(tmp_path, block, "--benchmark-save=main")
         assert done.returncode == 0, done.stdout
         assert "1 passed" in done.stdout or "1 skipped" in done.stdout
