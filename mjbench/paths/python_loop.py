@@ -17,7 +17,7 @@ from mjbench.paths.base import (
 )
 from mjbench.simulation import compat
 from mjbench.simulation.compat import state_spec
-from mjbench.simulation.engine_clock import engine_clock
+from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.simulation.workload import Product, Workload
 
 _ON_OFF = ("on", "off")
@@ -40,7 +40,7 @@ class PythonLoop(SteppingPath):
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
-        if options.get("clock") == "off" and not compat.has_clock(workload.model):
+        if options.get("clock") == "off" and not has_clock(workload.model):
             return "needs an engine with a clock of its own: MuJoCo 3.3.1 or newer has one"
         return None
 
