@@ -18,9 +18,6 @@ from mjbench.errors import MachineError, one_line
 from mjbench.simulation import compat, engine_library
 from mjbench.simulation.process_wide import ProcessWide
 
-# Turns the timer off in a program that does not use mjbench.
-RECIPE = "mujoco.mj_resetCallbacks()  # after creating MjData; mjData.timer stays 0"
-
 
 class EngineClock:
     """A call of `engine_clock`; in a `with` statement, it holds until the end of the block."""

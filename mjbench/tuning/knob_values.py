@@ -255,7 +255,7 @@ def _never_touched(observed: Observed) -> str:
 
 
 def clock_off(observed: Observed) -> list[Setting]:
-    """Return the loop without the engine's clock, where the engine has one."""
+    """Return the loop without the timer of MuJoCo's Python package, where it installs one."""
     if not has_clock(observed.model):
         return []
     return [Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
