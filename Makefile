@@ -16,7 +16,7 @@ help:
 	@echo "make lab       write a page in which MuJoCo runs in a browser to $(LAB) (needs an npm package)"
 	@echo "make upgrade   compare the newest MuJoCo with the one before it; report in $(UPGRADE) (5 minutes or more)"
 	@echo "make lint      check style, the layers of imports and types"
-	@echo "make c-floor   compare the paths with a C loop (needs a C compiler)"
+	@echo "make c-floor   compare the paths with a C program (needs a C compiler)"
 	@echo "make slowdown  check that asv finds a release that is slowed on purpose (20 minutes or more)"
 	@echo "make soak      check that 1,000 comparisons in one process use up nothing (half an hour to two hours)"
 	@echo "make fuzz      check that 2,000 command lines of bad input end well (20 minutes)"

@@ -1,26 +1,28 @@
-"""How close the paths in Python come to a C program that loops `mj_step` on the same libmujoco.
+"""How close Python comes to a C program that loops `mj_step` on the same libmujoco.
 
-    python -m benchmarks.c_floor [MODEL …] [--budget SECONDS] [--launches N]
+    python -m benchmarks.c_floor [MODEL …] [--budget SECONDS] [--launches N] [--write]
 
-builds c_floor.c against the headers and the library of the installed MuJoCo. It times the C program
-and each path in turns, in one process, on the same workload and, where the path allows it, in the
-same MjData. The table has the path's time over the C program's, for each model and path: the median
-over launches, and their range. At 1.000 nothing is lost.
+builds the program c_floor.c with the headers and the library of the installed MuJoCo, and runs it
+beside each path on the same workload, both with and without a timer in the steps: Python with the
+one that MuJoCo's Python package installs, C with its like. The C program is a process of its own,
+which has no Python in it, and times its blocks itself. All four take turns on one core.
 
-Each launch is a process of its own: memory layout alone changes a speed by a percent or more, and
-stays the same for the life of a process. If final states are not bit-identical, the program stops.
+If final states are not the same to the last bit, an error takes the place of all figures.
 
-A C program returns what the path is asked for: final states, or, for `rollout+sensors`, the state
-and the sensor data of every step, too.
+Each launch has new processes: where data lie in memory alone changes a speed by a percent or more,
+and stays the same for the life of a process.
+
+`--write` stores the figures in results/c_floor.json and writes docs/method/c-floor.md from them;
+`--page` writes the page alone.
 """
 
 import argparse
-import ctypes
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,17 +31,22 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks import c_floor_page, tally_file
+from benchmarks.c_floor_tally import FloorRow, FloorTally, LaunchTimes
 from mjbench import paths
 from mjbench.comparison.sizes import SizeRequest, choose_sizes
 from mjbench.errors import MachineError, MjbenchError, one_line
-from mjbench.instrument import isolate, stats, timing
+from mjbench.instrument import isolate, machine
+from mjbench.paired import cores
 from mjbench.simulation import agreement, compat, models, workload
+from mjbench.simulation.engine_clock import engine_clock
 from mjbench.simulation.work import step_s
 
+ROOT = Path(__file__).parents[1]
+RESULTS, PAGE = ROOT / "results/c_floor.json", ROOT / "docs/method/c-floor.md"
 # Steps for which python_loop_hold holds each control.
 LONG_HOLD = 50
-# Timed rounds of a launch, whatever the budget; a launch that is silent for longer is killed.
-MIN_ROUNDS, MAX_ROUNDS = 4, 100_000
+# A launch that is silent for longer is killed.
 LIMIT_S = 120.0
 
 
@@ -52,7 +59,7 @@ class FloorCase:
       path: name of the path.
       options: of the path.
       hold: steps per control.
-      returns: what the path and the C program return.
+      returns: what the path and the C program store.
     """
 
     label: str
@@ -63,10 +70,9 @@ class FloorCase:
 
 
 CASES = (
-    FloorCase("rollout", "rollout", {"threads": 1}),
-    FloorCase("rollout+sensors", "rollout", {"threads": 1}, returns=workload.Product.SENSORS),
-    FloorCase("batch_rollout", "batch_rollout", {"threads": 1, "data": "shared"}),
-    FloorCase("python_loop_hold", "python_loop_hold", {}, hold=LONG_HOLD),
+    FloorCase("mj_step(nstep=50)", "python_loop_hold", {}, hold=LONG_HOLD),
+    FloorCase("rollout", "rollout", {"threads": 1}, returns=workload.Product.SENSORS),
+    FloorCase("Batch.rollout", "batch_rollout", {"threads": 1, "data": "shared"}),
 )
 
 
@@ -75,33 +81,20 @@ class LaunchRequest:
     """What a launch measures.
 
     Attributes:
-      library: the compiled C program.
+      program: the compiled C program.
       source: the model.
       case: the path.
       budget_s: seconds of timing.
     """
 
-    library: Path
+    program: Path
     source: models.ModelSource
     case: FloorCase
     budget_s: float
 
 
-@dataclass(frozen=True)
-class LaunchResult:
-    """What a launch measured.
-
-    Attributes:
-      step_ns: nanoseconds per step of the path, the median over rounds.
-      time_ratio: the path's time over the C program's, the median over rounds.
-    """
-
-    step_ns: float
-    time_ratio: float
-
-
 def build(folder: Path) -> Path:
-    """Compile c_floor.c into `folder`; return the shared library.
+    """Compile c_floor.c into `folder`; return the program.
 
     Raises:
       MachineError: there is no compiler, or it fails.
@@ -111,52 +104,80 @@ def build(folder: Path) -> Path:
         raise MachineError("no C compiler found: install gcc or clang")
     package = Path(mujoco.__file__).parent
     (library,) = (*package.glob("libmujoco.so*"), *package.glob("libmujoco*.dylib"))
-    target = folder / "c_floor.so"
-    command = [compiler, "-O2", "-shared", "-fPIC", f"-I{package / 'include'}"]
-    command += [str(Path(__file__).with_suffix(".c")), "-o", str(target)]
-    command += [str(library), f"-Wl,-rpath,{package}"]
+    target = folder / "c_floor"
+    command = [compiler, "-O2", f"-I{package / 'include'}", str(Path(__file__).with_suffix(".c"))]
+    command += ["-o", str(target), str(library), f"-Wl,-rpath,{package}"]
     completed = subprocess.run(command, capture_output=True, text=True, check=False)
     if completed.returncode:
         raise MachineError(f"{compiler} failed: {one_line(completed.stderr)}")
     return target
 
 
-def c_loop(
-    library: Path, work: workload.Workload, data: mujoco.MjData
-) -> tuple[Callable[[], None], np.ndarray]:
-    """Return the C program, ready to run a workload, and the array that it writes.
+class CProgram:
+    """The C program on a workload; leave it as a context manager, which ends it."""
 
-    Args:
-      library: that `build` compiled.
-      work: the workload, which says what is returned.
-      data: to step in.
+    def __init__(self, program: Path, work: workload.Workload, folder: Path):
+        """Start the program.
 
-    Returns:
-      The function that runs it, and its (nbatch, nstate) final states.
-    """
-    model = work.model
-    final_state = np.empty_like(work.initial_state)
-    arrays = [work.initial_state, np.ascontiguousarray(work.step_control), final_state]
-    arrays += workload.StepOutputs.empty(work).arrays
-    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
-    pointers += [None] * (5 - len(pointers))
-    addresses = ctypes.c_void_p(model._address), ctypes.c_void_p(data._address)
-    function = ctypes.CDLL(str(library)).c_floor
+        Args:
+          program: that `build` compiled.
+          work: the workload, which says what is stored.
+          folder: for its files.
+        """
+        model_file, workload_file = folder / "model.mjb", folder / "workload.bin"
+        mujoco.mj_saveModel(work.model, str(model_file), None)
+        sizes = [work.nbatch, work.ncontrol, work.hold]
+        sizes += [work.returns != workload.Product.FINAL, work.returns == workload.Product.SENSORS]
+        arrays = [np.array(sizes, np.int64), work.initial_state, work.control]
+        workload_file.write_bytes(b"".join(array.tobytes() for array in arrays))
+        self._shape = work.initial_state.shape
+        self._process = subprocess.Popen(
+            [program, model_file, workload_file], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
 
-    # C holds bare addresses: the default argument keeps alive what they point to.
-    def run(owners: Any = (arrays, data)) -> None:
-        function(*addresses, work.nbatch, work.nstep, *pointers)
+    def __enter__(self) -> "CProgram":
+        """Return it."""
+        return self
 
-    return run, final_state
+    def __exit__(self, *exception: object) -> None:
+        """End the program."""
+        self._process.kill()
+        self._process.communicate()
+
+    def block_ns(self, has_timer: bool) -> int:
+        """Run a block with or without a timer in its steps; return its nanoseconds.
+
+        Raises:
+          MachineError: the program ended.
+        """
+        stdout = self._ask(b"timer\n" if has_timer else b"plain\n")
+        line = stdout.readline()
+        if not line:
+            raise MachineError(f"the C program ended with status {self._process.wait()}")
+        return int(line)
+
+    def final_states(self) -> np.ndarray:
+        """Return the (nbatch, nstate) final states of the last block."""
+        size = 8 * int(np.prod(self._shape))
+        return np.frombuffer(self._ask(b"states\n").read(size)).reshape(self._shape)
+
+    def _ask(self, command: bytes) -> Any:
+        assert self._process.stdin and self._process.stdout, "both are pipes"
+        try:
+            self._process.stdin.write(command)
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise MachineError(f"the C program ended with status {self._process.wait()}") from None
+        return self._process.stdout
 
 
-def launch(request: LaunchRequest) -> LaunchResult:
-    """Measure in a process of its own.
+def launch(request: LaunchRequest) -> LaunchTimes:
+    """Measure in new processes.
 
     Raises:
-      MachineError: it failed, or the path disagrees with the C program.
+      MachineError: they failed, or the path disagrees with the C program.
     """
-    results: list[LaunchResult] = []
+    results: list[LaunchTimes] = []
     ended = isolate.run("benchmarks.c_floor:measure_launch", request, results.append, LIMIT_S)
     if not results:
         reason = f"{ended.status}: {ended.detail}"
@@ -165,63 +186,98 @@ def launch(request: LaunchRequest) -> LaunchResult:
 
 
 def measure_launch(request: LaunchRequest, channel: isolate.Channel) -> None:
-    """Measure one launch and send its LaunchResult; runs in a child process."""
+    """Measure one launch and send its LaunchTimes; runs in a child process."""
+    from mjbench.web import measure
+
     case = request.case
     model = models.load(request.source)
     sizes = choose_sizes(step_s(model), SizeRequest(hold=case.hold))
     drawn = workload.make(model, sizes.nbatch, sizes.nstep, case.hold)
     work = drawn.returning(case.returns)
-    resources = paths.Resources(work)
-    (data,) = resources.datas(1)
-    run_c, reference = c_loop(request.library, work, data)
-    prepared = paths.find(case.path).prepare(work, case.options, resources)
-    run_c()
-    _compare(prepared.verified_states(), reference, model)
-    contenders = [
-        timing.Contender(run_c),
-        timing.Contender(prepared.run, before=prepared.clear),
-    ]
-    rounds = timing.rounds(contenders, request.budget_s, MIN_ROUNDS, MAX_ROUNDS)
-    c_s, path_s = np.array(list(rounds)).T
-    time_ratio = stats.speedup(list(path_s), list(c_s)).median
-    channel.send(LaunchResult(float(1e9 * np.median(path_s) / work.steps), time_ratio))
+    prepared = paths.find(case.path).prepare(work, case.options, paths.Resources(work))
+
+    def python_ns(has_timer: bool) -> int:
+        prepared.clear()
+        with engine_clock(has_timer):
+            begin = time.perf_counter_ns()
+            prepared.run()
+            return time.perf_counter_ns() - begin
+
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        cores.pinned(cores.freest_core()),
+        CProgram(request.program, work, Path(folder)) as program,
+    ):
+        blocks: dict[int, Callable[[], int]] = {
+            0: lambda: program.block_ns(False),
+            1: lambda: program.block_ns(True),
+            2: lambda: python_ns(True),
+            3: lambda: python_ns(False),
+        }
+        for i in blocks:
+            blocks[i]()
+        check(prepared.verified_states(), program.final_states(), model)
+        rounds = measure.rounds(blocks, request.budget_s, _no_failure, required=blocks)
+        check(prepared.final_states(), program.final_states(), model)
+    medians = [statistics.median(ns[i] for ns in rounds) / work.steps for i in blocks]
+    ratios = [statistics.median(ns[i] / ns[0] for ns in rounds) for i in (2, 3)]
+    channel.send(LaunchTimes(*medians, *ratios))
 
 
-def _compare(states: paths.States, reference: np.ndarray, model: mujoco.MjModel) -> None:
+def check(states: paths.States, c_states: np.ndarray, model: mujoco.MjModel) -> None:
+    """Refuse a path whose final states are not those of the C program, to the last bit.
+
+    Raises:
+      MachineError: they are not.
+    """
     columns = compat.state_columns(model, compat.state_spec("INTEGRATION"))
-    difference = agreement.first_differing_entry(states.values, reference, columns, states.mask)
+    difference = agreement.first_differing_entry(states.values, c_states, columns, states.mask)
     if difference:
         raise MachineError(f"the path disagrees with the C program: {difference}")
 
 
+def _no_failure(index: int, error: Exception) -> None:
+    raise error
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, one row per model and path."""
+    """Print a row per model and path; store them if asked to."""
     assert __doc__ is not None
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="*", metavar="MODEL", help="default: all of ours")
     parser.add_argument("--budget", type=float, default=0.5, help="seconds per launch")
     parser.add_argument("--launches", type=int, default=9, help="launches per path")
+    parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name} and the page")
+    parser.add_argument("--page", action="store_true", help="write the page from what is stored")
     options = parser.parse_args(arguments)
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            library = build(Path(folder))
-            print(f"{'model':18} {'path':17} {'ns/step':>10} {'over C':>8}  range of launches")
-            for name in options.models or models.shipped():
-                for case in CASES:
-                    request = LaunchRequest(library, models.resolve(name), case, options.budget)
-                    results = [launch(request) for _ in range(options.launches)]
-                    print(_row(name, case, results), flush=True)
+        if not options.page:
+            tally = FloorTally(machine.describe(), options.launches, _measure(options))
+            if options.write:
+                RESULTS.write_text(tally_file.dumps(tally))
+        if options.page or options.write:
+            PAGE.write_text(c_floor_page.page(stored()))
     except MjbenchError as error:
         sys.exit(f"c_floor: {error}")
 
 
-def _row(name: str, case: FloorCase, results: Sequence[LaunchResult]) -> str:
-    step_ns = statistics.median(result.step_ns for result in results)
-    ratios = [result.time_ratio for result in results]
-    return (
-        f"{name:18} {case.label:17} {step_ns:10,.0f} {statistics.median(ratios):8.4f}"
-        f"  {min(ratios):.4f}–{max(ratios):.4f}"
-    )
+def stored() -> FloorTally:
+    """Return the committed figures."""
+    return tally_file.load(RESULTS, FloorTally, "how close Python comes to C")
+
+
+def _measure(options: argparse.Namespace) -> list[FloorRow]:
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        program = build(Path(folder))
+        print(c_floor_page.HEADING)
+        for name in options.models or models.shipped():
+            for case in CASES:
+                request = LaunchRequest(program, models.resolve(name), case, options.budget)
+                launches = [launch(request) for _ in range(options.launches)]
+                rows.append(FloorRow.of(name, case.label, launches))
+                print(c_floor_page.line(rows[-1]), flush=True)
+    return rows
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ class Comparison(Measured):
 
     @property
     def clock(self) -> tuple[ClockAdvice, ...]:
-        """What turning the engine's clock off gains, where that is certain."""
+        """What turning MuJoCo's timer off gains, where that is certain."""
         return tuple(self._document().clock)
 
     @property

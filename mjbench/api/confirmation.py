@@ -22,7 +22,7 @@ from mjbench.status import Status
 _Record = TypeVar("_Record", ConfirmationRecord, ContestRecord)
 # After as many launches, the bar of a comparison of two paths is half full.
 _HALFWAY_LAUNCHES = 8
-# Share of the bar of a model's comparisons that the one of the engine's clock has.
+# Share of the bar of a model's comparisons that the one of MuJoCo's timer has.
 _CLOCK_SHARE = 0.3
 
 

@@ -53,15 +53,16 @@ def doctor(json_file: str | None) -> None:
 
 
 def _mujoco_conditions() -> "Iterator[Condition]":
-    """Yield what the engine's clock costs here, and which tools are missing."""
+    """Yield what MuJoCo's timer costs here, and which tools are missing."""
     from mjbench.counts import instructions
     from mjbench.instrument.conditions import Condition, Grade
     from mjbench.paired import machine_check
+    from mjbench.simulation import package_timer
 
     share = machine_check.clock_share()
     if share is not None:
         detail = f"takes {100 * share:.0f} % of a cart-pole's step"
-        yield Condition("engine's clock", Grade.NOTE, detail, "mjbench.engine_clock(False)")
+        yield Condition("MuJoCo's timer", Grade.NOTE, detail, package_timer.OFF_NOTE)
     missing = instructions.unavailable()
     if missing:
         yield Condition("valgrind", Grade.NOTE, "is missing", missing)

@@ -29,9 +29,9 @@ from mjbench.errors import MachineError, MjbenchError, describe
 from mjbench.instrument import machine, stats, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.paths.accelerated import save_workload
-from mjbench.simulation import agreement, compat, models, sampling, starts, work
+from mjbench.simulation import agreement, models, sampling, starts, work
 from mjbench.simulation.agreement import Difference
-from mjbench.simulation.engine_clock import can_be_switched, engine_clock
+from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.simulation.model_digest import model_digest
 from mjbench.simulation.model_guard import ModelGuard
 from mjbench.simulation.sampling import Sample, SampleRequest
@@ -40,7 +40,7 @@ from mjbench.simulation.sampling import Sample, SampleRequest
 # needs; the rest for those that may be the fastest, chosen anew every few rounds, because advice
 # has to tell them apart.
 MIN_ROUNDS, FINAL_ROUNDS, MAX_ROUNDS = 7, 4, 200
-# Rounds with and without the engine's clock: a quarter of the budget, and at least so many.
+# Rounds with and without MuJoCo's timer: a quarter of the budget, and at least so many.
 MIN_CLOCK_ROUNDS = 5
 # A child may be silent for this many times as long as its work should take.
 PATIENCE = 100
@@ -85,7 +85,7 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
     case = ReferenceCase.create(workload, observation)
     channel.send(_model_ready(case, sizes, sample))
     further = FurtherCases.create(case, cost_s)
-    guard, has_clock = ModelGuard(model), compat.has_clock(model)
+    guard = ModelGuard(model)
     prepared_by_index: dict[int, paths.Prepared] = {}
     for index, variant in enumerate(plan.variants):
         if index in request.exclude:
@@ -94,8 +94,6 @@ def measure_in_child(request: MeasureRequest, channel: Channel) -> None:
         channel.allow_silence(patience_s)
         report, prepared = verify(index, variant, case, further)
         _check_model(guard)
-        if compat.has_clock(model) != has_clock:
-            raise MachineError("leaves the engine without its clock, which other paths have")
         channel.send(report)
         if prepared is not None:
             prepared_by_index[index] = prepared
@@ -238,13 +236,10 @@ class _RoundTimer:
             self.channel.send(RoundTimed(self.rounds[-1], cores))
 
     def run_without_clock(self, budget_s: float) -> None:
-        """Time every variant of this process with and without the engine's clock; send each round.
-
-        This comes last: some releases do not get their clock back.
-        """
+        """Time every variant of this process with and without MuJoCo's timer; send each round."""
         model = self.case.workload.model
         indices = [i for i in self._contenders if self._variant_path(i).in_process]
-        if not indices or not can_be_switched(model):
+        if not indices or not has_clock(model):
             return
         with_clock = [self._contenders[i] for i in indices]
         without_clock = [_without_clock(contender) for contender in with_clock]
@@ -292,7 +287,7 @@ class _RoundTimer:
 
 
 def _without_clock(contender: timing.Contender) -> timing.Contender:
-    """Return a contender that runs without the engine's clock, which has it before and after."""
+    """Return a contender that runs without MuJoCo's timer, which is on before and after."""
 
     def before() -> None:
         contender.before()

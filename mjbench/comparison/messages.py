@@ -139,7 +139,7 @@ class RoundTimed:
 
 @dataclass(frozen=True)
 class ClockRoundTimed:
-    """One round of blocks with the engine's clock, and of the same blocks without it.
+    """One round of blocks with MuJoCo's timer, and of the same blocks without it.
 
     Attributes:
       with_clock_s: seconds of a block, by variant.

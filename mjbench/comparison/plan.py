@@ -57,7 +57,7 @@ class ComparisonPlan:
       limit_s: a child process that is silent for longer is killed.
       import_from: a folder that the user's own paths may be imported from.
       named: paths that the user asked for by name; they are tried even where that is slow.
-      times_clock: whether to time every path without the engine's clock, too.
+      times_clock: whether to time every path without MuJoCo's timer, too.
       narrows: whether the last rounds hold only the variants that may be the fastest.
       total_steps: steps that the user will take in all, within which compiling must pay; None for
         those of one block.

@@ -118,8 +118,8 @@ class MeasurementRecord:
       check: how far an accelerated path is from C.
       buffer_sizes: sizes of an accelerated engine's buffers, by its names for them.
       samples_s: seconds of each block; for paths that run C, the same position is the same round.
-      with_clock_s: seconds of blocks with the engine's clock, which were timed in turns with those
-        without it; none where it has no clock that can be turned off and on.
+      with_clock_s: seconds of blocks with the timer of MuJoCo's Python package, which were timed in
+        turns with those without it; none in releases that install none.
       without_clock_s: the others; the same position is the same round.
     """
 

@@ -22,7 +22,6 @@ import numpy as np
 from mjbench.errors import InputError, MachineError, MjbenchError, one_line, shown, writing
 from mjbench.instrument import files
 from mjbench.loop import engine_functions
-from mjbench.loop.engine_functions import EngineFunction
 from mjbench.loop.step_recorder import RecordedModel, StepRecorder, Window
 from mjbench.simulation import capture_header, state_file
 from mjbench.simulation.capture_header import CaptureHeader
@@ -323,7 +322,7 @@ def _others(nstep: dict[str, int], models: Iterable[RecordedModel]) -> tuple[Oth
 
 def _modules_with_own_functions() -> list[str]:
     """Return the modules that bound a stepping function, by `from mujoco import mj_step`."""
-    functions: list[EngineFunction] = [getattr(mujoco, n) for n in engine_functions.STEPPING]
+    functions = [engine_functions.original(name) for name in engine_functions.STEPPING]
     modules = [
         name
         for name, module in list(sys.modules.items())

@@ -5,29 +5,65 @@ later call; a name bound earlier by `from mujoco import mj_step` stays as it is.
 """
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import mujoco
 
+from mjbench.simulation.process_wide import ProcessWide
+
 EngineFunction = Callable[..., Any]
+# What makes the replacement from a function, by the function's name.
+Wrappers = Mapping[str, Callable[[EngineFunction], EngineFunction]]
 # Functions that compute a step or a part of one.
 STEPPING = ("mj_step", "mj_step1", "mj_step2")
 
 
 @contextlib.contextmanager
-def replaced(wrappers: Mapping[str, Callable[[EngineFunction], EngineFunction]]) -> Iterator[None]:
+def replaced(wrappers: Wrappers) -> Iterator[None]:
     """Replace functions of `mujoco` while the block runs.
+
+    Blocks may overlap without nesting, in any threads: a call then passes through the wrappers of
+    each that runs. When the last one ends, the functions are those of before the first.
 
     Args:
       wrappers: by the function's name, what makes the replacement from the function. Names that
         this release of MuJoCo does not have are skipped.
     """
-    functions = {name: getattr(mujoco, name) for name in wrappers if hasattr(mujoco, name)}
+    _WRAPPERS.begin(wrappers)
     try:
-        for name, function in functions.items():
-            setattr(mujoco, name, wrappers[name](function))
         yield
     finally:
-        for name, function in functions.items():
+        _WRAPPERS.end(wrappers)
+
+
+def original(name: str) -> EngineFunction:
+    """Return a function of `mujoco` as it is outside of all blocks."""
+    return _FUNCTIONS.original(name)
+
+
+class _Functions:
+    """The functions of `mujoco` that are replaced now, as they were before."""
+
+    def __init__(self) -> None:
+        self._originals: dict[str, EngineFunction] = {}
+
+    def original(self, name: str) -> EngineFunction:
+        """Return a function as it is when nothing replaces it."""
+        function: EngineFunction = self._originals.get(name) or getattr(mujoco, name)
+        return function
+
+    def replace(self, active: Sequence[Wrappers]) -> None:
+        """Replace each function by itself inside its wrappers, the first one innermost."""
+        names = {name for wrappers in active for name in wrappers if hasattr(mujoco, name)}
+        for name in self._originals.keys() - names:
+            setattr(mujoco, name, self._originals.pop(name))
+        for name in names:
+            function = self._originals.setdefault(name, self.original(name))
+            for wrappers in active:
+                function = wrappers[name](function) if name in wrappers else function
             setattr(mujoco, name, function)
+
+
+_FUNCTIONS = _Functions()
+_WRAPPERS: ProcessWide[Wrappers] = ProcessWide(_FUNCTIONS.replace)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjbench.simulation import compat
+from mjbench.simulation import compat, engine_clock
 
 
 def _always(model: mujoco.MjModel, file: str) -> bool:
@@ -63,7 +63,7 @@ def _has_bind(model: mujoco.MjModel, file: str) -> bool:
 
 
 def _has_clock(model: mujoco.MjModel, file: str) -> bool:
-    return compat.has_clock(model)
+    return engine_clock.has_clock(model)
 
 
 BARE = Habit("bare loop", "pass", value="None")
@@ -76,7 +76,7 @@ ONE_CALL = Habit(
     value="data.time",
     instead_of_loop="mj_step(model, data, nstep)",
 )
-# The engine reads its clock around every stage of a step.
+# A step reads the timer of MuJoCo's Python package around each stage.
 CLOCK_OFF = Habit(
     "engine clock off",
     "pass",

@@ -18,9 +18,9 @@ from mjbench.instrument import isolate, timing
 from mjbench.instrument.isolate import Channel
 from mjbench.loop import habits
 from mjbench.loop.compiled_loop import compile_loop, script
-from mjbench.loop.habits import BARE, CLOCK_OFF, ONE_CALL, ZERO_STEPS, Habit
+from mjbench.loop.habits import BARE, ONE_CALL, ZERO_STEPS, Habit
 from mjbench.loop.loop_starts import LoopRequest, LoopStarts
-from mjbench.simulation import compat, models, work
+from mjbench.simulation import models, work
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.status import Status
@@ -218,27 +218,18 @@ def launch(request: LoopRequest, channel: Channel) -> None:
         for habit in habits.HABITS
         if habit is not BARE and habit.requires(model, file)
     }
-    # In random order, but the clock last: some releases do not get theirs back.
-    names = random.sample(sorted(runs), len(runs))
-    names.sort(key=lambda name: name == CLOCK_OFF.name)
     bare_ns: list[float] = []
     gc.disable()
-    for name in names:
+    for name in random.sample(sorted(runs), len(runs)):
         channel.doing(f"timing {name}")
         for warm_up in (run_bare, runs[name]):
             warm_up()
         start.count = len(bare_ns) * _BLOCKS_PER_QUAD  # all blocks of a quad start from one state
         quads = timing.quads(run_bare, runs[name], QUADS)
-        own_bare_ns = [1e9 * quad.baseline_s / nstep for quad in quads]
+        bare_ns += [1e9 * quad.baseline_s / nstep for quad in quads]
         added_ns = statistics.median(
             1e9 * (quad.candidate_s - quad.baseline_s) / nstep for quad in quads
         )
-        if name == CLOCK_OFF.name and not compat.has_clock(model):
-            # This release did not get its clock back, so these bare loops ran without it, too:
-            # compare with the bare loops timed before.
-            added_ns += statistics.median(own_bare_ns) - statistics.median(bare_ns)
-        else:
-            bare_ns += own_bare_ns
         channel.send(HabitTime(name, added_ns))
     channel.send(BareTime(nstep, statistics.median(bare_ns), starts.starts))
 

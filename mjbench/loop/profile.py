@@ -1,9 +1,10 @@
 """Where a step's time goes: the engine's stages, Python around it, and the rendering of a frame.
 
 Everything is measured in child processes: one for the steps, one for each rendering backend.
-Stages come from MuJoCo's own timers (`mjData.timer`), which the engine reads when it has a clock.
-From 3.3.1 on it has one by default. Before, it is given Python's, which costs more than what it
-measures: so only shares of a step come from the timers, and times come from runs without them.
+Stages come from `mjData.timer`, which the engine fills when a timer (`mjcb_time`) is installed.
+MuJoCo's Python package installs one from 3.3.1 on. Before, Python's own clock is installed, which
+costs more than what it measures: so only shares of a step come from the timers, and times come from
+runs without them.
 """
 
 import statistics
@@ -25,6 +26,7 @@ from mjbench.loop.habits import Habit
 from mjbench.loop.loop_starts import LoopRequest, LoopStarts
 from mjbench.loop.rendering import FrameTime
 from mjbench.simulation import compat, models, work
+from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import DEFAULT_STARTS, StartPlan, Starts
 from mjbench.simulation.work import Work
@@ -44,8 +46,8 @@ class StepTimes:
       timestep: of the model, in seconds.
       loop_ns: a step of the plain Python loop.
       engine_ns: a step in one call for many steps.
-      clock_ns: what the engine's own clock adds to a step; None in releases that have none by
-        default.
+      clock_ns: what the timer of MuJoCo's Python package adds to a step; None in releases that
+        install none.
       work: contacts, constraints and solver iterations per step.
       stages: share of a step by stage; they sum up to 1.
       warnings: of MuJoCo that these steps raised, by name; the simulation did not diverge.
@@ -197,7 +199,7 @@ class _Block:
 
 
 def step(request: LoopRequest, channel: Channel) -> None:
-    """Time steps with and without the engine's clock, and the loop; runs in a child."""
+    """Time steps with and without MuJoCo's timer, and the loop; runs in a child."""
     channel.doing("loading the model")
     model = models.load(request.source)
     channel.doing("stepping the model")
@@ -206,18 +208,16 @@ def step(request: LoopRequest, channel: Channel) -> None:
     nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
     block = _Block(nrun, starts.nstep, starts.in_turn)
     stages = _stages(model, block)
-    loop_ns, engine_ns = _step_ns(model, block, habits.BARE, habits.ONE_CALL)
-    clock_ns = None
-    if compat.has_clock(model):
-        # last: some releases do not get their clock back
-        (clockless_ns,) = _step_ns(model, block, habits.CLOCK_OFF)
-        clock_ns = loop_ns - clockless_ns
+    clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
+    loop_ns, engine_ns, *clockless_ns = _step_ns(
+        model, block, habits.BARE, habits.ONE_CALL, *clock_off
+    )
     channel.send(
         StepTimes(
             timestep=float(model.opt.timestep),
             loop_ns=loop_ns,
             engine_ns=engine_ns,
-            clock_ns=clock_ns,
+            clock_ns=loop_ns - clockless_ns[0] if clockless_ns else None,
             work=observation.work,
             stages=stages,
             warnings=observation.other_warnings(),
@@ -251,7 +251,7 @@ def _stages(model: mujoco.MjModel, block: _Block) -> dict[str, float]:
 def _timer_s(model: mujoco.MjModel, block: _Block) -> np.ndarray:
     """Return (ntimer,) seconds by mjtTimer that a block takes: the median over blocks."""
     data, start = mujoco.MjData(model), block.new_start()
-    needs_clock = not compat.has_clock(model)
+    needs_clock = not has_clock(model)
     if needs_clock:
         mujoco.set_mjcb_time(time.perf_counter)
     try:

@@ -229,16 +229,16 @@ class StepRecorder:
             recorded = self._of_layout(model)
         identity = id(model)
         self._references[identity] = weakref.ref(model, lambda _: self._forget(identity))
-        self._by_identity[identity] = recorded
-        return recorded
+        return self._by_identity.setdefault(identity, recorded)
 
     def _of_layout(self, model: mujoco.MjModel) -> RecordedModel | None:
         nstate = compat.state_size(model, compat.state_spec("INTEGRATION"))
         key = model_name(model), ModelLayout.of(model), nstate
         if key not in self._by_layout and len(self._by_layout) < MAX_MODELS:
             recorded = RecordedModel(model, self._max_states, self._window_nstep)
-            self._by_layout[key] = recorded
-            self._on_model(recorded, model)
+            # without a lock, which a forked child could wait for: another thread may be first
+            if self._by_layout.setdefault(key, recorded) is recorded:
+                self._on_model(recorded, model)
         return self._by_layout.get(key)
 
     def _forget(self, identity: int) -> None:

@@ -12,6 +12,7 @@ from mjbench.report.advice import Advice, Loop, Reason, advise, advise_clock
 from mjbench.report.crossovers import crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.work_crossovers import work_crossovers
+from mjbench.simulation import package_timer
 from mjbench.status import Status
 
 # Colours of paths by whether a policy can choose each control.
@@ -33,8 +34,8 @@ def _conclusions(model_results: ModelResults) -> Iterator[Conclusion]:
     clock = advise_clock(model_results)
     if clock is not None:
         yield Conclusion(
-            f"{record.model}, any path: without the engine's clock, mjbench.engine_clock(False),"
-            f" the plain loop is {clock.speedup:.2f} times as fast ({clock.low:.2f} to"
+            f"{record.model}, any path: without {package_timer.NAME}, {package_timer.OFF_CODE}, the"
+            f" plain loop is {clock.speedup:.2f} times as fast ({clock.low:.2f} to"
             f" {clock.high:.2f} in fresh processes)",
             Tone.GOOD,
         )

@@ -13,8 +13,8 @@ from mjbench.loop.profile import ProfileRow, StepProfile
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
 from mjbench.report import planning, tables, vega
-from mjbench.report.profile import LEAST_CLOCK_SHARE
 from mjbench.report.starts import starts_lines
+from mjbench.simulation import package_timer
 from mjbench.status import Status
 
 # Habits that are drawn: those that add most.
@@ -145,12 +145,12 @@ def _profile_section(profile: StepProfile, command: str) -> Section:
             f" {100 * share:.0f} % of it in the engine"
         )
     ]
-    if steps.clock_ns and steps.clock_ns >= LEAST_CLOCK_SHARE * steps.loop_ns:
+    if steps.clock_ns and steps.clock_ns >= package_timer.MIN_GAIN * steps.loop_ns:
         conclusions.append(
             Conclusion(
-                f"{profile.model}: the engine's own clock takes"
+                f"{profile.model}: {package_timer.NAME} takes"
                 f" {100 * steps.clock_ns / steps.loop_ns:.0f} % of it;"
-                " mjbench.engine_clock(False) turns it off",
+                f" {package_timer.OFF_CODE} turns it off",
                 Tone.UNSURE,
             )
         )

@@ -20,7 +20,7 @@ from mjbench.paired.verdict import VerdictPlan
 from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation import models
-from mjbench.simulation.engine_clock import can_be_switched, engine_clock
+from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.status import Status
 
 MODEL = "cartpole"
@@ -28,7 +28,7 @@ MODEL = "cartpole"
 CHECK_S = 12.0
 # Verdicts that are larger are not asked for.
 _MAX_LAUNCHES = 200
-# Rounds with and without the engine's clock, and steps of each of their blocks.
+# Rounds with and without MuJoCo's timer, and steps of each of their blocks.
 _CLOCK_ROUNDS, _CLOCK_STEPS = 80, 500
 
 
@@ -91,12 +91,12 @@ def noise(pool: WorkerPool, seconds: float = CHECK_S) -> Noise:
 
 
 def clock_share() -> float | None:
-    """Return the share of a cart-pole's step that the engine's own clock takes.
+    """Return the share of a cart-pole's step that the timer of MuJoCo's Python package takes.
 
-    None where the engine has no clock that can be turned off and on.
+    None in releases that install none.
     """
     model = models.load(models.resolve(MODEL))
-    if not can_be_switched(model):
+    if not has_clock(model):
         return None
     data = mujoco.MjData(model)
 

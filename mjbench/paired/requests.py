@@ -218,6 +218,7 @@ class Prepare(Request[int]):
       metric: what blocks are to give: their time, or that of their slowest steps.
       nsection: sections of the run, which blocks time one after the other (see `loop_sections`); 1
         with any path but the plain loop.
+      has_timer: whether steps read the timer of MuJoCo's Python package, as they do in a program.
     """
 
     activity = "preparing a run"
@@ -230,6 +231,7 @@ class Prepare(Request[int]):
     returns: "Product | None" = None
     metric: Metric = Metric.TIME
     nsection: int = 1
+    has_timer: bool = True
 
 
 @dataclass(frozen=True)

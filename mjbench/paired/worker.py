@@ -243,6 +243,7 @@ class Worker:
         from mjbench.paired import loop_sections
         from mjbench.paths import States
         from mjbench.simulation import engine_callback
+        from mjbench.simulation.engine_clock import engine_clock
         from mjbench.simulation.workload import Product, Workload
 
         self._lay_out_memory(request.cores)
@@ -264,6 +265,8 @@ class Worker:
             raise InputError(reason)
         if request.callback:
             engine_callback.install(model, request.callback)
+        if not request.has_timer:
+            engine_clock(False)
         self.slowdown = request.slowdown
         self.resources = paths.Resources(selected)
         self.single_steps = None

@@ -15,9 +15,9 @@ from mjbench.paths.base import (
     needs_reset,
     prepared_arrays,
 )
-from mjbench.simulation import compat
+from mjbench.simulation import compat, package_timer
 from mjbench.simulation.compat import state_spec
-from mjbench.simulation.engine_clock import engine_clock
+from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.simulation.workload import Product, Workload
 
 _ON_OFF = ("on", "off")
@@ -30,9 +30,7 @@ class PythonLoop(SteppingPath):
     summary = "for loop over mj_step, one call per step"
     closed_loop = True
     products = tuple(Product)
-    options = (
-        Option("clock", "the engine's own clock, which only timers need", ("on",), str, _ON_OFF),
-    )
+    options = (Option("clock", f"{package_timer.NAME} (mjData.timer)", ("on",), str, _ON_OFF),)
 
     def simplified(self, options: dict[str, Any]) -> dict[str, Any]:
         """See `SteppingPath.simplified`."""
@@ -40,8 +38,8 @@ class PythonLoop(SteppingPath):
 
     def unsuited(self, workload: Workload, options: Options) -> str | None:
         """See `SteppingPath.unsuited`."""
-        if options.get("clock") == "off" and not compat.has_clock(workload.model):
-            return "needs an engine with a clock of its own: MuJoCo 3.3.1 or newer has one"
+        if options.get("clock") == "off" and not has_clock(workload.model):
+            return f"needs {package_timer.NAME}: 3.3.1 or newer installs it"
         return None
 
     def prepare(self, workload: Workload, options: Options, resources: Resources) -> Prepared:
@@ -80,11 +78,12 @@ class PythonLoop(SteppingPath):
 
     def snippet(self, workload: Workload, options: Options) -> str:
         """See `SteppingPath.snippet`."""
-        before = _CLOCK_OFF if options.get("clock") == "off" else ""
-        if workload.hold == 1 or workload.returns != Product.FINAL:
-            return before + _loop(workload)
-        repeat = f"        for _ in range({workload.hold}):\n"
-        return before + _loop(workload, repeat + "            mujoco.mj_step(model, data)\n")
+        step = None
+        if workload.hold > 1 and workload.returns == Product.FINAL:
+            repeat = f"        for _ in range({workload.hold}):\n"
+            step = repeat + "            mujoco.mj_step(model, data)\n"
+        off = package_timer.OFF_SNIPPET if options.get("clock") == "off" else ""
+        return _after_creating_data(_loop(workload, step), off)
 
 
 class PythonLoopHold(SteppingPath):
@@ -134,9 +133,14 @@ class PythonLoopHold(SteppingPath):
         code = _loop(workload)
         threads = options.get("engine_threads")
         if threads:
-            create = "data = mujoco.MjData(model)\n"
-            code = code.replace(create, create + f"mujoco.mju_threadpool(data, {threads})\n")
+            code = _after_creating_data(code, f"mujoco.mju_threadpool(data, {threads})")
         return code
+
+
+def _after_creating_data(code: str, line: str) -> str:
+    """Return a snippet with another line, unless that is empty, after MjData is created."""
+    create = "data = mujoco.MjData(model)\n"
+    return code.replace(create, f"{create}{line}\n") if line else code
 
 
 def _data_with_threadpool(model: mujoco.MjModel, threads: int) -> mujoco.MjData:
@@ -153,12 +157,6 @@ def _loop(workload: Workload, step: str | None = None) -> str:
         step=step or snippets.data_steps(workload, indent=8, row="i"),
     )
 
-
-_CLOCK_OFF = """\
-import mjbench
-
-mjbench.engine_clock(False)  # only mjData.timer needs it
-"""
 
 _LOOP = """\
 import mujoco

@@ -296,7 +296,7 @@ def is_own(frame: Frame) -> bool:
 
 
 def is_engine_clock(stack: Sequence[Frame]) -> bool:
-    """Return whether a stack of physics is in the clock that the engine reads in each step."""
+    """Return whether a stack of physics is in the timer of MuJoCo's Python package."""
     return any(_CLOCK.search(frame.file) for frame in _libraries_at_end(stack)[:2])
 
 

@@ -64,7 +64,7 @@ class LoopTime:
       lines: of the user's code, with all that they call, by share.
       inner_functions: of installed packages, without what they call in Python and without physics,
         by share; the place of each is the line that samples saw most often.
-      engine_clock: share of the engine's own clock.
+      engine_clock: share of the timer of MuJoCo's Python package.
     """
 
     loop: SourceLoop

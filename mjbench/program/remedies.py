@@ -16,6 +16,7 @@ from mjbench.loop.lint import Finding
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
 from mjbench.program.attribution import LineTime, LoopTime
 from mjbench.program.step_times import StepTimes
+from mjbench.simulation import package_timer
 
 # Rules of lint about what a program computes, not about its time.
 WRONG_RESULTS = ("MJB001", "MJB004")
@@ -30,8 +31,8 @@ class RemedyKind(enum.StrEnum):
     """The program computes or stores what it does not mean."""
     LINE = "line"
     """A line of the user's code."""
-    CLOCK = "engine's clock"
-    """The engine reads a clock in each step."""
+    CLOCK = "package's timer"
+    """A step reads the timer of MuJoCo's Python package."""
     COLLECTION = "garbage collection"
     """Python's garbage collector."""
     ACTIVITY = "activity"
@@ -125,7 +126,7 @@ _ADVICE: Mapping[Activity, str] = {
 # Activities that are changed line by line; each of the others, but physics, is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
 _STEP_ADVICE = "call mj_step(model, data, nstep) where nothing happens between steps"
-_CLOCK_ADVICE = "turn the engine's own clock off: mjbench.engine_clock(False)"
+_CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
 
 
 def remedies(loop: LoopTime, steps: Sequence[StepTimes]) -> list[Remedy]:
@@ -191,7 +192,7 @@ def _savings(
     loop: LoopTime, steps: Sequence[StepTimes], findings: Mapping[tuple[str, int], Finding]
 ) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
-    if loop.engine_clock:
+    if loop.engine_clock >= package_timer.MIN_GAIN:
         share = loop.engine_clock
         yield _remedy(loop, RemedyKind.CLOCK, Activity.PHYSICS, None, _CLOCK_ADVICE, share)
     if Activity.COLLECTION not in loop.activities:

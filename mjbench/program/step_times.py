@@ -230,7 +230,7 @@ def _intervals_ns(header: Header, records: np.ndarray, burst: np.ndarray) -> np.
 def _stages(timer_s: Sequence[float], timers: Mapping[str, int], step_s: float) -> dict[str, float]:
     """Return the share of a step by stage; nothing where the engine's timers hold no times.
 
-    Without the engine's clock they hold anything.
+    Without MuJoCo's timer they hold anything.
 
     Args:
       timer_s: seconds by the engine's timers.

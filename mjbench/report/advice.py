@@ -15,15 +15,13 @@ from mjbench.paired.contest import ContestRecord
 from mjbench.paired.records import Ratio
 from mjbench.paths import BASE
 from mjbench.report.results import ModelResults, PathResult
+from mjbench.simulation import package_timer
 from mjbench.status import Status
 
-# The engine's clock is mentioned from this gain on.
-MIN_CLOCK_GAIN = 0.01
-# The options of the plain loop with the clock off, and how a program turns it off.
+# The options of the plain loop without the timer of MuJoCo's Python package.
 CLOCK_OFF = {"clock": "off"}
 # Paths that are not compared in fresh processes, and so not advised, with the reason.
 NOT_CONTESTED = {"ray": "Ray takes too long to start in fresh processes"}
-CLOCK_SNIPPET = "import mjbench\n\nmjbench.engine_clock(False)  # only mjData.timer needs it"
 
 
 class Loop(StrEnum):
@@ -95,7 +93,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class ClockAdvice:
-    """What turning the engine's clock off gains on one model, for every path and both loops.
+    """What turning MuJoCo's timer off gains on one model, for every path and both loops.
 
     Attributes:
       model: its name.
@@ -111,7 +109,7 @@ class ClockAdvice:
     speedup: float
     low: float
     high: float
-    snippet: str = CLOCK_SNIPPET
+    snippet: str = package_timer.OFF_SNIPPET
 
 
 @dataclass(frozen=True)
@@ -153,12 +151,12 @@ class _Choice:
 
 
 def clock_pairing(model_results: ModelResults) -> Pairing | None:
-    """Return the comparison with and without the engine's clock, where it is still needed."""
+    """Return the comparison with and without MuJoCo's timer, where it is still needed."""
     facts = model_results.model.facts
     has_clock = facts is not None and bool(facts.has_clock)
     was_compared = any(map(_is_of_clock, model_results.confirmations))
     if has_clock and not was_compared and _able(model_results):
-        return Pairing(Variant(BASE, {}), Variant(BASE, CLOCK_OFF), MIN_CLOCK_GAIN)
+        return Pairing(Variant(BASE, {}), Variant(BASE, CLOCK_OFF), package_timer.MIN_GAIN)
     return None
 
 
@@ -197,10 +195,10 @@ def advise(model_results: ModelResults) -> list[Advice]:
 
 
 def advise_clock(model_results: ModelResults) -> ClockAdvice | None:
-    """Return what turning the engine's clock off gains, where that is certain."""
+    """Return what turning MuJoCo's timer off gains, where that is certain and worth a line."""
     for record in filter(_is_of_clock, model_results.confirmations):
         ratio = record.ratio
-        if ratio is None or not is_certainly_faster(ratio, 1 / (1 + MIN_CLOCK_GAIN)):
+        if ratio is None or not is_certainly_faster(ratio, 1 / (1 + package_timer.MIN_GAIN)):
             continue
         assert ratio.low and ratio.high, "what is certain has an interval"
         model = model_results.model

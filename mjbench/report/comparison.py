@@ -18,7 +18,7 @@ from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.starts import starts_lines
 from mjbench.report.work_crossovers import CallWork, WorkCrossover, work_crossovers
-from mjbench.simulation import accelerated_limits
+from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
@@ -382,8 +382,9 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
 def _print_clock(out: Console, clock: ClockAdvice, results: Sequence[PathResult]) -> None:
     low, high = tables.factor(clock.low), tables.factor(clock.high)
     gain = f"{tables.factor(clock.speedup)}× the plain loop ({low} to {high} in fresh processes)"
-    line = f", {gain}: mjbench.engine_clock(False)"
-    out.print(tables.headed("Any path: turn off the engine's clock", line), soft_wrap=True)
+    heading, code = f"Any path: turn off {package_timer.NAME}", package_timer.OFF_CODE
+    out.print(tables.headed(heading, f", {gain}: {code}"), soft_wrap=True)
+    out.print(f"  {package_timer.OFF_NOTE}", soft_wrap=True)
     gains = [result.clock_gain for result in results if result.clock_gain is not None]
     if len(gains) > 1:
         gain = tables.factor(statistics.median(gains))

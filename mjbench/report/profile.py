@@ -7,10 +7,9 @@ from mjbench.loop.profile import FRAMES_PER_S, StepProfile, StepTimes
 from mjbench.loop.rendering import FrameTime
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
+from mjbench.simulation import package_timer
 
 _WIDTH = 30
-# The engine's clock is mentioned from this share of a step on.
-LEAST_CLOCK_SHARE = 0.02
 
 
 def print_profile(out: Console, profile: StepProfile) -> None:
@@ -44,10 +43,10 @@ def _print_step(out: Console, profile: StepProfile) -> None:
         out.print(line, soft_wrap=True)
     for line in tables.warning_lines(steps.warnings):
         out.print(line, soft_wrap=True)
-    if clock_ns / loop_ns >= LEAST_CLOCK_SHARE:
+    if clock_ns / loop_ns >= package_timer.MIN_GAIN:
         out.print(
-            f"The engine's own clock, which these timers need, is {100 * clock_ns / loop_ns:.0f} %"
-            f" of it ({duration(clock_ns)}); mjbench.engine_clock(False) turns it off.",
+            f"Of it, {package_timer.NAME} takes {100 * clock_ns / loop_ns:.0f} %"
+            f" ({duration(clock_ns)}). You can turn it off. {package_timer.OFF_NOTE}",
             soft_wrap=True,
         )
 

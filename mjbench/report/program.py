@@ -13,6 +13,7 @@ from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedies import Remedy, RemedyKind
 from mjbench.program.step_times import Durations, StepTimes
 from mjbench.report import tables
+from mjbench.simulation import package_timer
 from mjbench.status import Status
 
 _WIDTH = 30
@@ -100,7 +101,7 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     if remedy.gain is None:
         return f"correct a wrong result{place}: {remedy.text}"
     if remedy.activity == Activity.PHYSICS:
-        return f"the engine's own clock takes {percent(remedy.gain)} of the loop: {remedy.text}"
+        return f"{package_timer.NAME} takes {percent(remedy.gain)} of the loop: {remedy.text}"
     return f"{remedy.activity}{place}: {percent(remedy.gain)} of the loop in {where(time)}"
 
 

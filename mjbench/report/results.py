@@ -57,7 +57,7 @@ class PathResult:
       speedup: over the plain Python loop, in this process; what differs from process to process is
         in the intervals of `advice` alone, so this one has none.
       work: contacts, constraints and solver iterations per step.
-      clock_gain: how many times faster it is without the engine's clock, in this process; None
+      clock_gain: how many times faster it is without MuJoCo's timer, in this process; None
         where that was not timed.
       rounds: blocks that were timed.
       snippet: Python that does what the path does.

@@ -9,6 +9,7 @@ from mjbench.instrument.units import plain
 from mjbench.paired.records import Ratio
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
+from mjbench.simulation import package_timer
 from mjbench.status import Status
 from mjbench.tuning import knobs
 from mjbench.tuning.attempts import Effect
@@ -216,7 +217,7 @@ def paste_lines(settings: Sequence[Setting]) -> list[str]:
 
 def _code(loop: LoopChange) -> list[str]:
     """Return the Python that a change of the loop stands for."""
-    code = ["mjbench.engine_clock(False)"] if loop.is_clock_off else []
+    code = [package_timer.OFF_SNIPPET] if loop.is_clock_off else []
     if loop.engine_threads:
         code.append(f"mujoco.mju_threadpool(data, {loop.engine_threads})")
     return code

@@ -213,15 +213,10 @@ def mjx_own(data: Any) -> Any:
     return getattr(data, "_impl", data)
 
 
-def has_clock(model: mujoco.MjModel) -> bool:
-    """Return whether the engine's timers have a clock, although no callback is installed.
-
-    They have one from 3.3.1 on. After a callback was installed and removed, only newer releases
-    have theirs again.
-    """
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data)
-    return bool(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0)
+def timer_is_installed_at_import() -> bool:
+    """Return whether importing MuJoCo installs its timer (3.14 on), and not creating an MjData."""
+    major, minor = mujoco.__version__.split(".")[:2]
+    return (int(major), int(minor)) >= (3, 14)
 
 
 def has_sleep(model: mujoco.MjModel) -> bool:

@@ -6,12 +6,11 @@ step takes longer and ends in the same state, to the last bit.
 """
 
 import ctypes
-import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjbench.errors import InputError, MachineError, one_line
+from mjbench.errors import InputError
+from mjbench.simulation import engine_library
 
 if TYPE_CHECKING:
     import mujoco
@@ -51,24 +50,7 @@ def install(model: "mujoco.MjModel", name: str) -> None:
             f"cannot call {name} inside a step: the model disables actuation, and with it callbacks"
         )
     try:
-        function = _PROTOTYPE((name, _engine()))
+        function = _PROTOTYPE((name, engine_library.loaded()))
     except AttributeError:
         raise InputError(f"MuJoCo {mujoco.__version__} has no function {name}") from None
     mujoco.set_mjcb_control(function)
-
-
-def _engine() -> ctypes.CDLL:
-    """Return the engine's library, the copy that this process has loaded already.
-
-    Raises:
-      MachineError: what lies beside the extension modules is not loaded.
-    """
-    from mujoco import _functions
-
-    # the extension modules look for the library beside them
-    for file in Path(_functions.__file__).parent.glob("libmujoco.*"):
-        try:
-            return ctypes.CDLL(str(file), mode=os.RTLD_NOW | os.RTLD_NOLOAD)
-        except OSError as error:
-            raise MachineError(f"{file} is not loaded: {one_line(error)}") from error
-    raise MachineError(f"no libmujoco lies beside {_functions.__file__}")

@@ -1,84 +1,140 @@
-"""Turn the engine's clock off: since MuJoCo 3.3.1 a step reads it around every stage.
+"""Turn off the timer that MuJoCo's Python package installs; C programs step without one.
 
-Nothing that a step computes depends on it; only `mjData.timer` does. It is turned off by a C
-function in its place (`mjcb_time`) that returns at once, on any thread and without Python.
+Since MuJoCo 3.3.1 the package sets `mjcb_time` in the C library: up to 3.13 whenever an MjData is
+created and none is set, since 3.14 at `import mujoco`. A step then reads a clock around each of
+its stages. Nothing that a step computes depends on it; only `mjData.timer` does.
 """
 
 import ctypes
 import functools
 import sys
+import weakref
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 
-from mjbench.errors import MachineError
-from mjbench.simulation import compat
-
-# double f(void): the type of mjcb_time.
-_PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_double)
+from mjbench.errors import MachineError, one_line
+from mjbench.simulation import compat, engine_library
+from mjbench.simulation.process_wide import ProcessWide
 
 
 class EngineClock:
-    """The engine's clock as it was set, and how to set it back; use it in a `with` statement."""
+    """A call of `engine_clock`; in a `with` statement, it holds until the end of the block."""
 
-    def __init__(self, previous: Any):
-        """Remember the callback that was installed before."""
-        self._previous = previous
+    def __init__(self, on: bool):
+        """Switch the timer."""
+        self._call = _Call(on, weakref.ref(self))
+        self._begin()
 
     def __enter__(self) -> "EngineClock":
-        """Leave the clock as it was set."""
+        """Leave the timer as it was set."""
+        if self._call not in _CALLS.active:
+            self._begin()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Set the clock back as it was before."""
-        mujoco.set_mjcb_time(self._previous)
+        """Set the timer as the other calls have it; without others, as it was before them."""
+        _CALLS.end(self._call)
+
+    def _begin(self) -> None:
+        # of the calls whose object is gone, and so can begin or end no block, the last one counts
+        for call in [each for each in _CALLS.active if each.clock() is None][:-1]:
+            _CALLS.end(call)
+        _CALLS.begin(self._call)
 
 
 def engine_clock(on: bool) -> EngineClock:
-    """Turn the engine's clock on or off, for all models and threads of this process.
+    """Turn the timer of MuJoCo's Python package on or off, for all models and threads.
 
-    Steps compute the same with and without it, to the last bit. Without it, `mjData.timer` holds no
-    times. In a `with` statement, the clock is set back at the end:
+    The package installs it since 3.3.1, and a step reads it around each stage; C and C++ programs
+    do not pay for it. Steps compute the same with and without it, to the last bit. Without it,
+    `mjData.timer` holds no times, and profilers that show them are blank.
+
+    In a `with` statement, the call holds until the end of the block; otherwise until the next one:
 
         with mjbench.engine_clock(False):
             mujoco.mj_step(model, data, 1000)
 
-    Releases before 3.3.1 have no clock of their own. Some later ones do not get theirs back: there,
-    `engine_clock(True)` and the end of a `with` statement leave it off.
+    Blocks of different threads may overlap. The last call decides, of those whose block has not
+    ended; after all blocks, the timer is as it was before them.
 
     Args:
-      on: whether to have a clock: the engine's own.
+      on: whether to have the timer that there was before the first call: the package's, or the one
+        that the program has set by `mujoco.set_mjcb_time`; releases before 3.3.1 have none.
 
     Raises:
-      MachineError: there is no C function to take the clock's place on this system.
+      MachineError: the timer of this MuJoCo cannot be reached from Python.
     """
-    previous = mujoco.get_mjcb_time()
-    mujoco.set_mjcb_time(None if on else _no_clock())
-    return EngineClock(previous)
+    return EngineClock(on)
 
 
-def can_be_switched(model: mujoco.MjModel) -> bool:
-    """Return whether the engine has a clock here that can be turned off and on again.
+def has_clock(model: mujoco.MjModel) -> bool:
+    """Return whether steps read a timer that tells the time: since 3.3.1 the package's."""
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    is_counting = bool(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0)
+    return is_counting and not _TIMER.is_off
 
-    It is turned off and on to see; some releases do not get theirs back.
+
+class _Call:
+    """What a call of `engine_clock` asked for."""
+
+    def __init__(self, on: bool, clock: "weakref.ref[EngineClock]"):
+        self.on, self.clock = on, clock
+
+
+class _Timer:
+    """The variable `mjcb_time` of the C library, and what it was before it was turned off."""
+
+    def __init__(self) -> None:
+        self.is_off = False
+        self._before: int | None = None
+
+    def set(self, calls: Sequence[_Call]) -> None:
+        """Turn the timer off or on as the last call asks for; without calls, on."""
+        off = bool(calls) and not calls[-1].on
+        if off == self.is_off:
+            return
+        variable, address = _mjcb_time(), _off_address()
+        if off:
+            self._before, variable.value = variable.value, address
+        elif variable.value == address:  # otherwise the program has set another, which stays
+            variable.value = self._before
+        self.is_off = off
+
+
+_TIMER = _Timer()
+_CALLS: ProcessWide[_Call] = ProcessWide(_TIMER.set)
+
+
+@functools.cache  # a timed block may ask for it
+def _mjcb_time() -> ctypes.c_void_p:
+    """Return the variable of the C library that holds the timer's address.
+
+    Raises:
+      MachineError: it is not there.
     """
-    if not compat.has_clock(model):
-        return False
-    with engine_clock(False):
-        pass
-    return compat.has_clock(model)
+    try:
+        return ctypes.c_void_p.in_dll(engine_library.loaded(), "mjcb_time")
+    except ValueError as error:
+        raise MachineError(f"MuJoCo's library has no mjcb_time: {one_line(error)}") from error
 
 
-@functools.cache  # a timed block may call it
-def _no_clock() -> Any:
-    """Return a C function that takes no time.
+@functools.cache
+def _off_address() -> int | None:
+    """Return the address that turns the timer off: NULL, where a new MjData leaves that so.
 
-    It is libc's difftime: its arguments are whatever two registers hold, and nobody reads its
-    result. It converts integers, so the result is never a denormal number, which would be slow.
+    In releases that would install the timer again, it is libc's difftime, which takes no time. Its
+    arguments are whatever two registers hold. It converts integers, so the result is never a
+    denormal number, which would be slow.
     """
+    if compat.timer_is_installed_at_import():
+        return None
     try:
         library = ctypes.CDLL("ucrtbase.dll" if sys.platform == "win32" else None)
         name = "_difftime64" if sys.platform == "win32" else "difftime"
-        return ctypes.cast(getattr(library, name), _PROTOTYPE)
+        function: Any = getattr(library, name)
     except (OSError, AttributeError) as error:
-        raise MachineError("no C library to take the clock's function from") from error
+        raise MachineError("no C library to take the timer's function from") from error
+    return ctypes.cast(function, ctypes.c_void_p).value

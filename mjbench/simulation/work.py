@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from mjbench.simulation import compat, geom_pairs
+from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import StepOutputs, Workload, start_data
 
 # How long to measure the time of a step: at most this many times, and about this long in seconds.
@@ -137,7 +138,7 @@ class ModelFacts:
       solver: its name, such as `newton`.
       cone: the name of the friction cone, such as `pyramidal`.
       can_fall: whether gravity acts on a free body; None in files that do not say.
-      has_clock: whether the engine reads a clock in every step; None likewise.
+      has_clock: whether a step reads the timer of MuJoCo's Python package; None likewise.
     """
 
     nq: int
@@ -306,7 +307,7 @@ def describe(model: mujoco.MjModel) -> ModelFacts:
         solver=compat.enum_name(mujoco.mjtSolver, model.opt.solver, "mjSOL_"),
         cone=compat.enum_name(mujoco.mjtCone, model.opt.cone, "mjCONE_"),
         can_fall=_can_fall(model),
-        has_clock=compat.has_clock(model),
+        has_clock=has_clock(model),
     )
 
 

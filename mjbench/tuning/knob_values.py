@@ -11,6 +11,7 @@ import mujoco
 
 from mjbench.instrument import topology
 from mjbench.simulation import compat, model_options
+from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import Observed, Usage
@@ -254,8 +255,8 @@ def _never_touched(observed: Observed) -> str:
 
 
 def clock_off(observed: Observed) -> list[Setting]:
-    """Return the loop without the engine's clock, where the engine has one."""
-    if not compat.has_clock(observed.model):
+    """Return the loop without the timer of MuJoCo's Python package, where it installs one."""
+    if not has_clock(observed.model):
         return []
     return [Setting("engine clock", "engine clock off", loop=LoopChange(is_clock_off=True))]
 

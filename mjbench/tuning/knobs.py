@@ -62,9 +62,9 @@ KNOBS: Sequence[Knob] = (
         "engine clock",
         values.clock_off,
         (),
-        "Nothing but mjData.timer.",
+        "Nothing but mjData.timer and the viewer's profiler.",
         "3.3.1",
-        "a step reads the clock before and after every stage",
+        "a step reads the timer of MuJoCo's Python package before and after every stage",
     ),
     Knob(
         "unused features",

@@ -10,7 +10,7 @@ class LoopChange:
     """What a setting changes in the loop that steps a model; one of the two, as no path has both.
 
     Attributes:
-      is_clock_off: whether the engine's clock is off (see `engine_clock`).
+      is_clock_off: whether the timer of MuJoCo's Python package is off (see `engine_clock`).
       engine_threads: of the engine's own pool within one simulation; 0 for none.
     """
 

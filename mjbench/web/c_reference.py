@@ -199,6 +199,8 @@ def timed_paths(
 ) -> Iterator[list[WorkerProcess]]:
     """Yield a process for each path of C, which `time_block` steps the first simulations of.
 
+    They step without the timer of MuJoCo's Python package, which the builds do not have either.
+
     Args:
       pool: starts the processes.
       release: of MuJoCo.
@@ -224,6 +226,7 @@ def timed_paths(
                     options=dict(variant.options),
                     cores=[] if core is None else [core],
                     simulations=range(reference.block.nbatch),
+                    has_timer=False,
                 )
             )
         for process in processes:

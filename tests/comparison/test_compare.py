@@ -10,7 +10,8 @@ from pretender import Pretender
 from mjbench.comparison import compare
 from mjbench.comparison.plan import ComparisonPlan, Variant
 from mjbench.comparison.records import MeasurementRecord
-from mjbench.simulation import compat, models
+from mjbench.simulation import models
+from mjbench.simulation.engine_clock import has_clock
 from mjbench.status import Status
 
 
@@ -60,7 +61,7 @@ def test_a_path_that_replays_its_warm_up_is_caught_in_the_first_round(contact_fi
 
 
 def test_paths_are_timed_without_the_engines_clock_too(contact_file: str) -> None:
-    if not compat.has_clock(mujoco.MjModel.from_xml_path(contact_file)):
+    if not has_clock(mujoco.MjModel.from_xml_path(contact_file)):
         pytest.skip("this release of MuJoCo has no clock of its own")
     rows = measured(contact_file, "python_loop_hold", "wrong_paths:Elsewhere")
     for name in ("python_loop", "python_loop_hold"):

@@ -7,7 +7,7 @@ from step_profiles import step_profile
 
 from mjbench.errors import InputError
 from mjbench.loop import profile
-from mjbench.simulation import compat, models, workload
+from mjbench.simulation import engine_clock, models, workload
 
 
 def test_a_second_of_simulated_time_is_physics_python_and_frames() -> None:
@@ -24,8 +24,8 @@ def test_a_row_holds_what_was_measured_and_what_follows_from_it() -> None:
 
 def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     model = models.load(models.resolve("cube_table"))
-    for has_clock in (compat.has_clock, lambda model: False):
-        monkeypatch.setattr(compat, "has_clock", has_clock)
+    for has_clock in (engine_clock.has_clock, lambda model: False):
+        monkeypatch.setattr(profile, "has_clock", has_clock)
         block = profile._Block(1, 20, lambda: workload.reset_to_start)
         stages = profile._stages(model, block)
         assert sum(stages.values()) == pytest.approx(1.0)

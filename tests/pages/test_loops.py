@@ -51,7 +51,7 @@ def test_a_profile_has_a_bar_for_each_stage_that_takes_time() -> None:
     (figure,) = section.figures
     assert [row[0] for row in figure.data.rows] == ["collision", "velocity"]
     assert "75 % of it in the engine" in section.conclusions[0].text
-    assert "clock takes 20 %" in section.conclusions[1].text
+    assert "timer of MuJoCo's Python package takes 20 %" in section.conclusions[1].text
     assert "collision" in drawn(section)[0]
 
 

@@ -23,7 +23,8 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.paired.worker_process import TargetError
 from mjbench.releases.moved_image import ImmovableError
 from mjbench.releases.placement import Placement
-from mjbench.simulation import models
+from mjbench.simulation import models, work, workload
+from mjbench.simulation.engine_clock import engine_clock, has_clock
 from mjbench.simulation.sampling import SampleRequest
 
 
@@ -67,6 +68,23 @@ def test_steps_call_a_function_of_the_engine_that_they_step_with(
     with pytest.raises(TargetError, match="with mj_Euler called inside each step does not reach"):
         process.call(replace(prepare, callback="mj_Euler"))
     pool.end([process])
+
+
+def test_a_run_can_be_prepared_without_the_timer_of_the_python_package() -> None:
+    worker = Worker(cast(Connection, None))
+    worker.model = models.load(models.resolve("cartpole"))
+    if not has_clock(worker.model):
+        pytest.skip("this release of MuJoCo installs no timer")
+    worker.workload = workload.make(worker.model, nbatch=1, nstep=3)
+    worker.final_state = work.observe(worker.workload).final_state
+    prepare = requests.Prepare("python_loop", {}, cores=(), simulations=(0,))
+    try:
+        worker._prepare(prepare)
+        assert has_clock(worker.model)
+        worker._prepare(replace(prepare, has_timer=False))
+        assert not has_clock(worker.model)
+    finally:
+        engine_clock(True)
 
 
 def test_a_slowed_block_lasts_longer_by_the_share_asked_for(

@@ -92,7 +92,7 @@ def test_callers_of_the_users_own_line_do_not_count():
     )
 
 
-def test_the_engines_clock_is_seen():
+def test_the_timer_of_the_python_package_is_seen():
     stack = [OWN, CLOCK, library("0x7f", "[vdso]")]
     assert activities.activity(stack) == Activity.PHYSICS
     assert activities.is_engine_clock(stack)

@@ -88,7 +88,8 @@ def test_a_line_that_calls_a_package_names_it():
     assert "gymnasium" in remedies.remedies(time, [])[0].text
 
 
-def test_the_engines_clock_is_a_remedy():
+def test_the_timer_of_the_python_package_is_a_remedy_from_three_percent_on():
+    assert remedies.remedies(loop(line(12, {PHYSICS: 1.0}), engine_clock=0.029), []) == []
     (remedy,) = remedies.remedies(loop(line(12, {PHYSICS: 1.0}), engine_clock=0.2), [])
     assert (remedy.kind, remedy.gain) == (RemedyKind.CLOCK, 0.2)
 

@@ -72,7 +72,7 @@ def test_lines_to_paste_are_those_of_each_recommendation():
     assert "To apply engine clock off, jacobian=sparse:" in printed
     assert '<option jacobian="sparse"/>' in printed
     assert '<option timestep="0.004"/>' in printed
-    assert printed.count("mjbench.engine_clock(False)") == 2
+    assert printed.count("    mujoco.mj_resetCallbacks()") == 2
     assert "frame_skip" in printed
 
 

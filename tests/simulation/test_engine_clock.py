@@ -1,4 +1,9 @@
-"""The engine's clock off and on again: the same states, and no times in between."""
+"""The timer of MuJoCo's Python package, off and on again: the same states, no times in between."""
+
+import contextlib
+import subprocess
+import sys
+import threading
 
 import mujoco
 import numpy as np
@@ -6,14 +11,15 @@ import pytest
 from example_models import CONTACT_XML
 
 import mjbench
-from mjbench.simulation import compat
+from mjbench.simulation import package_timer
+from mjbench.simulation.engine_clock import has_clock
 
 
 @pytest.fixture
 def model() -> mujoco.MjModel:
     model = mujoco.MjModel.from_xml_string(CONTACT_XML)
-    if not compat.has_clock(model):
-        pytest.skip("this release of MuJoCo has no clock of its own")
+    if not has_clock(model):
+        pytest.skip("this release of MuJoCo installs no timer")
     return model
 
 
@@ -29,18 +35,104 @@ def test_steps_end_in_the_same_state_without_it(model: mujoco.MjModel) -> None:
         np.testing.assert_array_equal(final_state(model), expected)
 
 
-def test_it_is_set_back_at_the_end_of_the_block(model: mujoco.MjModel) -> None:
+def test_no_times_are_stored_until_the_end_of_the_block(model: mujoco.MjModel) -> None:
     with mjbench.engine_clock(False):
-        assert mujoco.get_mjcb_time() is not None
-    assert mujoco.get_mjcb_time() is None
-    assert compat.has_clock(model)
+        assert not has_clock(model)
+    assert has_clock(model)
+
+
+def test_a_new_mjdata_does_not_install_the_timer_again(model: mujoco.MjModel) -> None:
+    with mjbench.engine_clock(False):
+        mujoco.MjData(model)
+        assert not has_clock(model)
 
 
 def test_a_call_lasts_until_the_next(model: mujoco.MjModel) -> None:
     mjbench.engine_clock(False)
-    assert mujoco.get_mjcb_time() is not None
+    mjbench.engine_clock(False)
+    assert not has_clock(model)
+    with mjbench.engine_clock(True):
+        assert has_clock(model)
+    assert not has_clock(model)
     mjbench.engine_clock(True)
-    assert mujoco.get_mjcb_time() is None
+    assert has_clock(model)
+
+
+def test_blocks_that_do_not_nest_keep_it_off_until_the_last_one_ends(
+    model: mujoco.MjModel,
+) -> None:
+    first, second = mjbench.engine_clock(False), mjbench.engine_clock(False)
+    with contextlib.ExitStack() as of_first, contextlib.ExitStack() as of_second:
+        of_first.enter_context(first)
+        of_second.enter_context(second)
+        of_first.close()
+        assert not has_clock(model)
+    assert has_clock(model)
+
+
+def test_the_last_call_decides_among_blocks_that_have_not_ended(model: mujoco.MjModel) -> None:
+    with contextlib.ExitStack() as of_off, contextlib.ExitStack() as of_on:
+        of_off.enter_context(mjbench.engine_clock(False))
+        of_on.enter_context(mjbench.engine_clock(True))
+        assert has_clock(model)
+        of_on.close()
+        assert not has_clock(model)
+    assert has_clock(model)
+
+
+def test_blocks_of_three_threads_leave_it_as_it_was(model: mujoco.MjModel) -> None:
+    ready, seen = threading.Barrier(3), []
+
+    def block() -> None:
+        for _ in range(20):
+            with contextlib.suppress(RuntimeError), mjbench.engine_clock(False):
+                ready.wait()
+                seen.append(has_clock(model))
+                raise RuntimeError("ends the block")
+
+    threads = [threading.Thread(target=block) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert seen == 60 * [False]
+    assert has_clock(model)
+
+
+def test_an_object_can_be_used_for_several_blocks(model: mujoco.MjModel) -> None:
+    clock = mjbench.engine_clock(False)
+    for _ in range(2):
+        with clock:
+            assert not has_clock(model)
+        assert has_clock(model)
+
+
+def test_a_timer_that_the_program_sets_in_the_block_stays(model: mujoco.MjModel) -> None:
+    try:
+        with mjbench.engine_clock(False):
+            mujoco.set_mjcb_time(lambda: 0.0)
+            own = mujoco.get_mjcb_time()
+        final_state(model)
+        assert mujoco.get_mjcb_time() is own
+        assert not has_clock(model)
+    finally:
+        mujoco.set_mjcb_time(None)
+
+
+def test_mujocos_own_call_turns_it_off_without_mjbench() -> None:
+    """In a process of its own: MuJoCo's Python package does not offer the way back."""
+    program = (
+        "import mujoco\n"
+        "model = mujoco.MjModel.from_xml_string('<mujoco/>')\n"
+        "data = mujoco.MjData(model)\n"
+        f"{package_timer.OFF_SNIPPET}\n"
+        "mujoco.mj_step(model, data)\n"
+        "print(data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration)\n"
+    )
+    completed = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert completed.stdout == "0.0\n"
 
 
 def test_a_clock_of_the_users_own_is_set_back(model: mujoco.MjModel) -> None:

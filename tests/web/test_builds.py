@@ -2,13 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import pretending_node
 import pytest
 
 from mjbench.comparison.plan import Variant
+from mjbench.paired import requests
 from mjbench.paired.worker_pool import WorkerPool
+from mjbench.paired.worker_process import WorkerProcess
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.simulation.starts import KEYFRAME_STARTS
@@ -66,6 +69,22 @@ def test_a_build_that_does_what_c_does_is_timed(measured: Measure) -> None:
     assert build.check is not None and build.check.first is None
     assert build.check.unconstrained.count == 60
     assert len(build.block_ns) >= 8
+
+
+def test_c_is_timed_without_the_timer_of_the_python_package(
+    measured: Measure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No build has such a timer."""
+    prepared, call = [], WorkerProcess.call
+
+    def noting(process: WorkerProcess, request: Any) -> Any:
+        if isinstance(request, requests.Prepare):
+            prepared.append(request.has_timer)
+        return call(process, request)
+
+    monkeypatch.setattr(WorkerProcess, "call", noting)
+    wasm(measured())
+    assert prepared == [False, False]
 
 
 def test_all_inputs_of_a_model_in_contact_count(measured: Measure) -> None:
