@@ -23,6 +23,7 @@ from mjbench.pages.content import Tone
 from mjbench.pages.reports import NamedRun
 from mjbench.report import history_plots, markdown, release_page, speed_page, tables
 from mjbench.report.advice import advise
+from mjbench.report.markdown import code, escaped
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
 
@@ -213,9 +214,11 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
     rows = [
         (
             _report_link(named, named.file.stem),
-            _escaped(named.command) if len(others) == 0 else f"{1 + len(others)} runs",
-            ", ".join(dict.fromkeys(each.run.header.machine.cpu for each in (named, *others))),
-            named.run.header.began[:10],
+            escaped(named.command) if len(others) == 0 else f"{1 + len(others)} runs",
+            escaped(
+                ", ".join(dict.fromkeys(n.run.header.machine.cpu for n in (named, *others)))
+            ),
+            escaped(named.run.header.began[:10]),
         )
         for named, *others in reversed(_by_file(runs).values())
     ]
@@ -233,7 +236,7 @@ def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
 def _report_link(named: NamedRun, text: str) -> str:
     # a link in HTML: what it names is no page of Sphinx's
     address = urllib.parse.quote(f"reports/{named.file.stem}.html")
-    return f'<a href="{address}">{_escaped(text)}</a>'
+    return f'<a href="{address}">{escaped(text)}</a>'
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
@@ -293,13 +296,13 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
         or any(conclusion.tone == Tone.BAD for conclusion in conclusions)
     ):
         for conclusion in conclusions:
-            yield f"- {_escaped(conclusion.text)}"
+            yield f"- {escaped(conclusion.text)}"
         return
     rows = [
         (
-            _escaped(row.model),
+            escaped(row.model),
             row.loop.value,
-            f"`{Variant(row.path, row.options)}`",
+            code(str(Variant(row.path, row.options))),
             f"{tables.factor(row.speedup)}×" if row.speedup else "",
             f"{tables.factor(row.low)} to {tables.factor(row.high)}"
             if row.low and row.high
@@ -309,11 +312,6 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
     ]
     headings = ["model", "loop", "advised", "over the plain loop", "95 % interval"]
     yield from markdown.table(headings, rows, right_aligned=headings[3:4])
-
-
-def _escaped(text: str) -> str:
-    """Return a text in which nothing is markup."""
-    return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", " ".join(text.split()))
 
 
 def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
