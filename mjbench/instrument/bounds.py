@@ -1,4 +1,4 @@
-"""What numbers of a record must be; a run file with others is refused.
+"""What numbers and versions of a record must be; a run file with others is refused.
 
 The bounds are upheld where msgspec reads a file. Where it is missing, as in the environments of old
 releases, no file is read, and they are annotations alone.
@@ -28,5 +28,7 @@ NonNegativeFloat = Annotated[float, Meta(ge=0, le=_LARGEST_FLOAT)]
 # No clock resolves less, and ratios of two of these do not overflow.
 Nanoseconds = Annotated[float, Meta(ge=1e-3, le=_LARGEST_FLOAT)]
 AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]
+# A release of MuJoCo: pages and files are named after it.
+Version = Annotated[str, Meta(pattern=r"^[0-9]+\.[0-9][0-9A-Za-z.!+-]*$", max_length=64)]
 # No two targets differ by more than e to the power of this.
 LogRatio = Annotated[float, Meta(ge=-50, le=50)]
