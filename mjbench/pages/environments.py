@@ -37,7 +37,7 @@ def _section(row: EnvironmentRow, command: str) -> Section:
         heading=f"{row.environment}: where a step's time goes",
         command=command,
         conclusions=conclusions,
-        figures=[_figure(row)],
+        figures=list(_figures(row)),
         tables=tables,
         notes=[
             *environment.timing_lines(row),
@@ -47,13 +47,16 @@ def _section(row: EnvironmentRow, command: str) -> Section:
     )
 
 
-def _figure(row: EnvironmentRow) -> Figure:
+def _figures(row: EnvironmentRow) -> Iterator[Figure]:
+    """Yield the layers of a step, where there are any."""
     columns = (Column("layer"), Column("% of env.step", 3), Column("µs", 3))
     rows = [
         (layer.layer.value, 100 * layer.share.median, layer.ns / 1e3)
         for layer in row.layers
         if layer.share.median > 0
     ]
+    if not rows:
+        return
     data = DataTable("Layers of a step", columns, rows)
     layer: vega.Spec = {
         "mark": {"type": "bar", "height": 12, "color": vega.BLUE},
@@ -62,7 +65,7 @@ def _figure(row: EnvironmentRow) -> Figure:
             "y": charts.names("layer"),
         },
     }
-    return Figure(
+    yield Figure(
         title=f"{row.environment}: layers of a step",
         alternative=f"Bars of {len(rows)} layers; the longest is {rows[0][0]}, {rows[0][1]:.0f} %.",
         specification=charts.chart(data, [layer]),

@@ -152,9 +152,10 @@ def _profile_section(profile: StepProfile, command: str) -> Section:
                 Tone.UNSURE,
             )
         )
+    longest = f"; the longest is {rows[0][0]}, {rows[0][1]:.0f} %" if rows else ""
     figure = Figure(
         title=f"{profile.model}: stages of a step",
-        alternative=f"Bars of {len(rows)} stages; the longest is {rows[0][0]}, {rows[0][1]:.0f} %.",
+        alternative=f"Bars of {len(rows)} stages{longest}.",
         specification=charts.chart(data, [layer]),
         data=data,
     )
