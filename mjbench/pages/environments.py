@@ -37,7 +37,7 @@ def _section(row: EnvironmentRow, command: str) -> Section:
         heading=f"{row.environment}: where a step's time goes",
         command=command,
         conclusions=conclusions,
-        figures=list(_figures(row)),
+        figures=[_figure(row)],
         tables=tables,
         notes=[
             *environment.timing_lines(row),
@@ -47,16 +47,13 @@ def _section(row: EnvironmentRow, command: str) -> Section:
     )
 
 
-def _figures(row: EnvironmentRow) -> Iterator[Figure]:
-    """Yield the layers of a step, where there are any."""
+def _figure(row: EnvironmentRow) -> Figure:
     columns = (Column("layer"), Column("% of env.step", 3), Column("µs", 3))
     rows = [
         (layer.layer.value, 100 * layer.share.median, layer.ns / 1e3)
         for layer in row.layers
         if layer.share.median > 0
     ]
-    if not rows:
-        return
     data = DataTable("Layers of a step", columns, rows)
     layer: vega.Spec = {
         "mark": {"type": "bar", "height": 12, "color": vega.BLUE},
@@ -65,9 +62,9 @@ def _figures(row: EnvironmentRow) -> Iterator[Figure]:
             "y": charts.names("layer"),
         },
     }
-    yield Figure(
+    return Figure(
         title=f"{row.environment}: layers of a step",
-        alternative=f"Bars of {len(rows)} layers; the longest is {rows[0][0]}, {rows[0][1]:.0f} %.",
+        alternative=charts.bars("layers", rows),
         specification=charts.chart(data, [layer]),
         data=data,
     )

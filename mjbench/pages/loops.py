@@ -152,10 +152,9 @@ def _profile_section(profile: StepProfile, command: str) -> Section:
                 Tone.UNSURE,
             )
         )
-    longest = f"; the longest is {rows[0][0]}, {rows[0][1]:.0f} %" if rows else ""
     figure = Figure(
         title=f"{profile.model}: stages of a step",
-        alternative=f"Bars of {len(rows)} stages{longest}.",
+        alternative=charts.bars("stages", rows),
         specification=charts.chart(data, [layer]),
         data=data,
     )
