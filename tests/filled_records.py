@@ -7,6 +7,7 @@ from msgspec import inspect
 
 from mjbench.instrument import runs
 from mjbench.instrument.runs import RunHeader
+from mjbench.paired.records import LaunchRow
 from mjbench.report.documents import RECORD_TYPES
 
 # Returns the text of a field by its key.
@@ -24,9 +25,13 @@ _VALUES: Mapping[str, Any] = {
     "engine_bytes": 0,
     "extension_bytes": 64,
     "began": "2026-11-01T12:00:00+00:00",
-    "pattern": "ABBA",
-    "histogram": "",
+    "orders": "ABBA",
+    # of a microsecond and of two, as HdrHistogram encodes them
+    "histogram": "HISTFAAAACd4nJNpmSzMwMDAxgABzFCaEYjFPcpeMNh/gAic52c6y88EAG6uBfs=",
 }
+
+# Texts of which no other will do.
+_EXACT = ("orders", "histogram", "schema")
 # The records that runs of each command have.
 KINDS: Mapping[str, Sequence[str]] = {
     "compare": ("model", "measurement", "confirmation", "contest"),
@@ -63,11 +68,14 @@ def _filled(kind: inspect.Type, key: str, text: Text, at: int) -> Any:
             some = next(t for t in kind.types if not isinstance(t, inspect.NoneType))
             return _filled(some, key, text, at)
         case inspect.DataclassType():
-            return {f.encode_name: _filled(f.type, f.name, text, at) for f in kind.fields}
+            filled = {f.encode_name: _filled(f.type, f.name, text, at) for f in kind.fields}
+            if kind.cls is LaunchRow:  # four blocks for each order
+                filled["ns"] = [[10, 11, 10, 11]] * 2
+            return filled
         case inspect.EnumType():
             return usual or next(iter(kind.cls)).value
         case inspect.StrType():
-            return "4.0.0" if kind.pattern else text(key if usual is None else usual)
+            return "4.0.0" if kind.pattern else usual if key in _EXACT else text(usual or key)
         case inspect.FloatType() | inspect.IntType():
             return 1 if usual is None else usual
         case inspect.BoolType():

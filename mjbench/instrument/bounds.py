@@ -27,6 +27,8 @@ PositiveInt = Annotated[int, Meta(ge=1, le=_LARGEST_INT)]
 NonNegativeInt = Annotated[int, Meta(ge=0, le=_LARGEST_INT)]
 PositiveFloat = Annotated[float, Meta(gt=0, le=_LARGEST_FLOAT)]
 NonNegativeFloat = Annotated[float, Meta(ge=0, le=_LARGEST_FLOAT)]
+# Shorter steps of a simulation do not change its state.
+Timestep = Annotated[float, Meta(ge=1e-15, le=_LARGEST_FLOAT)]
 # No clock resolves less, and ratios of two of these do not overflow.
 Nanoseconds = Annotated[float, Meta(ge=1e-3, le=_LARGEST_FLOAT)]
 AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]

@@ -18,7 +18,7 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError
 from mjbench.instrument import isolate, timing
-from mjbench.instrument.bounds import AnyFloat, Nanoseconds, PositiveFloat, Share, check_measured
+from mjbench.instrument.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measured
 from mjbench.instrument.isolate import Channel
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.loop import engine_stages, habits, rendering
@@ -115,7 +115,7 @@ class ProfileRow:
     model: str
     status: Status = Status.OK
     detail: str = ""
-    timestep: PositiveFloat | None = None
+    timestep: Timestep | None = None
     loop_ns: Nanoseconds | None = None
     engine_ns: Nanoseconds | None = None
     python_ns: AnyFloat | None = None

@@ -17,11 +17,11 @@ import subprocess
 import sys
 import urllib.parse
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.comparison.plan import Variant
-from mjbench.errors import MachineError, one_line, writing
+from mjbench.errors import InputError, MachineError, one_line, writing
 from mjbench.instrument import extras
 from mjbench.pages import html, reports
 from mjbench.pages.content import Tone
@@ -156,9 +156,16 @@ def write_source(project: Project, source: Path) -> list[str]:
     if project.history is not None:
         _write_history(project.history, source)
         documents.discard(source / "docs/history.md")
+    shown: list[NamedRun] = []
     for file, named_runs in _by_file(project.runs).items():
-        page = html.render(reports.build(named_runs))
+        try:
+            page = html.render(reports.build(named_runs))
+        except InputError as error:  # such as a history without times of steps
+            lines.append(f"left out: {file}: {error}")
+            continue
+        shown += named_runs
         _write_page(copied / "reports" / f"{file.stem}.html", [page])
+    project = replace(project, runs=shown)
     if project.asv_pages is not None:
         with _copying(project.asv_pages):
             lines += _copy_tree(project.folder, project.asv_pages, copied / "asv")
