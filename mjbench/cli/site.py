@@ -1,7 +1,7 @@
 """`mjbench site`: results and documents of a project as a static site."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,34 +66,45 @@ def _read(folder: Path) -> "Project":
       InputError: it holds nothing.
     """
     from mjbench.pages import reports
-    from mjbench.pages.site import Project
+    from mjbench.pages import site as pages
     from mjbench.report import history_files
 
+    def own(files: Iterable[Path]) -> list[Path]:
+        """Return files of the project; say which others are left out."""
+        chosen = []
+        for file in files:
+            if pages.is_foreign(file, folder):
+                report_line(pages.left_out(file, folder))
+            elif file.exists():
+                chosen.append(file)
+        return chosen
+
     named_runs: list[reports.NamedRun] = []
-    for file in (folder / "results/runs").glob("*.jsonl"):
+    for file in own((folder / "results/runs").glob("*.jsonl")):
         with _left_out_if_unreadable():
             named_runs += reports.read([file])
     named_runs.sort(key=lambda named: (named.run.header.began, named.file.name))
-    history, causes = None, folder / "benchmarks/causes.toml"
-    if files := history_files.run_files(folder / "results/history"):
+    history = None
+    causes = next(iter(own([folder / "benchmarks/causes.toml"])), None)
+    if files := own(history_files.run_files(folder / "results/history")):
         with _left_out_if_unreadable():
-            first, *others = history_files.read_each(files, causes if causes.exists() else None)
+            first, *others = history_files.read_each(files, causes)
             history = first.history
             if others:
                 names = ", ".join(each.name for each in others)
                 report_line(f"the history is that of {first.name}; left out: {names}")
-    asv_pages = folder / ".asv/html"
+    asv_pages = own([folder / ".asv/html/index.html"])
     if not (named_runs or history or (folder / "docs").is_dir()):
         raise InputError(
             f"{folder} has neither results nor docs: measure something first, or give --project"
         )
-    lab = folder / "build/lab/mujoco-lab.html"
-    return Project(
+    lab = own([folder / "build/lab/mujoco-lab.html"])
+    return pages.Project(
         folder,
         named_runs,
         history,
-        asv_pages if (asv_pages / "index.html").is_file() else None,
-        lab if lab.is_file() else None,
+        asv_pages[0].parent if asv_pages else None,
+        lab[0] if lab else None,
     )
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
+from mjbench.instrument.bounds import Version
 from mjbench.paired.records import VerdictRow
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
@@ -54,7 +55,7 @@ class InstructionsRow:
     """
 
     model: str
-    release: str
+    release: Version
     status: Status = Status.OK
     detail: str = ""
     instructions_per_step: float | None = None
@@ -175,8 +176,8 @@ class ExplainRow:
     """
 
     model: str
-    old: str
-    new: str
+    old: Version
+    new: Version
     status: Status
     instructions_per_step: CountPair
     outside_per_step: CountPair

@@ -1,10 +1,12 @@
-"""What numbers of a record must be; a run file with others is refused.
+"""What numbers and versions of a record must be; a run file with others is refused.
 
 The bounds are upheld where msgspec reads a file. Where it is missing, as in the environments of old
 releases, no file is read, and they are annotations alone.
 """
 
 from typing import TYPE_CHECKING, Annotated, Any
+
+from mjbench.status import Status
 
 if TYPE_CHECKING:
     from msgspec import Meta
@@ -25,8 +27,31 @@ PositiveInt = Annotated[int, Meta(ge=1, le=_LARGEST_INT)]
 NonNegativeInt = Annotated[int, Meta(ge=0, le=_LARGEST_INT)]
 PositiveFloat = Annotated[float, Meta(gt=0, le=_LARGEST_FLOAT)]
 NonNegativeFloat = Annotated[float, Meta(ge=0, le=_LARGEST_FLOAT)]
+# Shorter steps of a simulation do not change its state.
+Timestep = Annotated[float, Meta(ge=1e-15, le=_LARGEST_FLOAT)]
 # No clock resolves less, and ratios of two of these do not overflow.
 Nanoseconds = Annotated[float, Meta(ge=1e-3, le=_LARGEST_FLOAT)]
 AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]
+# A part of a whole: a difference of noisy times may be a little below 0, or above 1.
+Share = Annotated[float, Meta(ge=-10, le=10)]
+# So short that it cannot decompress to more than about 64 MiB.
+CompressedText = Annotated[str, Meta(max_length=2**16)]
+# A release of MuJoCo: pages and files are named after it.
+Version = Annotated[str, Meta(pattern=r"^[0-9]+\.[0-9][0-9A-Za-z.!+-]*$", max_length=64)]
 # No two targets differ by more than e to the power of this.
 LogRatio = Annotated[float, Meta(ge=-50, le=50)]
+
+
+def check_measured(record: Any, *names: str) -> None:
+    """Check that a record whose status is `ok` has what is None in others.
+
+    Args:
+      record: with a status.
+      names: of its fields.
+
+    Raises:
+      ValueError: one of them is None.
+    """
+    for name in names:
+        if record.status == Status.OK and getattr(record, name) is None:
+            raise ValueError(f"its status is ok, but it has no `{name}`")

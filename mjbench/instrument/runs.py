@@ -9,7 +9,6 @@ import contextlib
 import hashlib
 import io
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -25,6 +24,9 @@ from mjbench.instrument.machine import Machine
 SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
 _MULTILINE_KEYS = {"snippet", "code"}
+
+# Numbers are not larger: their products and ratios do not overflow.
+_LARGEST = 1e100
 
 _T = TypeVar("_T")
 
@@ -118,7 +120,7 @@ def to_json(value: Any) -> Any:
     """Return a dataclass, or a container of them, as JSON-ready values.
 
     Paths become the names of their files, as folders are only of this machine; a number that is not
-    finite, which JSON cannot hold, becomes None.
+    finite, which JSON cannot hold, becomes None, as does one that is beyond what is read.
     """
     return _finite(msgspec.to_builtins(value, enc_hook=_text))
 
@@ -130,7 +132,7 @@ def _text(value: object) -> str:
 def _finite(value: Any) -> Any:
     match value:
         case float():
-            return value if math.isfinite(value) else None
+            return value if abs(value) <= _LARGEST else None
         case list() | tuple():
             return [_finite(item) for item in value]
         case dict():
@@ -226,19 +228,31 @@ def _values(
             if may_be_torn and len(values) + 1 == len(lines) and values:
                 return values, True  # the writer was killed in the middle of its last line
             raise InputError(f"{path}, line {number}: not JSON; not a run file?") from error
+        except ValueError as error:
+            raise InputError(f"{path}, line {number}: {one_line(error)}") from error
     return values, False
 
 
 def _printable_texts(value: Any, key: str = "") -> Any:
-    """Return a JSON value whose texts have no control characters, nor line breaks in a name."""
+    """Return a JSON value whose texts have no control characters, nor line breaks in a name.
+
+    Raises:
+      ValueError: a number is so large that what is derived from it may overflow.
+    """
     if isinstance(value, str):
         lines = value.split("\n") if key in _MULTILINE_KEYS else [value]
         return "\n".join(map(printable, lines))
     if isinstance(value, list):  # most are of numbers
-        containers = (str, list, dict)
-        return [_printable_texts(v, key) if isinstance(v, containers) else v for v in value]
+        numbers = [v for v in value if isinstance(v, float | int)]
+        if numbers and not -_LARGEST <= min(numbers) <= max(numbers) <= _LARGEST:
+            raise ValueError(f"a number beyond {_LARGEST:g}")
+        if len(numbers) == len(value):
+            return value
+        return [_printable_texts(v, key) for v in value]
     if isinstance(value, dict):
         return {printable(k): _printable_texts(item, k) for k, item in value.items()}
+    if isinstance(value, float | int) and not -_LARGEST <= value <= _LARGEST:
+        raise ValueError(f"a number beyond {_LARGEST:g}")
     return value
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from mjbench.errors import Failure, InputError, one_line
 from mjbench.instrument import isolate, stats
+from mjbench.instrument.bounds import CompressedText, NonNegativeFloat, Share, check_measured
 from mjbench.instrument.isolate import Channel
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.simulation import compat, models, sampling, starts, work
@@ -103,10 +104,10 @@ class StepSamples:
 class Quantile:
     """A quantile of latency, in nanoseconds, with its 95 % interval; None without enough steps."""
 
-    quantile: float
-    ns: float
-    low_ns: float | None
-    high_ns: float | None
+    quantile: Share
+    ns: NonNegativeFloat
+    low_ns: NonNegativeFloat | None
+    high_ns: NonNegativeFloat | None
 
 
 @dataclass(frozen=True)
@@ -152,14 +153,22 @@ class LatencyRow:
     detail: str = ""
     nstep: int | None = None
     rate_hz: float | None = None
-    deadline_s: float | None = None
+    deadline_s: NonNegativeFloat | None = None
     missed: int | None = None
     quantiles: Sequence[Quantile] = field(default=())
-    max_ns: float | None = None
+    max_ns: NonNegativeFloat | None = None
     slow: Sequence[SlowFeature] = field(default=())
     work: Work | None = None
-    histogram: str = ""
+    histogram: CompressedText = ""
     starts: Starts | None = None
+
+    def __post_init__(self) -> None:
+        """Check that what was measured is there.
+
+        Raises:
+          ValueError: it is not.
+        """
+        check_measured(self, "pace", "nstep", "deadline_s", "missed", "max_ns", "work")
 
     @classmethod
     def failed(cls, model: str, failure: Failure) -> "LatencyRow":

@@ -18,6 +18,7 @@ import numpy as np
 
 from mjbench.errors import Failure
 from mjbench.instrument import isolate, timing
+from mjbench.instrument.bounds import AnyFloat, Nanoseconds, Share, Timestep, check_measured
 from mjbench.instrument.isolate import Channel
 from mjbench.instrument.limits import TIME_LIMIT_S
 from mjbench.loop import engine_stages, habits, rendering
@@ -115,18 +116,27 @@ class ProfileRow:
     model: str
     status: Status = Status.OK
     detail: str = ""
-    timestep: float | None = None
-    loop_ns: float | None = None
-    engine_ns: float | None = None
-    python_ns: float | None = None
-    clock_ns: float | None = None
+    timestep: Timestep | None = None
+    loop_ns: Nanoseconds | None = None
+    engine_ns: Nanoseconds | None = None
+    python_ns: AnyFloat | None = None
+    clock_ns: AnyFloat | None = None
     work: Work | None = None
-    stages: Mapping[str, float] | None = None
+    stages: Mapping[str, Share] | None = None
     warnings: Mapping[str, int] | None = None
     starts: Starts | None = None
     run_nstep: int | None = None
     frames: Sequence[FrameTime] | None = None
     simulated_second: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that what was measured is there.
+
+        Raises:
+          ValueError: it is not.
+        """
+        names = ("timestep", "loop_ns", "engine_ns", "work", "stages", "warnings", "frames")
+        check_measured(self, *names)
 
     @classmethod
     def measured(cls, profile: StepProfile) -> "ProfileRow":

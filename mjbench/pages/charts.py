@@ -37,6 +37,18 @@ def chart(table: DataTable, layers: Sequence[Spec], height: int | None = None) -
     }
 
 
+def bars(noun: str, rows: Sequence[Sequence[Cell]]) -> str:
+    """Return what can be seen in a chart of bars.
+
+    Args:
+      noun: what the bars are of.
+      rows: name and percent of each, the longest first.
+    """
+    if not rows:
+        return f"No {noun}."
+    return f"Bars of {len(rows)} {noun}; the longest is {rows[0][0]}, {rows[0][1]:.0f} %."
+
+
 def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec:
     """Return the encoding of a number.
 

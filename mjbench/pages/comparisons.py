@@ -177,7 +177,7 @@ def _fresh_speedup(
 ) -> tuple[float | None, float | None, float | None]:
     """Return a path's speed-up over the plain loop in fresh processes, with its interval."""
     base = Variant(BASE, {})
-    if contest is None or variant == base or variant not in contest.variants:
+    if contest is None or variant == base:
         return None, None, None
     ratio = contest.ratio(base, variant)
     if ratio is None or ratio.low is None or ratio.high is None:

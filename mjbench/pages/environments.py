@@ -64,7 +64,7 @@ def _figure(row: EnvironmentRow) -> Figure:
     }
     return Figure(
         title=f"{row.environment}: layers of a step",
-        alternative=f"Bars of {len(rows)} layers; the longest is {rows[0][0]}, {rows[0][1]:.0f} %.",
+        alternative=charts.bars("layers", rows),
         specification=charts.chart(data, [layer]),
         data=data,
     )

@@ -23,6 +23,9 @@ from mjbench.report.across_machines import verdict_cell
 from mjbench.report.results import derive_all
 from mjbench.status import Status
 
+# What the formulas of spreadsheets begin with, in narrow and in wide letters.
+_FORMULA = tuple("=+-@\t\r\n＝＋－＠")
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -111,9 +114,20 @@ def as_csv(stored: RunSet) -> str:
     table = rows.of_set(stored)
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(table[0]) if table else [])
-    writer.writeheader()
-    writer.writerows(table)
+    writer.writerow({name: _cell(name) for name in writer.fieldnames})
+    writer.writerows({name: _cell(cell) for name, cell in row.items()} for row in table)
     return text.getvalue()
+
+
+def _cell(cell: rows.Cell) -> rows.Cell:
+    """Return a cell of CSV that no spreadsheet takes for a formula: such a text begins with `'`."""
+    if not isinstance(cell, str) or not cell.startswith(_FORMULA):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
 
 
 def as_github_action_benchmark(stored: RunSet) -> str:
@@ -158,8 +172,8 @@ def as_otava(stored: RunSet) -> str:
     all_metrics = metrics(stored)
     text = io.StringIO()
     writer = csv.writer(text)
-    writer.writerow(["time", *(metric.name for metric in all_metrics)])
-    writer.writerow([max(began), *(metric.value for metric in all_metrics)])
+    writer.writerow(["time", *(_cell(metric.name) for metric in all_metrics)])
+    writer.writerow([_cell(max(began)), *(metric.value for metric in all_metrics)])
     return text.getvalue()
 
 

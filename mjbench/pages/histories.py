@@ -1,5 +1,6 @@
 """The part of a report that a history of releases gives."""
 
+import html
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -78,8 +79,9 @@ def sections(history: SpeedHistory, command: str) -> Iterator[Section]:
 
 
 def _plain(line: str) -> str:
-    """Return a line of Markdown without links and code marks."""
-    return re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", line).replace("`", "")
+    """Return a line of Markdown without links, code marks and escapes."""
+    text = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", line).replace("`", "")
+    return html.unescape(re.sub(r"\\(\W|_)", r"\1", text))
 
 
 def _changes(history: SpeedHistory) -> DataTable:

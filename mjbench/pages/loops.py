@@ -156,7 +156,7 @@ def _profile_section(profile: StepProfile, command: str) -> Section:
         )
     figure = Figure(
         title=f"{profile.model}: stages of a step",
-        alternative=f"Bars of {len(rows)} stages; the longest is {rows[0][0]}, {rows[0][1]:.0f} %.",
+        alternative=charts.bars("stages", rows),
         specification=charts.chart(data, [layer]),
         data=data,
     )

@@ -55,8 +55,7 @@ def _figure(time: LoopTime) -> Figure:
     }
     return Figure(
         title=f"Where the time of {program.where(time)} goes",
-        alternative=f"Bars of {len(rows)} activities; the longest is {rows[0][0]},"
-        f" {rows[0][1]:.0f} %.",
+        alternative=charts.bars("activities", rows),
         specification=charts.chart(data, [layer]),
         data=data,
     )

@@ -2,27 +2,33 @@
 
 The pages keep the places that they have in the project, so that links between documents hold. A
 link to a file that is not on the site becomes plain text.
+
+Whoever writes the documents is trusted: they may have any markup of MyST. Run files are not: their
+texts are no markup (see `report.markdown`), and pages that have any of them have no roles. What is
+read or copied is the project's own: no symbolic link that leaves it is followed.
 """
 
 import contextlib
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
 import sys
 import urllib.parse
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjbench.comparison.plan import Variant
-from mjbench.errors import MachineError, one_line, writing
+from mjbench.errors import InputError, MachineError, one_line, writing
 from mjbench.instrument import extras
 from mjbench.pages import html, reports
 from mjbench.pages.content import Tone
 from mjbench.pages.reports import NamedRun
 from mjbench.report import history_plots, markdown, release_page, speed_page, tables
 from mjbench.report.advice import advise
+from mjbench.report.markdown import code, escaped
 from mjbench.report.results import derive_all
 from mjbench.report.speed_history import SpeedHistory
 
@@ -36,6 +42,15 @@ _FOLDERS_BESIDE = ("models", "results")
 # Copied as they are, and not rendered.
 _COPIED = "copied"
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
+# A link of the page of the history, where no text of a run file can be one: those have no bare `[`.
+_METHOD_LINK = re.compile(r"\[([^\[\]`\\]+)\]\((method/[\w-]+\.md)(#[\w-]+)?\)")
+# At the head of pages that have texts of run files.
+_NO_ROLES = """\
+---
+myst:
+  disable_syntax: [myst_role, myst_target, myst_line_comment, myst_block_break, html_block]
+---
+"""
 _CONF = """\
 project = "MuJoCo performance"
 html_title = "MuJoCo performance"
@@ -43,6 +58,7 @@ extensions = ["myst_parser"]
 html_theme = "furo"
 html_extra_path = ["{copied}"]
 html_copy_source = False
+smartquotes = False
 exclude_patterns = ["{copied}"]
 myst_heading_anchors = 4
 """
@@ -74,7 +90,7 @@ class Project:
 
 
 def build(project: Project, scratch: Path, output: Path) -> list[str]:
-    """Write a site; return Sphinx's warnings about its pages.
+    """Write a site; return what was left out, and Sphinx's warnings about its pages.
 
     Args:
       project: what it is of.
@@ -89,7 +105,7 @@ def build(project: Project, scratch: Path, output: Path) -> list[str]:
         install = extras.install_command("site")
         raise MachineError(f"a site needs Sphinx, MyST and Furo: {install}")
     source, rendered = scratch / "source", scratch / "site"
-    write_source(project, source)
+    lines = write_source(project, source)
     warnings = _render(source, rendered)
     with writing(output):
         (rendered / MARKER).touch()
@@ -100,7 +116,7 @@ def build(project: Project, scratch: Path, output: Path) -> list[str]:
         if output.exists():
             shutil.rmtree(output)
         complete.rename(output)
-    return warnings
+    return [*lines, *warnings]
 
 
 def _render(source: Path, rendered: Path) -> list[str]:
@@ -120,8 +136,8 @@ def _render(source: Path, rendered: Path) -> list[str]:
     return [line.removeprefix(f"{source}/") for line in lines]
 
 
-def write_source(project: Project, source: Path) -> None:
-    """Write the pages that Sphinx renders, and its configuration.
+def write_source(project: Project, source: Path) -> list[str]:
+    """Write the pages that Sphinx renders, and its configuration; return what was left out.
 
     Args:
       project: what the site is of.
@@ -135,23 +151,33 @@ def write_source(project: Project, source: Path) -> None:
     with writing(copied):
         copied.mkdir()
     with _copying(project.folder):
-        _copy_documents(project.folder, source)
+        lines = _copy_documents(project.folder, source)
+    documents = set(source.rglob("*.md"))
     if project.history is not None:
         _write_history(project.history, source)
+        documents.discard(source / "docs/history.md")
+    shown: list[NamedRun] = []
     for file, named_runs in _by_file(project.runs).items():
-        page = html.render(reports.build(named_runs))
+        try:
+            page = html.render(reports.build(named_runs))
+        except InputError as error:  # such as a history without times of steps
+            lines.append(f"left out: {file}: {error}")
+            continue
+        shown += named_runs
         _write_page(copied / "reports" / f"{file.stem}.html", [page])
+    project = replace(project, runs=shown)
     if project.asv_pages is not None:
         with _copying(project.asv_pages):
-            shutil.copytree(project.asv_pages, copied / "asv")
+            lines += _copy_tree(project.folder, project.asv_pages, copied / "asv")
     if project.lab is not None:
         with _copying(project.lab):
             (copied / "lab").mkdir()
             shutil.copy(project.lab, copied / "lab/index.html")
+    _drop_dead_links(documents, source)
     if project.runs:
-        _write_page(source / "reports.md", _reports_page(project.runs))
-    _drop_dead_links(source)
-    _write_page(source / "index.md", _index(project, source))
+        _write_page(source / "reports.md", [_NO_ROLES, *_reports_page(project.runs)])
+    _write_page(source / "index.md", [_NO_ROLES, *_index(project, source)])
+    return lines
 
 
 @contextlib.contextmanager
@@ -166,18 +192,54 @@ def _copying(folder: Path) -> Iterator[None]:
         raise MachineError(f"cannot copy {folder}: {one_line(error)}") from error
 
 
-def _copy_documents(folder: Path, source: Path) -> None:
-    """Copy a project's documents; without a `docs` folder there are none."""
+def _copy_documents(folder: Path, source: Path) -> list[str]:
+    """Copy a project's documents, and return what was left out; without `docs` there are none."""
     if not (folder / "docs").is_dir():
-        return
-    shutil.copytree(folder / "docs", source / "docs")
-    for name in _BESIDE:
-        if (folder / name).is_file():
-            shutil.copy(folder / name, source / name)
-    for name in _FOLDERS_BESIDE:
-        if (folder / name / "README.md").is_file():
-            (source / name).mkdir()
-            shutil.copy(folder / name / "README.md", source / name / "README.md")
+        return []
+    lines = _copy_tree(folder, folder / "docs", source / "docs")
+    for name in (*_BESIDE, *(f"{name}/README.md" for name in _FOLDERS_BESIDE)):
+        file = folder / name
+        if is_foreign(file, folder):
+            lines.append(left_out(file, folder))
+        elif file.is_file():
+            (source / name).parent.mkdir(exist_ok=True)
+            shutil.copy(file, source / name)
+    return lines
+
+
+def _copy_tree(project: Path, folder: Path, target: Path) -> list[str]:
+    """Copy a folder of a project without links to folders; return which were left out."""
+    lines: list[str] = []
+
+    def foreign(parent: str, names: list[str]) -> list[str]:
+        files = [Path(parent) / name for name in names]
+        chosen = [f for f in files if is_foreign(f, project) or (f.is_symlink() and f.is_dir())]
+        lines.extend(left_out(file, project) for file in chosen)
+        return [file.name for file in chosen]
+
+    if is_foreign(folder, project):
+        target.mkdir(parents=True)
+        return [left_out(folder, project)]
+    shutil.copytree(folder, target, ignore=foreign)
+    return lines
+
+
+def is_foreign(file: Path, project: Path) -> bool:
+    """Return whether a file is outside a project, which a link may lead to, or a pipe or device."""
+    own = Path(os.path.realpath(file))
+    if not own.is_relative_to(os.path.realpath(project)):
+        return True
+    return own.exists() and not (own.is_file() or own.is_dir())
+
+
+def left_out(file: Path, project: Path) -> str:
+    """Return the line that says that a file is not on the site."""
+    why = (
+        "links out of the project or to folders are not followed"
+        if file.is_symlink()
+        else "no file"
+    )
+    return f"left out: {file.relative_to(project)}: {why}"
 
 
 def _write_history(history: SpeedHistory, source: Path) -> None:
@@ -185,13 +247,18 @@ def _write_history(history: SpeedHistory, source: Path) -> None:
     docs = source / "docs"
     plots = docs / "history"
     history_plots.draw(history, plots)
-    page = [speed_page.TITLE, "", *speed_page.lines(history, "history")]
-    _write_page(docs / "history.md", page)
+    page = [_NO_ROLES, speed_page.TITLE, "", *speed_page.lines(history, "history")]
+
+    def live(match: re.Match[str]) -> str:
+        return match[0] if (docs / match[2]).is_file() else match[1]
+
+    _write_page(docs / "history.md", [_METHOD_LINK.sub(live, line) for line in page])
     releases = history.releases()[1:]
     for release in releases:
-        _write_page(source / "releases" / f"{release}.md", release_page.lines(history, release))
+        page = [_NO_ROLES, *release_page.lines(history, release)]
+        _write_page(source / "releases" / f"{release}.md", page)
     if releases:
-        _write_page(source / "releases.md", _releases_page(history, releases))
+        _write_page(source / "releases.md", [_NO_ROLES, *_releases_page(history, releases)])
 
 
 def _releases_page(history: SpeedHistory, releases: Sequence[str]) -> Iterator[str]:
@@ -213,9 +280,9 @@ def _reports_page(runs: Sequence[NamedRun]) -> Iterator[str]:
     rows = [
         (
             _report_link(named, named.file.stem),
-            _escaped(named.command) if len(others) == 0 else f"{1 + len(others)} runs",
-            ", ".join(dict.fromkeys(each.run.header.machine.cpu for each in (named, *others))),
-            named.run.header.began[:10],
+            escaped(named.command) if len(others) == 0 else f"{1 + len(others)} runs",
+            escaped(", ".join(dict.fromkeys(n.run.header.machine.cpu for n in (named, *others)))),
+            escaped(named.run.header.began[:10]),
         )
         for named, *others in reversed(_by_file(runs).values())
     ]
@@ -232,8 +299,8 @@ def _by_file(runs: Sequence[NamedRun]) -> dict[Path, list[NamedRun]]:
 
 def _report_link(named: NamedRun, text: str) -> str:
     # a link in HTML: what it names is no page of Sphinx's
-    address = urllib.parse.quote(f"reports/{named.file.stem}.html")
-    return f'<a href="{address}">{_escaped(text)}</a>'
+    address = urllib.parse.quote(os.fsencode(f"reports/{named.file.stem}.html"))
+    return f'<a href="{address}">{escaped(text)}</a>'
 
 
 def _index(project: Project, source: Path) -> Iterator[str]:
@@ -293,13 +360,13 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
         or any(conclusion.tone == Tone.BAD for conclusion in conclusions)
     ):
         for conclusion in conclusions:
-            yield f"- {_escaped(conclusion.text)}"
+            yield f"- {escaped(conclusion.text)}"
         return
     rows = [
         (
-            _escaped(row.model),
+            escaped(row.model),
             row.loop.value,
-            f"`{Variant(row.path, row.options)}`",
+            code(str(Variant(row.path, row.options))),
             f"{tables.factor(row.speedup)}×" if row.speedup else "",
             f"{tables.factor(row.low)} to {tables.factor(row.high)}"
             if row.low and row.high
@@ -309,11 +376,6 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
     ]
     headings = ["model", "loop", "advised", "over the plain loop", "95 % interval"]
     yield from markdown.table(headings, rows, right_aligned=headings[3:4])
-
-
-def _escaped(text: str) -> str:
-    """Return a text in which nothing is markup."""
-    return re.sub(r"([\\`*_{}\[\]<>#|~])", r"\\\1", " ".join(text.split()))
 
 
 def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
@@ -329,7 +391,7 @@ def _toctree(caption: str, names: Sequence[str]) -> Iterator[str]:
     yield "```"
 
 
-def _write_page(file: Path, lines: Iterator[str] | Sequence[str]) -> None:
+def _write_page(file: Path, lines: Sequence[str]) -> None:
     """Write the lines of a page.
 
     Raises:
@@ -341,16 +403,17 @@ def _write_page(file: Path, lines: Iterator[str] | Sequence[str]) -> None:
         file.write_text(text, encoding="utf-8")
 
 
-def _drop_dead_links(source: Path) -> None:
-    """Turn links to files that are not on the site into their text."""
-    for page in source.rglob("*.md"):
-        if _COPIED in page.relative_to(source).parts:
-            continue
+def _drop_dead_links(pages: Collection[Path], source: Path) -> None:
+    """Turn links of documents to files that are not on the site into their text."""
+    root = source.resolve()
+    for page in pages:
 
         def live(match: re.Match[str], folder: Path = page.parent) -> str:
             target = match[2]
-            is_elsewhere = re.match(r"[a-z]+:", target) is not None
-            return match[0] if is_elsewhere or (folder / target).is_file() else match[1]
+            if re.match(r"[a-z]+:", target):
+                return match[0]
+            file = (folder / target).resolve()
+            return match[0] if file.is_relative_to(root) and file.is_file() else match[1]
 
         with writing(page):
             page.write_text(_LINK.sub(live, page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -60,6 +60,15 @@ class ContestLaunch:
     variants: Sequence[NonNegativeInt]
     ns: Sequence[Sequence[PositiveInt]]
 
+    def __post_init__(self) -> None:
+        """Check the sizes.
+
+        Raises:
+          ValueError: `ns` has not that shape.
+        """
+        if len(self.ns) % 2 or not self.ns or any(len(r) != len(self.variants) for r in self.ns):
+            raise ValueError("ns has a row for each round, as many each way, of all its variants")
+
     def log_ratio(self, baseline: int, candidate: int) -> float:
         """Return the natural logarithm of one variant's time over another's.
 
@@ -113,12 +122,25 @@ class ContestRecord:
     detail: str = ""
     launches: Sequence[ContestLaunch] = ()
 
+    def __post_init__(self) -> None:
+        """Check the positions of variants.
+
+        Raises:
+          ValueError: there is no variant at one of them.
+        """
+        positions = {each.variant for each in self.unable}
+        positions.update(*(launch.variants for launch in self.launches))
+        if any(position >= len(self.variants) for position in positions):
+            raise ValueError(f"it has {len(self.variants)} variants, and names a later one")
+
     def ratio(self, baseline: Variant, candidate: Variant) -> Ratio | None:
         """Return the candidate's time over the baseline's, with its 95 % interval.
 
         Both ends are None where launches are too few for an interval; without a launch of the two
         there is no ratio.
         """
+        if baseline not in self.variants or candidate not in self.variants:
+            return None
         first, second = (self.variants.index(variant) for variant in (baseline, candidate))
         interval = self._interval(first, second)
         if interval is None:
@@ -129,7 +151,9 @@ class ContestRecord:
         return Ratio(float(estimate), float(low), float(high))
 
     def why_unable(self, variant: Variant) -> str:
-        """Return why a variant left the contest; empty where it did not."""
+        """Return why a variant left the contest, or was not in it; empty where it stayed."""
+        if variant not in self.variants:
+            return "it was not compared"
         position = self.variants.index(variant)
         return next((each.detail for each in self.unable if each.variant == position), "")
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mjbench.errors import MachineError
 from mjbench.instrument import anytime
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt
+from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveInt, Version
 from mjbench.paired import moved_check
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.preparation import WorkCheck
@@ -100,7 +100,7 @@ class SpreadRow:
     """
 
     model: str
-    release: str
+    release: Version
     build: str
     status: Status
     detail: str = ""

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from mjbench.instrument.bounds import Share
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.samples import Frame, ThreadSamples
@@ -35,9 +36,18 @@ class LineTime:
     """
 
     place: Place
-    share: float
-    activities: Mapping[Activity, float]
+    share: Share
+    activities: Mapping[Activity, Share]
     package: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that it does something.
+
+        Raises:
+          ValueError: there is no activity.
+        """
+        if not self.activities:
+            raise ValueError("a line has no activity")
 
     @property
     def main_activity(self) -> Activity:
@@ -74,11 +84,11 @@ class LoopTime:
     in_main: bool
     samples: int
     seconds: float
-    activities: Mapping[Activity, float]
-    packages: Mapping[str, float]
+    activities: Mapping[Activity, Share]
+    packages: Mapping[str, Share]
     lines: Sequence[LineTime]
     inner_functions: Sequence[LineTime]
-    engine_clock: float
+    engine_clock: Share
 
     @property
     def has_physics(self) -> bool:

@@ -18,10 +18,11 @@ _UNDERLINE = re.compile(r"([-^=~])\1{3,}\s*$")
 # A directive, such as an image, or one of its options.
 _DIRECTIVE = re.compile(r"\s*(\.\. |:[\w-]+:(\s|$))")
 _COMMIT = re.compile(r":commit:`([0-9a-f]+)`,?\s*")
-# `:role:`text<target>``, `text <url>`__ and ``literal``, of which the text stays.
+# `:role:`text<target>``, `text <url>`__, ``literal`` and **bold**, of which the text stays.
 _ROLE = re.compile(r":[a-z:]+:`([^`<]*?)\s*(?:<[^`>]*>)?`")
 _LINK = re.compile(r"`([^`<]*?)\s*<[^`>]*>`__?")
 _LITERAL = re.compile(r"``([^`]*)``")
+_BOLD = re.compile(r"\*\*([^*]+)\*\*")
 # Where the first clause of an item ends.
 _CLAUSE_END = re.compile(r"[.,:;](?=\s|$)|\s\(")
 # What an item begins with, which says nothing of what it is about.
@@ -227,6 +228,7 @@ def _dedents(line: str, depth: int) -> bool:
 
 def _item(release: str, text: str) -> ChangelogItem:
     commits = tuple(_COMMIT.findall(text))
-    for markup, replacement in ((_COMMIT, ""), (_ROLE, r"\1"), (_LITERAL, r"\1"), (_LINK, r"\1")):
-        text = markup.sub(replacement, text)
+    text = _COMMIT.sub("", text)
+    for markup in (_ROLE, _LITERAL, _LINK, _BOLD):
+        text = markup.sub(r"\1", text)
     return ChangelogItem(release, commits, " ".join(text.split()))

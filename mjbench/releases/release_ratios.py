@@ -18,6 +18,7 @@ from mjbench.instrument.bounds import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    Version,
 )
 from mjbench.releases.placement import Placement
 from mjbench.simulation.starts import Starts
@@ -190,9 +191,9 @@ class RatioRecord:
 
     record_type: ClassVar[str]
     model: str
-    release: str
+    release: Version
     build: str
-    reference: str
+    reference: Version
     status: Status
     detail: str = ""
     launches: Sequence[LaunchRatio] = ()

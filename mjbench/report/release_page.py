@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.releases import speed_history
 from mjbench.releases.speed_history import Measured, SpeedSeries
-from mjbench.report.markdown import change_with_error, table
+from mjbench.report.markdown import change_with_error, code, escaped, table
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.report.speed_tables import instruction_change, operation_changes, step_changes
 
@@ -37,8 +37,8 @@ def conclusion(history: SpeedHistory, release: str) -> str:
     """Return how many models became slower or faster in a release, in a sentence."""
     compared = len(list(_pairs(history, release)))
     listed = [e for e in listed_changes(history, history.models) if e.after.release == release]
-    slower = sorted(each.series.name for each in listed if each.point.change > 0)
-    faster = sorted(each.series.name for each in listed if each.point.change < 0)
+    slower = sorted(escaped(each.series.name) for each in listed if each.point.change > 0)
+    faster = sorted(escaped(each.series.name) for each in listed if each.point.change < 0)
     parts = [
         f"{direction} for {len(names)} of {compared} models ({', '.join(names)})"
         for direction, names in (("slower", slower), ("faster", faster))
@@ -67,7 +67,7 @@ def _row(
     change = speed_history.change(before, after)
     counts = history.background.counts.get((series.name, before.release, after.release))
     return (
-        f"`{series.name}`",
+        code(series.name),
         before.release,
         change_with_error(change.ratio, change.deviation),
         instruction_change(counts),

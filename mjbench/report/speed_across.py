@@ -175,7 +175,7 @@ def _table(listed: Sequence[ChangeAcross], names: Sequence[str]) -> Iterator[str
     if len(names) > MOST_COLUMNS:
         headings = ["releases", "what", "listed", "machine", "time"]
         rows = [
-            [change.releases, change.title, change.count, _escaped(m.machine), m.cell]
+            [change.releases, change.title, change.count, markdown.escaped(m.machine), m.cell]
             for change in listed
             for m in change.machines
         ]
@@ -184,7 +184,7 @@ def _table(listed: Sequence[ChangeAcross], names: Sequence[str]) -> Iterator[str
     wide = [
         [change.releases, change.title, change.count, *_cells(change, names)] for change in listed
     ]
-    columns = [_escaped(name) for name in names]
+    columns = [markdown.escaped(name) for name in names]
     yield from markdown.table(["releases", "what", "listed", *columns], wide, columns)
 
 
@@ -200,8 +200,8 @@ def _machines(histories: Sequence[MachineHistory]) -> Iterator[str]:
         machine, releases = each.history.machine, each.history.releases()
         rows.append(
             [
-                _escaped(each.name),
-                _escaped(machine.cpu) if machine else "",
+                markdown.escaped(each.name),
+                markdown.escaped(machine.cpu) if machine else "",
                 str(machine.usable_cores) if machine else "",
                 f"{len(releases)}, {releases[0]} to {releases[-1]}",
                 str(len(each.history.models)),
@@ -210,7 +210,3 @@ def _machines(histories: Sequence[MachineHistory]) -> Iterator[str]:
         )
     headings = ["machine", "processor", "cores", "releases", "models", "operations"]
     yield from markdown.table(headings, rows, right_aligned=("cores", "models", "operations"))
-
-
-def _escaped(text: str) -> str:
-    return text.replace("|", "\\|")

@@ -17,6 +17,7 @@ from mjbench.releases.changelog import Changelog
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries, order
+from mjbench.report import markdown
 from mjbench.status import Status
 
 # How a measurement ends that a release crashed, hung or failed in.
@@ -126,8 +127,8 @@ def from_records(
 def title(record: RatioRecord) -> str:
     """Return the name of the model or the operation of a record, in Markdown."""
     if not isinstance(record, OperationRatioRecord):
-        return f"`{record.model}`"
-    return f"{record.title}, `{record.model}`" if record.model else record.title
+        return markdown.code(record.model)
+    return ", ".join(filter(None, (markdown.escaped(record.title), markdown.code(record.model))))
 
 
 @dataclass(frozen=True)

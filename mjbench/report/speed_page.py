@@ -15,6 +15,7 @@ from mjbench.releases.change_points import (
 from mjbench.releases.no_change_pairs import NO_CHANGE_PAIRS, NoChangePair
 from mjbench.releases.speed_history import SpeedSeries
 from mjbench.report import history_plots, tables
+from mjbench.report.markdown import code, escaped
 from mjbench.report.speed_history import SpeedHistory, listed_changes
 from mjbench.report.speed_tables import (
     COUNT_THRESHOLD,
@@ -62,7 +63,7 @@ class Section:
         if self.introduction:
             yield self.introduction + "\n"
         yield from self.body
-        yield f"\nFrom {' and '.join(f'`{command}`' for command in self.commands)}."
+        yield f"\nFrom {' and '.join(map(code, self.commands))}."
 
 
 def lines(history: SpeedHistory, plots: str = "") -> Iterator[str]:
@@ -195,7 +196,7 @@ def _figures(history: SpeedHistory, measure: str, explain: str) -> Iterator[Sect
 
 def _images(history: SpeedHistory, plots: str) -> Iterator[str]:
     for series in history.models:
-        yield f"![{series.name}]({plots}/{history_plots.file_name(series)})\n"
+        yield f"![{escaped(series.name)}]({plots}/{history_plots.file_name(series)})\n"
 
 
 def conclusion(history: SpeedHistory) -> Iterator[str]:
@@ -222,7 +223,7 @@ def conclusion(history: SpeedHistory) -> Iterator[str]:
     largest = sorted(listed, key=lambda c: -abs(c.point.change))[:_LARGEST_CHANGES]
     if largest:
         texts = [
-            f"{log_change(c.point.change)} for `{c.series.name}` in {c.after.release}"
+            f"{log_change(c.point.change)} for {code(c.series.name)} in {c.after.release}"
             for c in largest
         ]
         yield f"The largest changes from one release to the next are {', '.join(texts)}."
@@ -245,7 +246,7 @@ def provenance(history: SpeedHistory) -> Iterator[str]:
         " Other machines have other times, and may have other ratios."
     )
     for problem in sorted({each.record.problem for each in measured if each.record.problem}):
-        yield f"Placement was not averaged out everywhere: {problem}."
+        yield f"Placement was not averaged out everywhere: {escaped(problem)}."
     noisy = sum(each.ratio.deviation > SIMULATED_DEVIATION for each in measured)
     yield (
         "In [simulated histories](method/history-errors.md) of 42 releases with two or three"
@@ -320,7 +321,7 @@ def _index(series: SpeedSeries, pair: NoChangePair) -> int | None:
 
 def _machine(machine: Machine) -> str:
     kind = ", virtual" if machine.hypervisor else ""
-    return f"{machine.cpu}{kind}, {machine.usable_cores} cores"
+    return f"{escaped(machine.cpu)}{kind}, {machine.usable_cores} cores"
 
 
 def _percent(log_ratio: float) -> str:

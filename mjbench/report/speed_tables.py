@@ -17,7 +17,7 @@ from mjbench.releases.changelog import Changelog, ChangelogItem
 from mjbench.releases.release_ratios import OperationRatioRecord, Ratio
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report import tables
-from mjbench.report.markdown import change, change_with_error, table
+from mjbench.report.markdown import change, change_with_error, code, escaped, table
 from mjbench.report.speed_history import Listed, SpeedHistory, listed_changes, title
 
 # The smallest change of a count of instructions that is marked.
@@ -104,13 +104,13 @@ def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
     if functions:
         yield functions
     for cause in listed.causes:
-        yield cause.text + (f" (`{cause.commit}`)" if cause.commit else "")
+        yield escaped(cause.text) + (f" ({code(cause.commit)})" if cause.commit else "")
     item = None if listed.causes else _fitting_item(listed, changelog)
     if item is not None:
         text = item.text
         quoted = text if len(text) <= _MAX_QUOTED else f"{text[:_MAX_QUOTED]}…"
-        commits = f" ({', '.join(f'`{c}`' for c in item.commits)})" if item.commits else ""
-        yield f"changelog, perhaps: “{quoted.replace('|', chr(92) + '|')}”{commits}"
+        commits = f" ({', '.join(map(code, item.commits))})" if item.commits else ""
+        yield f"changelog, perhaps: “{escaped(quoted)}”{commits}"
 
 
 def _fitting_item(listed: Listed, changelog: Changelog | None) -> ChangelogItem | None:
@@ -133,7 +133,7 @@ def _functions(listed: Listed) -> str:
     if not old:
         return ""
     return ", ".join(
-        f"`{' + '.join(d.names)}` {100 * d.difference / old:+.1f} %"
+        f"{code(' + '.join(d.names))} {100 * d.difference / old:+.1f} %"
         for d in _main_differences(listed)
         if abs(d.difference) >= _MIN_SHARE * old
     )
@@ -315,7 +315,7 @@ def work(history: SpeedHistory) -> Iterator[str]:
 def failures(history: SpeedHistory) -> Iterator[str]:
     """Yield a table of what a release failed in."""
     rows = [
-        [record.release, title(record), record.detail.replace("|", "\\|")]
+        [record.release, title(record), escaped(record.detail)]
         for record in history.failures
         if history.lists(record.release)
     ]

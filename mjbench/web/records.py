@@ -8,7 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from mjbench.instrument.bounds import (
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    Version,
+)
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
@@ -93,7 +99,7 @@ class WebRecord:
 
     record_type: ClassVar[str] = "web"
     model: str
-    release: str
+    release: Version
     node: str
     status: Status = Status.OK
     detail: str = ""
@@ -157,7 +163,7 @@ class WebExperimentsRecord:
 
     record_type: ClassVar[str] = "web_experiments"
     build: Build
-    release: str
+    release: Version
     node: str
     status: Status = Status.OK
     detail: str = ""
