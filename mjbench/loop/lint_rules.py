@@ -104,11 +104,6 @@ def _allocations(script: SteppingScript) -> Iterator[Match]:
                 yield Match(node, ALLOCATION_HABITS[last_name(node.func)])
 
 
-def _contacts_beyond_ncon(script: SteppingScript) -> Iterator[Match]:
-    for loop in (*script.loops, *script.environment_loops):
-        yield from (Match(node) for node in loop.inner if script.uses_all_contacts(node))
-
-
 def _new_data_per_episode(script: SteppingScript) -> Iterator[Match]:
     """Yield each new MjData of an episode, but not one of a model that is new as well."""
     for loop in script.episode_loops:
@@ -141,11 +136,6 @@ RULES = (
         "MJB003",
         "a new array in every step; allocate it before the loop and write into it (out=, x[:] =)",
         _allocations,
-    ),
-    Rule(
-        "MJB004",
-        "contacts beyond data.ncon are of earlier steps; use [: data.ncon]",
-        _contacts_beyond_ncon,
     ),
     Rule(
         "MJB005",

@@ -2,7 +2,7 @@
 
 Scopes are those of functions and of the module, as Python resolves names. A name that a `global` or
 `nonlocal` statement mentions may be bound again anywhere, and so may a module's name where the
-script calls `exec`, `eval`, `globals`, `locals` or `vars`.
+script calls `exec`, `setattr`, `globals` or the like, or sets such an attribute of a module.
 """
 
 import ast
@@ -11,7 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 
 Scope = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
 _STAR = "*"  # what `from module import *` binds, in place of names that are not known
-_REACHES_NAMES = {"eval", "exec", "globals", "locals", "vars"}
+_REACHES_NAMES = {
+    "delattr",
+    "eval",
+    "exec",
+    "globals",
+    "import_module",
+    "locals",
+    "setattr",
+    "vars",
+}
+_REACHES_NAMES |= {"__import__", "__dict__", "modules"}
 
 
 class NameBindings:
@@ -35,11 +45,12 @@ class NameBindings:
         self._declared: set[str] = set()
         self.reaches_names = False
         self.identifiers: set[str] = set()
+        self._set_in_modules = _set_in_modules(tree)
         for node in ast.walk(tree):
             self.identifiers.update(_identifiers(node))
             if isinstance(node, ast.Global | ast.Nonlocal):
                 self._declared.update(node.names)
-            elif isinstance(node, ast.Name) and node.id in _REACHES_NAMES:
+            elif _REACHES_NAMES.intersection(_identifiers(node)):
                 self.reaches_names = True
             for name in bound_by(node):
                 self._origins[name].add(self._imported(node))
@@ -73,7 +84,9 @@ class NameBindings:
         if name in self._declared:
             return f"a global or nonlocal statement names {name}"
         if isinstance(owner, ast.Module) and self.reaches_names:
-            return f"exec, eval, globals, locals or vars could bind {name} again"
+            return f"exec, setattr, globals or the like could bind {name} again"
+        if isinstance(owner, ast.Module) and name in self._set_in_modules:
+            return f"the script sets {name} of a module, which may be this one"
         if owner is not self.scope_of(loop) and not self._is_bound_once(name, owner):
             return f"{name} belongs to another scope, which may bind it again"
         return ""
@@ -124,6 +137,24 @@ class NameBindings:
         while node is not scope:
             node = self._parents[node]
             yield node
+
+
+def _set_in_modules(tree: ast.Module) -> set[str]:
+    """Return the names that are set as attributes of something that the script imports."""
+    imported = {
+        alias.asname or alias.name.partition(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names
+    }
+    return {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+        and not isinstance(node.ctx, ast.Load)
+        and isinstance(node.value, ast.Name)
+        and node.value.id in imported
+    }
 
 
 def _identifiers(node: ast.AST) -> Iterator[str]:

@@ -25,6 +25,7 @@ from mjbench.loop.script_names import (
     model_names,
     nodes_inside,
 )
+from mjbench.loop.view_writes import WritesThrough, peeled
 
 # Methods that step an environment; that of Gymnasium's MujocoEnv, which no other class has.
 _ENVIRONMENT_STEPS, _SIMULATION_STEPS = {"step", "step_wait"}, {"do_simulation"}
@@ -57,6 +58,10 @@ _MATRICES = re.compile(
     r"(x(pos|quat|mat)|xi(pos|mat)|xanchor|xaxis|mocap_\w+|\w+_x(pos|mat|dir)|subtree_\w+|c(vel|acc|"
     r"inert|rb|dof\w*|frc_\w+)|xfrc_applied)$"
 )
+
+
+# Inputs of a step, which programs write.
+_INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +122,7 @@ class SteppingScript:
         self._model_names = model_names(tree)
         self._accessor_names = self._names_of_accessors(tree)
         self._container_names = container_names(tree)
+        self._writes = WritesThrough(tree)
         steps = (n for n in ast.walk(tree) if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
         self._step_loops = {next(self._loops_around(node), None) for node in steps}
@@ -184,7 +190,37 @@ class SteppingScript:
         return False
 
     def stored_views(self, node: ast.AST) -> Iterator[ast.expr]:
-        """Yield the views that a statement or a call of a loop stores for later."""
+        """Yield the views that a statement or a call of a loop stores for later, to be read.
+
+        Views of inputs, such as `ctrl`, are left out: a program may store them to write through
+        them. So is what is stored where the script writes through it.
+        """
+        place = _place_of_storage(node)
+        if place is None or self._writes.through(place):
+            return
+        for view in self._storage(node):
+            if not self._is_input(view) and not self._is_of_new_data(view):
+                yield view
+
+    def _is_input(self, view: ast.expr) -> bool:
+        """Return whether a view is one of an input of a step."""
+        attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
+        return any(map(_INPUTS.match, attributes))
+
+    def _is_of_new_data(self, view: ast.expr) -> bool:
+        """Return whether the MjData of a view is created in the same iteration of a loop."""
+        names = {dotted_name(n) for n in ast.walk(view) if isinstance(n, ast.Attribute | ast.Name)}
+        return any(
+            isinstance(n, ast.Assign)
+            and isinstance(n.value, ast.Call)
+            and last_name(n.value.func) in ("MjData", "copy", "deepcopy")
+            and names.intersection(map(dotted_name, n.targets))
+            for loop in self._loops_around(view)
+            for n in nodes_inside(loop)
+        )
+
+    def _storage(self, node: ast.AST) -> Iterator[ast.expr]:
+        """Yield the views that a statement or a call stores."""
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             if node.func.attr in _STORING_METHODS and not self.is_numpy_call(node):
                 for argument in node.args:
@@ -234,19 +270,6 @@ class SteppingScript:
             if isinstance(node, ast.If):
                 return True
         return False
-
-    def uses_all_contacts(self, node: ast.AST) -> bool:
-        """Return whether a node uses the contacts without an index or a slice."""
-        if isinstance(node, ast.For):
-            return self._is_contact(node.iter)
-        if isinstance(node, ast.Call) and last_name(node.func) in ("len", "enumerate"):
-            return bool(node.args) and self._is_contact(node.args[0])
-        return (
-            isinstance(node, ast.Attribute)
-            and self._is_contact(node.value)
-            and isinstance(node.ctx, ast.Load)
-            and not isinstance(self.parents.get(node), ast.Subscript)
-        )
 
     def is_new_data(self, node: ast.AST, loop: SteppingLoop) -> bool:
         """Return whether a node creates an MjData of a model that `loop` does not assign."""
@@ -317,11 +340,6 @@ class SteppingScript:
             if name and all(map(self._is_access_to_data, assigned))
         }
 
-    def _is_contact(self, node: ast.AST) -> bool:
-        return (
-            isinstance(node, ast.Attribute) and node.attr == "contact" and self._is_data(node.value)
-        )
-
     def _views_in(self, node: ast.AST) -> Iterator[ast.expr]:
         """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
         if isinstance(node, ast.expr) and self.is_view(node):
@@ -349,6 +367,15 @@ class SteppingScript:
                 if not (is_iterable or child in parent.orelse):  # these are evaluated once
                     yield parent
             child, parent = parent, self.parents.get(parent)
+
+
+def _place_of_storage(node: ast.AST) -> str | None:
+    """Return the dotted name of what a statement or a call stores in; None for several places."""
+    if isinstance(node, ast.Call):
+        return dotted_name(node.func.value) if isinstance(node.func, ast.Attribute) else None
+    if not isinstance(node, ast.Assign) or len(node.targets) > 1:
+        return None  # `a = rows[i] = data.qpos`: `a` is a name for the view
+    return dotted_name(peeled(node.targets[0]))
 
 
 def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:

@@ -171,7 +171,7 @@ def test_an_iteration_may_end_the_loop_before_an_access_but_not_pass_it_by(
                 data.joint("hip").qpos
                 exec(code)
             """,
-            "exec, eval, globals, locals or vars could bind data again",
+            "exec, setattr, globals or the like could bind data again",
         ),
         (
             """

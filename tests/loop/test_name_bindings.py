@@ -63,7 +63,7 @@ def test_a_name_that_nothing_binds_again_stays() -> None:
         ("from a import *\nx = 0\ndef f():\n  for i in j: x\n", "x belongs to another scope"),
         ("x = 0\ndef f(x):\n  x = 1\n  for i in j: x\n", ""),
         ("x = 0\ndef g():\n  global x\ndef f():\n  for i in j: x\n", "a global or nonlocal"),
-        ("x = 0\nvars()\ndef f():\n  for i in j: x\n", "exec, eval"),
+        ("x = 0\nvars()\ndef f():\n  for i in j: x\n", "exec, setattr"),
         ("vars()\ndef f(x):\n  for i in j: x\n", ""),
         ("class C:\n  x = 0\n  def f(self):\n    for i in j: x\n", "where x gets its value"),
         ("def f(x):\n  def g():\n    for i in j: x\n", ""),
