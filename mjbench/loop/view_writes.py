@@ -90,5 +90,5 @@ def _aliases(tree: ast.Module) -> Iterator[tuple[str, str]]:
         if isinstance(node, ast.For | ast.comprehension):
             names = [n for n in ast.walk(node.target) if isinstance(n, ast.Name)]
             sources = [n for n in ast.walk(node.iter) if isinstance(n, ast.Name | ast.Attribute)]
-            for name in names:
-                yield from ((name.id, dotted_name(source)) for source in sources)
+            for target in names:
+                yield from ((target.id, dotted_name(source)) for source in sources)
