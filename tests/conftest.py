@@ -1,5 +1,6 @@
 """What the tests share: a small model that starts in contact, and its workload."""
 
+import gc
 import signal
 from collections.abc import Iterator
 from typing import Any
@@ -58,3 +59,8 @@ def contact_file(tmp_path: Any) -> str:
     path = tmp_path / "contact.xml"
     path.write_text(CONTACT_XML)
     return str(path)
+
+
+def pytest_runtest_teardown() -> None:
+    """Turn garbage collection on again: what usually runs in a child may turn it off here."""
+    gc.enable()

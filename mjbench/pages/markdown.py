@@ -17,7 +17,7 @@ def render(report: Report) -> Iterator[str]:
     yield from _conclusions(report.conclusions)
     for section in report.sections:
         yield ""
-        yield f"<details><summary>{html.escape(section.heading)}</summary>"
+        yield f"<details><summary>{html.escape(section.heading, quote=False)}</summary>"
         yield ""
         yield from _conclusions(section.conclusions)
         for table in section.tables or [figure.data for figure in section.figures]:
