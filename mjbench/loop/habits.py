@@ -141,13 +141,20 @@ HABITS = (
         "concatenate",
         "np.concatenate((qpos, qvel))",
         _QPOS_QVEL,
-        cheaper="concatenate into array",
+        cheaper="slices of an array",
     ),
-    Habit("hstack", "np.hstack((qpos, qvel))", _QPOS_QVEL, cheaper="concatenate into array"),
+    Habit("hstack", "np.hstack((qpos, qvel))", _QPOS_QVEL, cheaper="slices of an array"),
     Habit(
         "concatenate into array",
         "np.concatenate((qpos, qvel), out=row)",
         f"{_QPOS_QVEL}\n{_ROW}",
+        cheaper="slices of an array",
+    ),
+    Habit(
+        "slices of an array",
+        "row[:nq] = qpos; row[nq:] = qvel",
+        f"{_QPOS_QVEL}\n{_ROW}\nnq = model.nq",
+        value="row",
     ),
     Habit("control element", "data.ctrl[0] = 0.1", value="data.ctrl", requires=_has_actuators),
     Habit(

@@ -134,7 +134,7 @@ RULES = (
     ),
     Rule(
         "MJB003",
-        "a new array in every step; allocate it before the loop and write into it (out=, x[:] =)",
+        "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
         _allocations,
     ),
     Rule(
