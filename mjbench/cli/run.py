@@ -78,15 +78,15 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     "--rate",
     "rate_hz",
     type=click.IntRange(1, 1000),
-    help="Samples of the program's stacks per second  [default: 10, or fewer where they would cost"
-    " too much]",
+    help="Samples of the program's stacks per second  [default: 100; 20 of a program with several"
+    " child processes; 10 with --native, or fewer where they would cost too much]",
 )
 @click.option(
-    "--native/--no-native",
+    "--native",
     "has_native",
-    default=None,
-    help="Also read the stacks of libraries, to tell NumPy and PyTorch from Python  [default: only"
-    " if the program has fewer than two child processes]",
+    is_flag=True,
+    help="Also read the stacks of libraries, to tell NumPy and PyTorch from Python. Each sample"
+    " then stops the program for some milliseconds.",
 )
 @click.option(
     "--python",
@@ -106,7 +106,7 @@ def run(
     seconds: float | None,
     pid: int | None,
     rate_hz: int | None,
-    has_native: bool | None,
+    has_native: bool,
     interpreter: str | None,
     confirm: bool,
     results: Path,

@@ -39,6 +39,9 @@ class Finding:
     message: str
     ns_per_step: float | None
     cell: int | None
+    callee: str = ""
+    instead: tuple[str, ...] = ()
+    is_wrong_result: bool = False
 
 
 ALL_CODES = tuple(rule.code for rule in RULES)
@@ -131,6 +134,7 @@ def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Fin
             message=rule.message,
             ns_per_step=costs_ns().get(match.habit),
             cell=line.cell,
+            is_wrong_result=rule.code == "MJB001",
         )
         for rule, match in matches(program, script, codes)
         for line in [program.line_of(match.node)]

@@ -44,6 +44,12 @@ class Activity(enum.StrEnum):
     """Modules are found and compiled."""
     LOADING = "loading models"
     """MuJoCo reads or compiles a model."""
+    COPYING = "creating and copying MjData"
+    """`MjData(model)`, copies of one, and states that are read or set as a whole."""
+    COMPILING = "compiling by JAX"
+    """JAX traces, lowers and compiles a function."""
+    REST = "the rest"
+    """What is no call that is timed, where too few samples say what else it is."""
 
 
 @dataclass(frozen=True)
@@ -113,9 +119,15 @@ _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_b
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
-_STEP_CLOCK = "step_clock.py"
-# A line of Python that calls the engine for as long as a step takes, or longer.
-_STEPS = re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\(")
+_CLOCKS = ("program/hook/step_clock.py", "program/hook/call_clock.py")
+# What a line of Python does that calls libraries, where their stacks were not read.
+_LINES = (
+    (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
+    (re.compile(r"\bsleep\("), Activity.SLEEPING),
+    (re.compile(r"\bprint\(|\.(write|flush|savez?|tofile)\("), Activity.LOGGING),
+    (re.compile(r"\b(np|numpy|scipy)\.|\.(copy|mean|sum|dot|clip)\(| @ "), Activity.NUMPY),
+    (re.compile(r"\.(joint|body|geom|site|sensor|actuator)\("), Activity.BINDINGS),
+)
 # Lines of multiprocessing between its functions and the call that waits.
 _NEAR = 4
 
@@ -141,12 +153,14 @@ def activity(stack: Sequence[Frame], has_native: bool = True) -> Activity | None
 
 
 def _by_line(python: Sequence[Frame]) -> Activity | None:
-    """Return physics where the innermost line of Python steps; None for any other."""
+    """Return what the innermost line of Python calls; None where that is nothing known."""
     if not python:
         return None
     frame = python[-1]
-    steps = frame.file.endswith(_STEP_CLOCK) or _STEPS.search(source_line(frame.file, frame.line))
-    return Activity.PHYSICS if steps else None
+    if frame.file.endswith(_CLOCKS):
+        return Activity.PHYSICS
+    text = source_line(frame.file, frame.line)
+    return next((activity for pattern, activity in _LINES if pattern.search(text)), None)
 
 
 def _interpreter(library: Sequence[Frame]) -> Activity | None:
@@ -245,7 +259,7 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
         return Activity.THREADS
     if library and library[0].function in ("write", "__write", "fsync", "open", "openat"):
         return Activity.LOGGING
-    if python[-1].file.endswith(_STEP_CLOCK):
+    if python[-1].file.endswith(_CLOCKS):
         return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
     return None
 
@@ -292,7 +306,7 @@ def package_of(file: str) -> str:
 def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
-    return is_source and not package_of(frame.file) and not frame.file.endswith(_STEP_CLOCK)
+    return is_source and not package_of(frame.file) and not frame.file.endswith(_CLOCKS)
 
 
 def is_engine_clock(stack: Sequence[Frame]) -> bool:
@@ -301,5 +315,5 @@ def is_engine_clock(stack: Sequence[Frame]) -> bool:
 
 
 def is_step_clock(frame: Frame) -> bool:
-    """Return whether a frame is of the step clock, which stands for a function of the engine."""
-    return frame.is_python and frame.file.endswith(f"program/hook/{_STEP_CLOCK}")
+    """Return whether a frame is of the clocks, which stand for functions of the engine."""
+    return frame.is_python and frame.file.endswith(_CLOCKS)

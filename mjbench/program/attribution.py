@@ -3,12 +3,14 @@
 import math
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from mjbench.instrument.bounds import Share
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place, is_own
+from mjbench.program.calls import CallTime
+from mjbench.program.hook.call_clock import COMPILE
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
@@ -16,6 +18,8 @@ from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 FEW_SAMPLES = 30
 # Lines with a smaller share of a loop are left out.
 LEAST_LINE_SHARE = 0.005
+# Where samples saw less than this beside the calls that are timed, they do not divide the rest.
+_LEAST_REST = 0.02
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
 # The `_bootstrap` of this module begins a process, which may be a fork.
@@ -75,6 +79,7 @@ class LoopTime:
       inner_functions: of installed packages, without what they call in Python and without physics,
         by share; the place of each is the line that samples saw most often.
       engine_clock: share of the timer of MuJoCo's Python package.
+      calls: of functions that are timed one by one, from lines of this loop.
     """
 
     loop: SourceLoop
@@ -89,6 +94,7 @@ class LoopTime:
     lines: Sequence[LineTime]
     inner_functions: Sequence[LineTime]
     engine_clock: Share
+    calls: Sequence[CallTime] = ()
 
     @property
     def has_physics(self) -> bool:
@@ -98,6 +104,15 @@ class LoopTime:
     def error(self, share: float) -> float:
         """Return the standard error of a share, as that of a binomial proportion."""
         return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))
+
+    @property
+    def timed_share(self) -> float:
+        """The share of calls that are timed one by one."""
+        return min(1.0, sum(call.seconds for call in self.calls) / self.seconds)
+
+    def is_timed(self, activity: Activity) -> bool:
+        """Whether the share of an activity comes from calls that are timed one by one."""
+        return any(call.activity == activity for call in self.calls)
 
 
 @dataclass(frozen=True)
@@ -116,7 +131,10 @@ class _Sample:
 
 
 def loop_times(
-    threads: Sequence[ThreadSamples], main_pid: int, stepping_pids: Collection[int] = ()
+    threads: Sequence[ThreadSamples],
+    main_pid: int,
+    stepping_pids: Collection[int] = (),
+    calls: Sequence[CallTime] = (),
 ) -> list[LoopTime]:
     """Return the loops that step, or wait for processes that do; the program's own first.
 
@@ -124,6 +142,7 @@ def loop_times(
       threads: samples of all threads of all processes.
       main_pid: the program's first process.
       stepping_pids: processes that are known to step; samples may miss a small share of physics.
+      calls: that were timed one by one; they also show loops of which there are no samples.
     """
     by_loop: dict[SourceLoop, list[_Sample]] = defaultdict(list)
     for thread in threads:
@@ -135,15 +154,149 @@ def loop_times(
                 assert loop is not None, "the frame was chosen because it is in a loop"
                 activity = activities.activity(stack, thread.has_native)
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
-    times = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
+    sampled = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
+    times = _with_calls(sampled, calls, main_pid)
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
 
 
+def _with_calls(
+    sampled: Sequence[LoopTime], calls: Sequence[CallTime], main_pid: int
+) -> list[LoopTime]:
+    """Return loops with the calls that were timed in them, and loops that only calls show."""
+    by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
+    for call in calls:
+        if call.loop is not None:
+            by_loop[call.loop].append(call)
+    times = {time.loop: time for time in sampled}
+    for loop, of_loop in by_loop.items():
+        if loop in times:
+            times[loop] = _timed(times[loop], of_loop)
+        elif any(call.is_step or call.callee == COMPILE for call in of_loop):
+            times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
+    return list(times.values())
+
+
+def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> LoopTime:
+    """Return a loop of which there are no samples."""
+    pids = sorted({call.pid for call in calls})
+    return LoopTime(
+        loop=loop,
+        own_files=sorted({call.place.file for call in calls}),
+        threads=["MainThread"],
+        pids=pids,
+        in_main=main_pid in pids,
+        samples=0,
+        seconds=_span_s(calls),
+        activities={},
+        packages={},
+        lines=[],
+        inner_functions=[],
+        engine_clock=0.0,
+    )
+
+
+def _span_s(calls: Sequence[CallTime]) -> float:
+    """Return the seconds from the first call to the end of the last, summed over threads."""
+    by_thread: dict[tuple[int, int], list[CallTime]] = defaultdict(list)
+    for call in calls:
+        by_thread[call.pid, call.thread].append(call)
+    spans = (
+        max(call.last_ns for call in of_thread) - min(call.first_ns for call in of_thread)
+        for of_thread in by_thread.values()
+    )
+    return max(1e-9, sum(spans) * 1e-9, *(call.seconds for call in calls))
+
+
+def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
+    """Return a loop with its calls: what they take is known, and samples divide the rest."""
+    has_samples = time.samples >= FEW_SAMPLES
+    seconds = max(time.seconds if has_samples else 0.0, _span_s(calls))
+    timed = _shares((call.activity, call.seconds) for call in calls)
+    timed_s = sum(call.seconds for call in calls)
+    share = min(1.0, timed_s / seconds)
+    exact = {activity: part * share for activity, part in timed.items()}
+    slow = {_place_key(c.place) for c in calls if c.activity != Activity.PHYSICS}
+    rest = {
+        _place_key(line.place): {
+            activity: part
+            for activity, part in line.activities.items()
+            if activity not in exact and _place_key(line.place) not in slow
+        }
+        for line in time.lines
+    }
+    rest_by_activity: dict[Activity, float] = defaultdict(float)
+    for activity, part in time.activities.items():
+        if activity not in exact:
+            on_slow_lines = sum(
+                line.activities.get(activity, 0.0)
+                for line in time.lines
+                if _place_key(line.place) in slow
+            )
+            rest_by_activity[activity] = max(0.0, part - on_slow_lines)
+    total_rest = sum(rest_by_activity.values())
+    if has_samples and total_rest > _LEAST_REST:
+        factor = (1 - share) / total_rest
+        others = {activity: part * factor for activity, part in rest_by_activity.items()}
+    else:
+        factor, others = 0.0, {Activity.REST: 1 - share}
+    parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
+    return replace(
+        time,
+        seconds=seconds,
+        own_files=sorted({*time.own_files, *(call.place.file for call in calls)}),
+        activities=dict(sorted(parts.items(), key=lambda item: -item[1])),
+        packages={
+            name: part / time.activities[Activity.PYTHON] * parts.get(Activity.PYTHON, 0.0)
+            for name, part in time.packages.items()
+        },
+        lines=_timed_lines(time, calls, seconds, rest, factor),
+        inner_functions=[
+            replace(
+                line,
+                share=line.share * factor,
+                activities={each: part * factor for each, part in line.activities.items()},
+            )
+            for line in time.inner_functions
+            if factor and line.main_activity not in exact
+        ],
+        calls=calls,
+    )
+
+
+def _timed_lines(
+    time: LoopTime,
+    calls: Sequence[CallTime],
+    seconds: float,
+    rest: Mapping[tuple[str, int], Mapping[Activity, float]],
+    factor: float,
+) -> list[LineTime]:
+    """Return the lines of a loop: their timed calls, and what samples saw of them beside those."""
+    places = {_place_key(line.place): line.place for line in time.lines}
+    packages = {_place_key(line.place): line.package for line in time.lines}
+    parts: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
+    for call in calls:
+        places.setdefault(_place_key(call.place), call.place)
+        parts[_place_key(call.place)].append((call.activity, call.seconds / seconds))
+    for key, activities_of_line in rest.items():
+        parts[key] += [(each, part * factor) for each, part in activities_of_line.items()]
+    lines = []
+    for key, of_line in parts.items():
+        shares = _shares(of_line, 1.0)
+        if shares:
+            share = min(1.0, sum(shares.values()))
+            lines.append(LineTime(places[key], share, shares, packages.get(key, "")))
+    return _large(lines)
+
+
+def _place_key(place: Place) -> tuple[str, int]:
+    return place.file, place.line
+
+
 def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
     """Return the loops that step, but short ones; with those that wait while other processes do."""
-    stepping = [time for time in times if time.has_physics]
+    stepping = [time for time in times if time.has_physics or time.is_timed(Activity.COMPILING)]
     seen = {pid for time in stepping for pid in time.pids}
     for pid in sorted(set(pids) - seen):
         of_process = [time for time in times if pid in time.pids]

@@ -12,23 +12,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
 from mjbench.instrument import scratch
-from mjbench.program import sampler, step_times
-from mjbench.program.hook import step_clock
+from mjbench.program import calls, recorded_models, sampler, step_times
+from mjbench.program.calls import ProgramCalls
 from mjbench.program.profiling import (
-    MANY_CHILDREN,
     ProcessorClock,
     ProcessorUse,
     Profiling,
     Sampling,
 )
+from mjbench.program.recorded_models import RecordedModel
 from mjbench.program.samples import ThreadSamples
-from mjbench.program.step_times import Header, StepTimes
+from mjbench.program.step_times import StepTimes
 
 # Seconds between looks at the program: each also sees whether the profiler has stopped it.
 _LOOK_S = 0.01
@@ -79,6 +79,8 @@ class Observation:
       processor: time that the program and those who observe it used; None where that cannot be
         seen, as of a program that ran before.
       problem: why there are no samples, in one line; empty where there are.
+      calls: what its processes called, by line.
+      models: that it stepped, with a few states of each.
     """
 
     exit_code: int
@@ -92,6 +94,8 @@ class Observation:
     paused_share: float | None
     processor: ProcessorUse | None = None
     problem: str = ""
+    calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
+    models: Sequence[RecordedModel] = ()
 
 
 @dataclass
@@ -148,8 +152,7 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
     Args:
       pid: its process.
       seconds: to sample for.
-      sampling: how often, and how deep; of a program with many processes, stacks of libraries are
-        read if this says so.
+      sampling: how often, and how deep.
 
     Raises:
       InputError: there is no such process.
@@ -158,8 +161,6 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
         raise InputError(f"--attach {pid}: no such process")
     with scratch.folder() as folder:
         begin_s = time.monotonic()
-        if sampling.has_native is None and _has_many_children(pid):
-            sampling = replace(sampling, has_native=False)
         profiling = Profiling.begin(pid, folder, sampling, seconds)
         with contextlib.suppress(KeyboardInterrupt):
             while profiling.sampler.is_running and time.monotonic() - begin_s < seconds:
@@ -177,7 +178,7 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
             threads=threads,
             steps=(),
             rate_hz=profiling.rate_hz,
-            has_native=profiling.has_native,
+            has_native=sampling.has_native,
             paused_share=profiling.paused_share,
             problem=problem,
         )
@@ -218,10 +219,12 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
         threads=threads,
         steps=step_times.read_all(folder),
         rate_hz=sampler.DEFAULT_RATE_HZ if profiling is None else profiling.rate_hz,
-        has_native=profiling is None or profiling.has_native,
+        has_native=sampling.has_native,
         paused_share=None if profiling is None else profiling.paused_share,
         processor=processor,
         problem=problem,
+        calls=calls.read_all(folder, step_times.read_headers(folder)),
+        models=recorded_models.read_all(folder),
     )
 
 
@@ -302,12 +305,7 @@ def _start_profiler(
 
 def _first_step_ns(folder: Path) -> int | None:
     """Return when the program, or a process of it, first stepped; None where none has yet."""
-    first_ns = []
-    for file in folder.glob("*.steps"):
-        with file.open("rb") as stream:
-            head = stream.read(step_clock.HEADER.size)
-        if len(head) == step_clock.HEADER.size:
-            first_ns.append(Header(*step_clock.HEADER.unpack(head)).first_ns)
+    first_ns = [header.first_ns for header in step_times.read_headers(folder).values()]
     return min(filter(None, first_ns), default=None)
 
 
@@ -369,14 +367,6 @@ def _is_foreground() -> bool:
     """Return whether a terminal sends Ctrl-C to this process and to the program alike."""
     with contextlib.suppress(OSError), open("/dev/tty", "rb", buffering=0) as terminal:  # noqa: PTH123
         return os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
-    return False
-
-
-def _has_many_children(pid: int) -> bool:
-    import psutil
-
-    with contextlib.suppress(psutil.Error):
-        return len(psutil.Process(pid).children(recursive=True)) >= MANY_CHILDREN
     return False
 
 

@@ -13,9 +13,8 @@ from mjbench.program.samples import ThreadSamples
 
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
-# From so many child processes on, samples are fewer, and stacks of libraries are not read, unless
-# the user asks for them: each process is stopped in turn, and the others need the profiler's core.
-MANY_CHILDREN, MANY_RATE_HZ = 2, 5
+# From so many child processes on, samples are fewer: the program needs the profiler's core.
+MANY_CHILDREN, MANY_RATE_HZ = 2, 20
 # Seconds between looks at the program: often until the rate is settled, then less often.
 LOOK_S, LATER_LOOK_S = 0.01, 0.03
 # Looks from one list of the program's processes to the next: to list them takes longer than a look.
@@ -32,11 +31,11 @@ class Sampling:
 
     Attributes:
       rate_hz: samples per second; None for the usual, or fewer where they would cost too much.
-      has_native: whether stacks of libraries are read; None where the program has few processes.
+      has_native: whether stacks of libraries are read, too; each sample then stops the program.
     """
 
     rate_hz: int | None = None
-    has_native: bool | None = None
+    has_native: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,15 +102,15 @@ class ProcessorClock:
 class Profiling:
     """The profiler beside a program, and what it costs.
 
-    The profiler stops the program for each sample, for the longer the more threads and libraries
-    the program has. Where that costs too much, it starts again at a lower rate.
+    Where the profiler reads stacks of libraries, it stops the program for each sample, for the
+    longer the more threads and libraries the program has. Where that costs too much, it starts
+    again at a lower rate.
 
     Attributes:
       pid: the program's process.
       folder: for the profiler's files.
       rate_hz: samples per second.
-      has_native: whether stacks of libraries are read.
-      sampling: what is fixed of these two; the rest may change while the program runs.
+      sampling: what was asked for.
       sampler: the profiler.
       has_adapted: whether the rate was compared with what samples cost.
       children: the program's processes but the first, as listed last.
@@ -129,7 +128,6 @@ class Profiling:
     pid: int
     folder: Path
     rate_hz: int
-    has_native: bool
     sampling: Sampling
     sampler: sampler.Sampler
     has_adapted: bool = False
@@ -151,12 +149,12 @@ class Profiling:
 
         It ends with the program, or after so many seconds.
         """
-        rate = sampling.rate_hz or sampler.DEFAULT_RATE_HZ
-        has_native = True if sampling.has_native is None else sampling.has_native
+        usual_hz = sampler.NATIVE_RATE_HZ if sampling.has_native else sampler.DEFAULT_RATE_HZ
+        rate = sampling.rate_hz or usual_hz
         if seconds is not None:  # too short to begin again
-            sampling = Sampling(rate, has_native)
-        beside = sampler.start(pid, folder, rate, has_native, seconds)
-        return cls(pid, folder, rate, has_native, sampling, beside)
+            sampling = Sampling(rate, sampling.has_native)
+        beside = sampler.start(pid, folder, rate, sampling.has_native, seconds)
+        return cls(pid, folder, rate, sampling, beside)
 
     def look(self) -> None:
         """See whether the profiler has begun, and whether there are many processes by now."""
@@ -170,15 +168,13 @@ class Profiling:
         self.has_many_children = len(self.children) >= MANY_CHILDREN
         if self.has_many_children:
             rate = self.sampling.rate_hz or min(self.rate_hz, MANY_RATE_HZ)
-            has_native = bool(self.sampling.has_native)
-            if (rate, has_native) != (self.rate_hz, self.has_native):
-                self.has_native = has_native
+            if rate != self.rate_hz:
                 self._restart(rate)
 
     @property
     def adapts(self) -> bool:
         """Whether the rate may yet be lowered by what samples cost."""
-        return self.sampling.rate_hz is None and not self.has_adapted
+        return self.sampling.has_native and self.sampling.rate_hz is None and not self.has_adapted
 
     @property
     def look_s(self) -> float:
@@ -210,7 +206,7 @@ class Profiling:
         self.earlier = [*self.earlier, *self._read(end_s)]
         self.begin_s = None
         self.rate_hz = rate_hz
-        self.sampler = sampler.start(self.pid, self.folder, rate_hz, self.has_native)
+        self.sampler = sampler.start(self.pid, self.folder, rate_hz, self.sampling.has_native)
         self.looks = self.paused = 0
 
     @property
@@ -221,6 +217,8 @@ class Profiling:
     @property
     def paused_share(self) -> float | None:
         """Share of time for which a process was stopped, summed over processes; None if unseen."""
+        if not self.sampling.has_native:
+            return 0.0  # it never stops one
         return self.paused / self.looks if self.looks else None
 
     def samples(self, end_s: float) -> tuple[Sequence[ThreadSamples], str]:

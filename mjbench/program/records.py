@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from mjbench.program import attribution, remedies, sampler
+from mjbench.program import activities, attribution, remedies, replacements, sampler
 from mjbench.program.attribution import LoopTime
 from mjbench.program.launch import Observation
 from mjbench.program.profiling import ProcessorUse
@@ -26,6 +26,13 @@ class LoopReport:
     remedies: Sequence[Remedy]
 
 
+def _own_files(times: Sequence[LoopTime], seen: Observation) -> list[str]:
+    """Return the user's own files that run in loops, or call what was timed."""
+    files = {file for time in times for file in time.own_files}
+    files |= {call.place.file for call in seen.calls.calls}
+    return sorted(file for file in files if not activities.package_of(file))
+
+
 @dataclass(frozen=True)
 class ProgramRow:
     """Where a program's time goes.
@@ -44,8 +51,11 @@ class ProgramRow:
       processor: time that the program and those who observed it used; None where it is not known.
       loops: that step, or wait for processes that do; the program's own first.
       steps: of each process that stepped.
+      wrong: what makes its results wrong, whether or not the loop was sampled.
       has_native: whether stacks of libraries were read to the end of the run; otherwise what NumPy
-        and other libraries do counts as Python.
+        and other libraries do is told by the line that calls them.
+      memory_growth_bytes: by how much the memory of the process that grew most has grown since
+        shortly after its first step; None where that is not known.
     """
 
     record_type: ClassVar[str] = "program"
@@ -60,18 +70,24 @@ class ProgramRow:
     paused_share: float | None
     loops: Sequence[LoopReport]
     steps: Sequence[StepTimes]
+    wrong: Sequence[Remedy] = ()
     has_native: bool = True
     processor: ProcessorUse | None = None
+    memory_growth_bytes: int | None = None
 
     @classmethod
     def of(cls, name: str, seen: Observation) -> "ProgramRow":
         """Return the row of a program that was observed."""
         steps = [step for step in seen.steps if step.step is not None]
         pids = {step.pid for step in steps}
-        times = attribution.loop_times(seen.threads, seen.pid, pids)
+        times = attribution.loop_times(seen.threads, seen.pid, pids, seen.calls.calls)
+        files = _own_files(times, seen)
+        findings = remedies.findings_of(files)
+        asked = remedies.questions(times, findings, seen.calls.incidents)
+        measured = replacements.measure(seen.models, asked)
         return cls(
             program=name,
-            status=Status.UNAVAILABLE if seen.problem else Status.OK,
+            status=Status.UNAVAILABLE if seen.problem and not times else Status.OK,
             detail=seen.problem,
             exit_code=seen.exit_code,
             was_ended=seen.was_ended,
@@ -79,10 +95,18 @@ class ProgramRow:
             rate_hz=seen.rate_hz,
             samples=sum(len(thread.stacks) for thread in seen.threads),
             paused_share=seen.paused_share,
-            loops=[LoopReport(time, remedies.remedies(time, steps)) for time in times],
+            loops=[
+                LoopReport(
+                    time,
+                    remedies.remedies(time, steps, findings, measured, seen.calls.incidents),
+                )
+                for time in times
+            ],
             steps=steps,
+            wrong=remedies.wrong_results(findings, seen.calls, files, measured.computes_forces),
             has_native=seen.has_native and sampler.can_read_libraries(),
             processor=seen.processor,
+            memory_growth_bytes=seen.calls.memory_growth_bytes,
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

@@ -1,27 +1,36 @@
-"""What to do first: what would make a program faster, by what it would gain at most.
+"""What to do first: what would make a program faster, and by how much.
 
-Every gain is measured in this very program: it is the share of the loop's time that samples saw
-there. What replaces it takes time, too, so the gain is an upper bound. `confirm` measures some
-remedies in full, by running the program again.
+A remedy belongs to a call in a context, such as an MjData that is created in a loop.
+`CALL_REMEDIES` declares them. What a call takes was timed in this very program, and what mjbench
+suggests in its place is timed on the program's own model (`replacements`). Where a call moves out
+of the loop, its time is the gain. Other lines are known from samples, and their share is an upper
+bound.
 """
 
 import enum
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mjbench.errors import InputError
+from mjbench.instrument import machine
 from mjbench.loop import lint
 from mjbench.loop.lint import Finding
+from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import STANDARD_LIBRARY, Activity, Place
-from mjbench.program.attribution import LineTime, LoopTime
+from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
+from mjbench.program.calls import CallTime, Incident, ProgramCalls
+from mjbench.program.hook import call_clock
+from mjbench.program.replacements import Measured, Question, Trial
+from mjbench.program.source_loops import lines_reading, loop_is_one_call
 from mjbench.program.step_times import StepTimes
 from mjbench.simulation import package_timer
 
-# Rules of lint about what a program computes, not about its time.
-WRONG_RESULTS = ("MJB001",)
 # Smaller gains are not worth a line.
-LEAST_GAIN = 0.01
+LEAST_GAIN = 0.03
+# A call in a loop that is made less often than this belongs to the set-up.
+_LEAST_REPEATS = 3
 
 
 class RemedyKind(enum.StrEnum):
@@ -29,6 +38,8 @@ class RemedyKind(enum.StrEnum):
 
     RESULT = "wrong result"
     """The program computes or stores what it does not mean."""
+    CALL = "call"
+    """A call of MuJoCo or JAX."""
     LINE = "line"
     """A line of the user's code."""
     CLOCK = "package's timer"
@@ -41,6 +52,17 @@ class RemedyKind(enum.StrEnum):
     """How many copies of the program run at once; not listed before it is measured."""
 
 
+class Basis(enum.StrEnum):
+    """Where a gain comes from."""
+
+    TIMED = "timed"
+    """The calls were timed one by one, and would not be made any more."""
+    PAIRED = "paired"
+    """Both ways were timed in turns on the program's own model and states."""
+    BOUND = "at most"
+    """It is the share of what would change; what replaces it takes time, too."""
+
+
 @dataclass(frozen=True)
 class Remedy:
     """One thing to do.
@@ -50,11 +72,14 @@ class Remedy:
       activity: whose time it saves; None for a wrong result.
       place: where; None for the whole loop.
       text: what to do.
-      gain: share of the loop's time that it saves at most; None for a wrong result.
+      gain: share of the loop's time that it saves; None for a wrong result.
       gain_error: standard error of that share.
       code: of the lint rule that it follows; "" for none.
       confirmed: the share that it saved when the program ran again with and without it, and its
         error; None where that was not tried.
+      basis: where the gain comes from.
+      share: of the loop's time that the calls or lines take now; None for a wrong result.
+      effect: what it changes in results.
     """
 
     kind: RemedyKind
@@ -65,6 +90,9 @@ class Remedy:
     gain_error: float | None
     code: str = ""
     confirmed: "Confirmed | None" = None
+    basis: Basis = Basis.BOUND
+    share: float | None = None
+    effect: str = ""
 
     @property
     def is_certain(self) -> bool:
@@ -107,14 +135,111 @@ class Confirmed:
         return self.low > 0
 
 
+@dataclass(frozen=True)
+class CallRemedy:
+    """What to do about calls of some functions in a loop.
+
+    Attributes:
+      callees: the functions, as the call clock names them.
+      text: what to do; `{count}` stands for the number of calls.
+      effect: what that changes in results.
+      trial: that measures what replaces the call; None where nothing does.
+      codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
+      needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
+      keeps_first: whether one call remains.
+      is_bound: whether the same has to be computed elsewhere, so that less is saved.
+    """
+
+    callees: tuple[str, ...]
+    text: str
+    effect: str = "nothing"
+    trial: Trial | None = None
+    codes: tuple[str, ...] = ()
+    needs_finding: bool = False
+    keeps_first: bool = False
+    is_bound: bool = False
+
+
+# What to do about a call in a loop. A call that stands in none of them is what the program is for.
+CALL_REMEDIES = (
+    CallRemedy(
+        callees=("mj_forward",),
+        text="mj_forward computes what the next mj_step computes again",
+        trial=Trial.FUNCTIONS,
+        codes=("MJB007",),
+        needs_finding=True,
+    ),
+    CallRemedy(
+        callees=("MjData", "copy of MjData"),
+        text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
+        trial=Trial.NEW_DATA_OR_COPY,
+        codes=("MJB005", "MJB010"),
+    ),
+    CallRemedy(
+        callees=(
+            "from_xml_path",
+            "from_xml_string",
+            "from_binary_path",
+            "from_file",
+            "from_string",
+            "compile",
+            "copy of MjModel",
+        ),
+        text="compile the model once before the loop: change the compiled model, or keep a pool of"
+        " bodies and move those that are not needed away",
+        effect="nothing, if the model is the same",
+        codes=("MJB011",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=("Renderer",),
+        text="create one Renderer before the loop; each creates a graphics context",
+        codes=("MJB012",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.COMPILE,),
+        text="JAX compiles {count} times here: call jax.jit once, before the loop, and give what"
+        " varies as an argument",
+        effect="nothing but rounding",
+        codes=("MJB013",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.THREADED_ROLLOUT,),
+        text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
+        " give it initial_warmstart where one call continues another",
+        trial=Trial.POOL,
+        codes=("MJB014",),
+    ),
+    CallRemedy(
+        callees=(call_clock.PROCESS_START,),
+        text="processes are started {count} times here: start them once, before the loop, and send"
+        " them work; threads (mujoco.rollout) need no start",
+    ),
+    CallRemedy(
+        callees=tuple(f"{call_clock.CALLBACK} {name}" for name in call_clock.CALLBACKS),
+        text="MuJoCo calls this Python function in each step, and simulations on threads wait for"
+        " each other there: where it sets controls, write data.ctrl before mj_step",
+        effect="nothing where it reads only the state before the step; with Runge-Kutta, MuJoCo"
+        " calls it four times a step",
+        is_bound=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.EAGER_MJX,),
+        text="{count} steps of MJX outside a compiled function: jax.jit one function that steps by"
+        " jax.lax.scan, with jax.vmap over simulations",
+        effect="nothing but rounding",
+    ),
+)
 # What to do about an activity, where nothing more is known.
 _ADVICE: Mapping[Activity, str] = {
     Activity.PYTHON: "do less in Python here: compute with whole arrays, or less often",
-    Activity.BINDINGS: "read views of the engine's arrays once, before the loop",
+    Activity.BINDINGS: "look names up, and take views of the engine's arrays, once before the loop",
     Activity.NUMPY: "compute less often, or on fewer and larger arrays",
-    Activity.ALLOCATION: "write into arrays that were created before the loop (out=)",
+    Activity.ALLOCATION: "write into slices of an array that was created before the loop",
     Activity.POLICY: "the policy takes this long: batch its inputs, or use a smaller one",
-    Activity.RENDERING: "render fewer frames, or smaller ones",
+    Activity.RENDERING: "render fewer frames, or smaller ones; EGL on a GPU is fastest",
     Activity.LOGGING: "write less often, and more at a time",
     Activity.PROCESSES: "give each process more work for a message, or use threads (rollout)",
     Activity.THREADS: "the loop waits for another thread of the program",
@@ -123,25 +248,149 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
 }
+# A line that looks up names, or takes views of the engine's arrays.
+_READS_VIEWS = re.compile(
+    r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
+)
 # Activities that are changed line by line; each of the others, but physics, is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
-_STEP_ADVICE = "call mj_step(model, data, nstep) where nothing happens between steps"
+# Activities that are no cost by themselves, or whose calls have remedies of their own.
+_OF_CALLS = {Activity.PHYSICS, Activity.COPYING, Activity.COMPILING, Activity.REST}
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
+_ONE_CALL_ADVICE = "nothing happens between these steps: call mj_step(model, data, nstep) once"
+_ONE_CALL = Question(Trial.ONE_CALL)
+_NO_TIMER, _NAMED_ACCESS = Question(Trial.NO_TIMER), Question(Trial.NAMED_ACCESS)
+
+# Fields of MjData that a step computes only for sensors that need them.
+_FORCES = ("cfrc_ext", "cfrc_int", "cacc")
+# What the engine's warnings mean, by name.
+_WARNINGS: Mapping[str, str] = {
+    "BADQPOS": "the simulation diverged, and MuJoCo reset it",
+    "BADQVEL": "the simulation diverged, and MuJoCo reset it",
+    "BADQACC": "the simulation diverged, and MuJoCo reset it",
+    "BADCTRL": "a control was not a number, and MuJoCo set all controls to zero",
+    "CONTACTFULL": "contacts were dropped for want of memory: raise <size memory>",
+    "CNSTRFULL": "constraints were dropped for want of memory: raise <size memory>",
+    "INERTIA": "the inertia matrix is almost singular",
+}
 
 
-def remedies(loop: LoopTime, steps: Sequence[StepTimes]) -> list[Remedy]:
-    """Return what to do about a loop: wrong results first, then by gain.
+def questions(
+    loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
+) -> list[Question]:
+    """Return what to measure on the program's model: only what could be worth a line."""
+    asked: dict[Question, None] = {}
+    for incident in incidents:
+        if incident.name == call_clock.IN_TURN:
+            asked[_batch(incident)] = None
+    if any(finding.code == NAMED_ACCESS for finding in findings):
+        asked[_NAMED_ACCESS] = None
+    for loop in loops:
+        if _steps_s(loop) > LEAST_GAIN * loop.seconds:
+            asked[_NO_TIMER] = None
+            if any(loop_is_one_call(loop.loop.file, call.place.line) for call in _steps(loop)):
+                asked[_ONE_CALL] = None
+        for context in _contexts(loop, findings):
+            if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN:
+                asked[_question(context)] = None
+    return list(asked)
 
-    Lint checks the user's own files that run in the loop.
+
+def remedies(
+    loop: LoopTime,
+    steps: Sequence[StepTimes],
+    findings: Sequence[Finding] = (),
+    measured: Measured | None = None,
+    incidents: Sequence[Incident] = (),
+) -> list[Remedy]:
+    """Return what to do about a loop, by gain.
 
     Args:
       loop: where its time goes.
       steps: of all processes.
+      findings: of lint, in the program's own files.
+      measured: on the program's model.
+      incidents: that the program showed when it ran.
     """
-    findings = _findings(loop.own_files)
-    listed = [*_wrong(findings), *_savings(loop, steps, findings)]
-    worthwhile = [each for each in listed if each.gain is None or each.gain >= LEAST_GAIN]
+    known = measured or Measured({})
+    listed = [*_savings(loop, steps, findings, known), *_of_turns(loop, known, incidents)]
+    if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
+        listed = [_with_software_gl(remedy) for remedy in listed]
+    worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
     return sorted(worthwhile, key=lambda remedy: remedy.rank)
+
+
+def wrong_results(
+    findings: Sequence[Finding],
+    calls: ProgramCalls,
+    files: Sequence[str] = (),
+    computes_forces: bool | None = None,
+) -> list[Remedy]:
+    """Return what makes a program's results wrong, whatever it costs.
+
+    Args:
+      findings: of lint, in the program's own files.
+      calls: of the program, with what it showed when it ran.
+      files: the program's own.
+      computes_forces: whether a step of its model computes what `_FORCES` names; None if unknown.
+    """
+    listed = list(_unfilled(calls, files) if computes_forces is False else ())
+    for incident in calls.incidents:
+        if not incident.is_wrong:
+            continue
+        if incident.name == call_clock.SHARED_DATA:
+            text = "two threads step one MjData at the same time: give each thread its own"
+        elif incident.name == call_clock.HALVES:
+            text = (
+                "mj_step2 integrates by Euler, although the model asks for Runge-Kutta: call"
+                " mj_step, or choose another integrator"
+            )
+        else:
+            meaning = _WARNINGS.get(incident.name, "the engine warned")
+            times = "once" if incident.count == 1 else f"{incident.count:,} times"
+            text = f"{meaning} ({times}, warning {incident.name})"
+        listed.append(_wrong(incident.place, text))
+    halves = {i.place.file for i in calls.incidents if i.name == call_clock.HALVES}
+    for finding in findings:
+        if not finding.is_wrong_result or (finding.code == "MJB008" and finding.file in halves):
+            continue
+        listed.append(replace(_wrong(_place(finding), finding.message), code=finding.code))
+    return listed
+
+
+def _unfilled(calls: ProgramCalls, files: Sequence[str]) -> Iterator[Remedy]:
+    """Yield fields that are read and that nothing computes, by name."""
+    if any(call.callee == "mj_rnePostConstraint" for call in calls.calls):
+        return
+    seen = set()
+    for file in files:
+        for line, name in lines_reading(file, _FORCES):
+            if name not in seen:
+                seen.add(name)
+                text = (
+                    f"{name} stays zero, since no sensor of the model needs it: call"
+                    " mj_rnePostConstraint(model, data) before it is read"
+                )
+                yield _wrong(Place(file, line, ""), text)
+
+
+def _wrong(place: Place, text: str) -> Remedy:
+    return Remedy(RemedyKind.RESULT, None, place, text, None, None)
+
+
+def _place(finding: Finding) -> Place:
+    return Place(finding.file, finding.line, "")
+
+
+def findings_of(files: Sequence[str]) -> list[Finding]:
+    """Return lint's findings in files; those that cannot be checked have none."""
+    findings: list[Finding] = []
+    for file in files:
+        try:
+            findings += lint.check(file)
+        except InputError:
+            continue
+    return findings
 
 
 def copies(steps: Sequence[StepTimes], cores: int) -> Remedy | None:
@@ -167,53 +416,235 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
     return next(certain, None)
 
 
-def _findings(files: Sequence[str]) -> Mapping[tuple[str, int], Finding]:
-    """Return lint's findings by file and line."""
-    findings: dict[tuple[str, int], Finding] = {}
-    for file in files:
-        try:
-            of_file = lint.check(file)
-        except InputError:
-            continue
-        for finding in of_file:
-            findings.setdefault((file, finding.line), finding)
-    return findings
-
-
-def _wrong(findings: Mapping[tuple[str, int], Finding]) -> Iterator[Remedy]:
-    """Yield what makes a result wrong, whatever it costs."""
-    for (file, line), finding in findings.items():
-        if finding.code in WRONG_RESULTS:
-            place = Place(file, line, "")
-            yield Remedy(RemedyKind.RESULT, None, place, finding.message, None, None, finding.code)
-
-
 def _savings(
-    loop: LoopTime, steps: Sequence[StepTimes], findings: Mapping[tuple[str, int], Finding]
+    loop: LoopTime, steps: Sequence[StepTimes], findings: Sequence[Finding], measured: Measured
 ) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
-    if loop.engine_clock >= package_timer.MIN_GAIN:
-        share = loop.engine_clock
-        yield _remedy(loop, RemedyKind.CLOCK, Activity.PHYSICS, None, _CLOCK_ADVICE, share)
+    of_calls = list(_of_calls(loop, findings, measured))
+    yield from of_calls
+    yield from _of_steps(loop, measured)
     if Activity.COLLECTION not in loop.activities:
         yield from _collections(loop, steps)
+    if loop.samples < FEW_SAMPLES:
+        return
     unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
-    for activity in loop.activities.keys() - _OF_LINES - {Activity.PHYSICS}:
-        yield _of_activity(loop, activity)
+    for activity in loop.activities.keys() - _OF_LINES - _OF_CALLS:
+        if not loop.is_timed(activity) or not any(r.activity == activity for r in of_calls):
+            yield _of_activity(loop, activity)
     for lines in _functions(loop):
         if not _avoidable(lines[0]):
             continue
         if _is_spread(loop, lines):
             yield _of_function(loop, lines)
         else:
-            lines = [line for line in lines if _avoidable(line) >= LEAST_GAIN]
             for line in lines:
-                yield _of_line(loop, line, findings.get((line.place.file, line.place.line)))
+                if _avoidable(line) >= LEAST_GAIN:
+                    yield from _of_line(loop, line, _finding_at(line.place, findings), measured)
         for line in lines:
             for activity in line.activities.keys() & _OF_LINES:
                 unexplained[activity] -= line.activities[activity]
     for activity, share in unexplained.items():
         yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
+
+
+@dataclass(frozen=True)
+class _Context:
+    """Calls that a remedy is for.
+
+    Attributes:
+      remedy: what to do about them.
+      calls: from one line.
+      place: where to change the program.
+      finding: of lint for the same; None without one.
+    """
+
+    remedy: CallRemedy
+    calls: Sequence[CallTime]
+    place: Place
+    finding: Finding | None
+
+
+def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]:
+    """Yield the calls of a loop that have a remedy, by line."""
+    for remedy in CALL_REMEDIES:
+        by_place: dict[Place, list[CallTime]] = defaultdict(list)
+        for call in loop.calls:
+            if call.callee in remedy.callees:
+                by_place[call.place].append(call)
+        for place, calls in by_place.items():
+            finding = _finding_of(remedy, place, loop, findings)
+            repeats = sum(call.calls for call in calls) >= _LEAST_REPEATS
+            if finding is not None or (repeats and not remedy.needs_finding):
+                at = place if finding is None else _place(finding)
+                yield _Context(remedy, calls, at, finding)
+
+
+def _finding_of(
+    remedy: CallRemedy, place: Place, loop: LoopTime, findings: Sequence[Finding]
+) -> Finding | None:
+    """Return lint's finding about calls from a line.
+
+    JAX compiles where a function is first called, not where lint finds it.
+    """
+    for finding in findings:
+        if finding.code not in remedy.codes or finding.file != place.file:
+            continue
+        in_loop = loop.loop.first <= finding.line <= loop.loop.last
+        if finding.line == place.line or (call_clock.COMPILE in remedy.callees and in_loop):
+            return finding
+    return None
+
+
+def _of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
+    """Yield what to do about calls that were timed one by one."""
+    for context in _contexts(loop, findings):
+        remedy, calls, finding = context.remedy, context.calls, context.finding
+        count, share = sum(call.calls for call in calls), _share(loop, calls)
+        gain, basis = share, Basis.BOUND if remedy.is_bound else Basis.TIMED
+        if remedy.keeps_first and count > 1:
+            gain = share * (1 - 1 / count)
+        elif remedy.trial == Trial.FUNCTIONS:
+            gain, basis = _gain_of_functions(loop, calls, _question(context), measured)
+        elif remedy.trial is not None:
+            saved = measured.saved(_question(context))
+            gain, basis = (share, Basis.BOUND) if saved is None else (share * saved, Basis.PAIRED)
+        text = finding.message if finding is not None else remedy.text
+        yield Remedy(
+            RemedyKind.CALL,
+            calls[0].activity,
+            context.place,
+            text.replace("{count}", f"{round(count):,}"),
+            gain,
+            None,
+            finding.code if finding is not None else "",
+            basis=basis,
+            share=share,
+            effect=remedy.effect,
+        )
+
+
+def _question(context: _Context) -> Question:
+    remedy, finding, calls = context.remedy, context.finding, context.calls
+    assert remedy.trial is not None, "only calls that are replaced have a question"
+    if remedy.trial == Trial.FUNCTIONS:
+        return Question(remedy.trial, () if finding is None else tuple(finding.instead))
+    if remedy.trial == Trial.POOL:
+        count, steps = sum(call.calls for call in calls), sum(call.steps for call in calls)
+        all_steps = sum(call.all_steps for call in calls)
+        return Question(
+            remedy.trial,
+            simulations=max(1, round(all_steps / max(1.0, steps))),
+            steps=max(1, round(steps / max(1.0, count))),
+        )
+    if finding is not None and finding.code == "MJB005":
+        return Question(Trial.NEW_DATA_OR_RESET)
+    return Question(remedy.trial)
+
+
+def _gain_of_functions(
+    loop: LoopTime, calls: Sequence[CallTime], question: Question, measured: Measured
+) -> tuple[float, Basis]:
+    """Return what other functions after a step save.
+
+    The pair that was measured is a step with the call, and a step with the other functions.
+    """
+    share, saved = _share(loop, calls), measured.saved(question)
+    if saved is None:
+        return share, Basis.TIMED if not question.functions else Basis.BOUND
+    count = sum(call.calls for call in calls)
+    step_s = sum(call.seconds for call in _steps(loop))
+    nstep = sum(call.all_steps for call in _steps(loop))
+    pair_s = count * (step_s / nstep if nstep else 0.0) + sum(call.seconds for call in calls)
+    return saved * pair_s / loop.seconds, Basis.PAIRED
+
+
+def _of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
+    """Yield what to do about the steps themselves."""
+    share = _steps_s(loop) / loop.seconds
+    saved = measured.saved(_NO_TIMER)
+    gain = loop.engine_clock if saved is None else saved * share
+    if gain >= package_timer.MIN_GAIN:
+        yield Remedy(
+            RemedyKind.CLOCK,
+            Activity.PHYSICS,
+            None,
+            _CLOCK_ADVICE,
+            gain,
+            None if saved is not None else loop.error(gain),
+            basis=Basis.BOUND if saved is None else Basis.PAIRED,
+            share=share,
+            effect="nothing; mjData.timer stays empty",
+        )
+    by_place: dict[Place, list[CallTime]] = defaultdict(list)
+    for call in _steps(loop):
+        by_place[call.place].append(call)
+    for place, calls in by_place.items():
+        saved = measured.saved(_ONE_CALL)
+        if saved is not None and loop_is_one_call(loop.loop.file, place.line):
+            yield Remedy(
+                RemedyKind.CALL,
+                Activity.PHYSICS,
+                place,
+                _ONE_CALL_ADVICE,
+                saved * _share(loop, calls),
+                None,
+                basis=Basis.PAIRED,
+                share=_share(loop, calls),
+                effect="nothing",
+            )
+
+
+def _of_turns(
+    loop: LoopTime, measured: Measured, incidents: Sequence[Incident]
+) -> Iterator[Remedy]:
+    """Yield what to do about several simulations that are stepped in turn."""
+    for incident in incidents:
+        calls = [call for call in _steps(loop) if call.place == incident.place]
+        if incident.name != call_clock.IN_TURN or not calls:
+            continue
+        share, saved = _share(loop, calls), measured.saved(_batch(incident))
+        yield Remedy(
+            RemedyKind.CALL,
+            Activity.PHYSICS,
+            incident.place,
+            f"{incident.count} simulations are stepped in turn: mujoco.batch.Batch steps them at"
+            " once, on all cores (mujoco.rollout in releases without it)",
+            share * (1 - 1 / machine.usable_cores()) if saved is None else share * saved,
+            None,
+            basis=Basis.BOUND if saved is None else Basis.PAIRED,
+            share=share,
+            effect="nothing",
+        )
+
+
+def _batch(incident: Incident) -> Question:
+    return Question(Trial.BATCH, simulations=max(2, incident.count))
+
+
+def _with_software_gl(remedy: Remedy) -> Remedy:
+    """Return a remedy for rendering that says who draws."""
+    if remedy.activity != Activity.RENDERING:
+        return remedy
+    return replace(remedy, text=f"{remedy.text}; here the processor draws (software rendering)")
+
+
+def _steps(loop: LoopTime) -> list[CallTime]:
+    """Return the calls of `mj_step` in a loop."""
+    return [call for call in loop.calls if call.callee == "mj_step"]
+
+
+def _steps_s(loop: LoopTime) -> float:
+    return sum(call.seconds for call in _steps(loop))
+
+
+def _share(loop: LoopTime, calls: Sequence[CallTime]) -> float:
+    return min(1.0, sum(call.seconds for call in calls) / loop.seconds)
+
+
+def _finding_at(place: Place, findings: Sequence[Finding]) -> Finding | None:
+    """Return the finding of a line that is about time."""
+    at_line = (each for each in findings if (each.file, each.line) == (place.file, place.line))
+    return next((each for each in at_line if each.ns_per_step is not None), None)
 
 
 def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
@@ -262,20 +693,30 @@ def _main_cost(lines: Sequence[LineTime]) -> Activity:
     return max(total, key=lambda activity: total[activity], default=Activity.PYTHON)
 
 
-def _of_line(loop: LoopTime, line: LineTime, finding: Finding | None) -> Remedy:
-    """Return what to do about a line."""
+def _of_line(
+    loop: LoopTime, line: LineTime, finding: Finding | None, measured: Measured
+) -> Iterator[Remedy]:
+    """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
-    if finding is not None and finding.ns_per_step is not None:
+    if finding is not None:
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
-        return replace(remedy, code=finding.code)
+        remedy = replace(remedy, code=finding.code, effect="nothing")
+        ratio = measured.ratios.get(_NAMED_ACCESS)
+        nstep = sum(call.calls for call in _steps(loop))
+        if finding.code != NAMED_ACCESS or ratio is None or not nstep:
+            yield remedy
+            return
+        gain = min(share, max(0.0, ratio.saved_s * nstep / loop.seconds))
+        yield replace(remedy, gain=gain, gain_error=None, basis=Basis.PAIRED, share=share)
+        share -= gain
     text = _ADVICE[activity]
     if line.package and line.package != STANDARD_LIBRARY:
         text = f"time in {line.package}"
         if Activity.PHYSICS in line.activities:
             text = f"{text} beside physics; `mjbench env` takes an environment apart"
-    elif line.main_activity == Activity.PHYSICS and activity == Activity.BINDINGS:
-        text = _STEP_ADVICE
-    return _remedy(loop, RemedyKind.LINE, activity, line.place, text, share)
+    elif activity == Activity.BINDINGS and not _READS_VIEWS.search(line.place.text):
+        text = "the calls of the engine themselves: make fewer of them, each for more"
+    yield _remedy(loop, RemedyKind.LINE, activity, line.place, text, share)
 
 
 def _of_function(loop: LoopTime, lines: Sequence[LineTime]) -> Remedy:

@@ -14,8 +14,9 @@ from pathlib import Path
 from mjbench.errors import UnavailableError, one_line
 from mjbench.instrument import extras
 
-# Samples per second. Each stops the program for a moment (docs/method/run.md).
-DEFAULT_RATE_HZ = 10
+# Samples per second; with stacks of libraries, each stops the program for a moment
+# (docs/method/run.md).
+DEFAULT_RATE_HZ, NATIVE_RATE_HZ = 100, 10
 # Seconds in which the profiler notices that the program has ended.
 ENDING_S = 2.0
 # Seconds that the profiler may take to write its file, once the program has ended.
@@ -124,7 +125,8 @@ def start(
       pid: the process.
       folder: for the profiler's files.
       rate_hz: samples per second.
-      has_native: whether stacks of libraries are read, too, where this platform can.
+      has_native: whether stacks of libraries are read, too, where this platform can; each sample
+        then stops the program for a moment.
       seconds: after which it ends by itself, at the latest; None for never.
 
     Raises:
@@ -134,7 +136,7 @@ def start(
     command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]
     command += ["--format", "speedscope", "--output", str(file)]
     command += ["--threads", "--idle", "--full-filenames", "--subprocesses"]
-    command += ["--native"] if has_native and can_read_libraries() else []
+    command += ["--native"] if has_native and can_read_libraries() else ["--nonblocking"]
     command += ["--duration", str(math.ceil(seconds) + 1)] if seconds is not None else []
     with log.open("wb") as output:
         # in a session of its own: Ctrl-C is for the program

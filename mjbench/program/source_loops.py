@@ -49,6 +49,52 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
 
 
 @cache
+def loop_is_one_call(file: str, line: int) -> bool:
+    """Return whether a loop does nothing but make the call on a line, in each iteration.
+
+    Args:
+      file: path of the file.
+      line: of the call, from 1.
+    """
+    try:
+        tree = ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return False
+    return any(
+        isinstance(node, ast.For)
+        and len(node.body) == 1
+        and isinstance(statement := node.body[0], ast.Expr)
+        and isinstance(statement.value, ast.Call)
+        and not any(
+            isinstance(each, ast.Call)
+            for each in ast.walk(statement.value)
+            if each is not statement.value
+        )
+        and statement.lineno <= line <= (statement.end_lineno or statement.lineno)
+        for node in ast.walk(tree)
+    )
+
+
+@cache
+def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
+    """Return the lines of a file that read attributes, each with the attribute's name.
+
+    Args:
+      file: path of the file.
+      names: of the attributes.
+    """
+    try:
+        tree = ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ()
+    return tuple(
+        (node.lineno, node.attr)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and node.attr in names
+    )
+
+
+@cache
 def source_line(file: str, line: int) -> str:
     """Return a line of a file, without the spaces around it; nothing where there is none."""
     lines = _text(file).splitlines()

@@ -37,6 +37,7 @@ class Header:
       collections: garbage collections, from the first call on.
       collections_ns: time of all of them.
       longest_collection_ns: time of the longest.
+      process_ns: when the process began, on the same clock.
     """
 
     pid: int
@@ -49,6 +50,7 @@ class Header:
     collections: int
     collections_ns: int
     longest_collection_ns: int
+    process_ns: int
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,7 @@ class StepTimes:
       collections: garbage collections of the process, from the first call on.
       collections_s: seconds that they took.
       longest_collection_s: the longest.
+      startup_s: from the begin of Python to the first call of the engine.
     """
 
     pid: int
@@ -110,6 +113,7 @@ class StepTimes:
     collections: int
     collections_s: float
     longest_collection_s: float
+    startup_s: float = 0.0
 
 
 def read_all(folder: Path) -> list[StepTimes]:
@@ -123,6 +127,18 @@ def read_all(folder: Path) -> list[StepTimes]:
         with contextlib.suppress(InputError):
             times.append(read(file, timers))
     return times
+
+
+def read_headers(folder: Path) -> dict[int, Header]:
+    """Return what stands before the records of each process in a folder."""
+    headers = {}
+    for file in folder.glob("*.steps"):
+        with file.open("rb") as stream:
+            head = stream.read(step_clock.HEADER.size)
+        if len(head) == step_clock.HEADER.size:
+            header = Header(*step_clock.HEADER.unpack(head))
+            headers[header.pid] = header
+    return headers
 
 
 def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
@@ -189,6 +205,7 @@ def step_times(
         collections=header.collections,
         collections_s=header.collections_ns * 1e-9,
         longest_collection_s=header.longest_collection_ns * 1e-9,
+        startup_s=max(0, header.first_ns - header.process_ns) * 1e-9,
     )
 
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from mjbench.instrument.units import duration, plain
-from mjbench.program import remedies, sampler
+from mjbench.program import remedies
 from mjbench.program.activities import Activity
 from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
-from mjbench.program.remedies import Remedy, RemedyKind
+from mjbench.program.remedies import Basis, Remedy, RemedyKind
 from mjbench.program.step_times import Durations, StepTimes
 from mjbench.report import tables
-from mjbench.simulation import package_timer
 from mjbench.status import Status
 
 _WIDTH = 30
@@ -22,13 +21,15 @@ _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
 # Observing should cost no more; beyond it, the report says how to make it cost less.
 MAX_COST = 0.03
-# With fewer samples, shares are rough.
-ROUGH_SAMPLES = 100
+# A loop of which physics takes this much has little else to change.
+MOSTLY_PHYSICS = 0.8
 
 
 def print_program(out: Console, row: ProgramRow) -> None:
     """Print where a program's time goes."""
     out.print(tables.headed(f"\n{row.program}", f": {conclusion(row)}"), soft_wrap=True)
+    for remedy in row.wrong[1:]:
+        out.print(f"Then, {_wrong(remedy)}", soft_wrap=True)
     for report in row.loops:
         _print_loop(out, report, row.wall_s)
     for steps in _most_steps(row.steps):
@@ -74,6 +75,8 @@ def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
 
 def conclusion(row: ProgramRow) -> str:
     """Return the most important thing about a program, in one sentence."""
+    if row.wrong:
+        return "first, " + _wrong(row.wrong[0])
     if row.status != Status.OK:
         return f"no samples were taken: {row.detail}"
     if not row.loops:
@@ -82,15 +85,29 @@ def conclusion(row: ProgramRow) -> str:
         return "no loop was seen that steps MuJoCo"
     loop = row.loops[0]
     remedy = remedies.first(loop.remedies)
-    is_wrong = remedy is not None and remedy.gain is None  # whatever samples say
-    if loop.time.samples < FEW_SAMPLES and not is_wrong:
-        return f"{loop.time.samples} samples are too few to say what comes first; run it for longer"
     if remedy is None:
-        return (
-            f"physics takes {percent(loop.time.activities.get(Activity.PHYSICS, 0.0))} of the loop"
-            " in " + where(loop.time) + "; nothing else is worth a change in Python"
-        )
+        return _nothing_to_do(row, loop.time)
     return "first, " + _first(loop.time, remedy)
+
+
+def _nothing_to_do(row: ProgramRow, time: LoopTime) -> str:
+    """Return why no change is suggested, and where to look next."""
+    physics = time.activities.get(Activity.PHYSICS, 0.0)
+    if time.samples < FEW_SAMPLES and physics < MOSTLY_PHYSICS:
+        seconds = max(1.0, FEW_SAMPLES * time.seconds / max(1, time.samples))
+        return (
+            f"physics takes {percent(physics)} of the loop in {where(time)}; {time.samples} samples"
+            f" are too few for the rest: let it run for {plain(seconds, 2)} s or longer"
+        )
+    text = f"physics takes {percent(physics)} of the loop in {where(time)}"
+    stages = [step.stages for step in row.steps if step.stages]
+    if physics >= MOSTLY_PHYSICS and stages:
+        stage, share = max(stages[0].items(), key=lambda item: item[1])
+        text += f", {percent(share)} of a step in {stage}"
+    return (
+        f"{text}; no change of the program is worth {percent(remedies.LEAST_GAIN)}: see `mjbench"
+        " tune` for settings of the model, and `mjbench compare` for other ways of stepping"
+    )
 
 
 def _first(time: LoopTime, remedy: Remedy) -> str:
@@ -98,11 +115,19 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     if remedy.confirmed is not None:
         saved = f"saves {percent(remedy.confirmed.gain)} of a step, as confirmed"
         return f"{remedy.text}{place}: {saved}"
-    if remedy.gain is None:
-        return f"correct a wrong result{place}: {remedy.text}"
-    if remedy.activity == Activity.PHYSICS:
-        return f"{package_timer.NAME} takes {percent(remedy.gain)} of the loop: {remedy.text}"
-    return f"{remedy.activity}{place}: {percent(remedy.gain)} of the loop in {where(time)}"
+    assert remedy.gain is not None, "wrong results come before"
+    if remedy.basis == Basis.BOUND:
+        return f"{remedy.activity}{place}: {percent(remedy.gain)} of the loop in {where(time)}"
+    now = "" if remedy.share is None else f" {percent(remedy.share)} of the loop now;"
+    where_to = f"at {remedy.place}, " if remedy.place is not None else ""
+    return (
+        f"{where_to}{remedy.text}:{now} with the change, the loop takes about"
+        f" {1 - remedy.gain:.2f} of today's time"
+    )
+
+
+def _wrong(remedy: Remedy) -> str:
+    return f"correct a wrong result at {remedy.place}: {remedy.text}"
 
 
 def where(time: LoopTime) -> str:
@@ -123,13 +148,13 @@ def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
         ),
         soft_wrap=True,
     )
-    if time.samples < ROUGH_SAMPLES:
-        out.print("Few samples: shares are rough; let the program run for longer.")
     _print_remedies(out, report.remedies)
     table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
     for activity, share in time.activities.items():
         bar = "█" * round(_WIDTH * share)
-        table.add_row(str(activity), percent(share), percent(time.error(share)), bar)
+        is_exact = time.is_timed(activity) or activity == Activity.REST
+        error = "timed" if is_exact else percent(time.error(share))
+        table.add_row(str(activity), percent(share), error, bar)
         if activity == Activity.PYTHON:
             for package, of_package in time.packages.items():
                 if of_package >= 0.01:
@@ -141,7 +166,7 @@ def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
 def _print_remedies(out: Console, listed: Sequence[Remedy]) -> None:
     if not listed:
         return
-    out.print("What to do first, and what it saves of the loop at most:")
+    out.print("What to do first, and what it saves of the loop:")
     table = tables.plain_table(["", "saves", "where", "what"], right=(0, 1))
     for number, remedy in enumerate(listed[:_MOST_REMEDIES], 1):
         code = f" ({remedy.code})" if remedy.code else ""
@@ -166,7 +191,7 @@ def saving(remedy: Remedy) -> str:
         return f"{percent(sure.gain)}, confirmed ({_signed(sure.low)} to {_signed(sure.high)})"
     if remedy.gain is None:
         return "wrong result"
-    return percent(remedy.gain)
+    return f"{'≤ ' if remedy.basis == Basis.BOUND else ''}{percent(remedy.gain)}"
 
 
 def _print_lines(out: Console, time: LoopTime) -> None:
@@ -221,12 +246,6 @@ def _print_cost(out: Console, row: ProgramRow) -> None:
     if row.paused_share is None:
         out.print("\nWhat observing took of the program's time is not known.")
         return
-    if not row.has_native and sampler.can_read_libraries():
-        out.print(
-            "\nStacks of libraries were not read, as of any program with several processes: what"
-            " NumPy and PyTorch do counts as Python. --native reads them, at a higher cost.",
-            soft_wrap=True,
-        )
     line = f"\nObserving took {cost(row)} of the program's time."
     if row.cost_share > MAX_COST:
         line += f" --rate {max(1, row.rate_hz // 2)} makes it less."

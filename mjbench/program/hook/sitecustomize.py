@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 import os
 import sys
+from typing import Any
 
 
 def _start() -> None:
@@ -16,13 +17,20 @@ def _start() -> None:
     sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
     folder = os.environ.get("MJBENCH_STEP_CLOCK")
     if folder:
-        path = os.path.join(here, "step_clock.py")
-        spec = importlib.util.spec_from_file_location("mjbench_step_clock", path)
-        if spec is not None and spec.loader is not None:
-            module = importlib.util.module_from_spec(spec)
-            sys.modules["mjbench_step_clock"] = module
-            spec.loader.exec_module(module)
-            module.start(folder, os.environ.get("MJBENCH_CHANGE", ""))
+        calls = _load(here, "call_clock").CallClock(folder)
+        _load(here, "step_clock").start(folder, calls, os.environ.get("MJBENCH_CHANGE", ""))
+
+
+def _load(folder: str, name: str) -> Any:
+    """Load a module of this folder; the program's environment may hold another mjbench."""
+    spec = importlib.util.spec_from_file_location(
+        f"mjbench_{name}", os.path.join(folder, f"{name}.py")
+    )
+    assert spec is not None and spec.loader is not None, "it is a Python file"
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[f"mjbench_{name}"] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 def _import_next() -> None:

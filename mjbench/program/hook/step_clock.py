@@ -13,6 +13,7 @@ This module runs in the user's program, in any environment: it needs the standar
 """
 
 import atexit
+import faulthandler
 import gc
 import importlib
 import importlib.abc
@@ -24,6 +25,7 @@ import os
 import struct
 import sys
 import time
+from _thread import _count as count_threads
 from _thread import get_ident
 from collections.abc import Callable, Sequence
 from types import MethodType, ModuleType
@@ -32,7 +34,7 @@ from typing import Any
 # A record: kind, thread, begin and end in ns, steps, timestep in ns.
 RECORD = struct.Struct("<6q")
 # What stands before the records, as `Header` names it.
-HEADER = struct.Struct("<10q")
+HEADER = struct.Struct("<11q")
 # Seconds by the engine's timers, as sums over bursts.
 MAX_TIMERS = 32
 TIMERS = struct.Struct(f"<{MAX_TIMERS}d")
@@ -69,6 +71,7 @@ _ENVIRONMENTS = (
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
 
+_HERE = os.path.dirname(os.path.abspath(__file__))
 _now_ns, _processor_ns = time.perf_counter_ns, time.process_time_ns
 # Of a thread's identifier, so that it fits a record.
 _THREAD_BITS = 2**63 - 1
@@ -135,6 +138,7 @@ class StepClock:
     def __init__(
         self,
         folder: str,
+        calls: Any,
         change: str = "",
         now_ns: Callable[[], int] = _now_ns,
         processor_ns: Callable[[], int] = _processor_ns,
@@ -143,16 +147,18 @@ class StepClock:
 
         Args:
           folder: for the file.
+          calls: the `call_clock.CallClock` of this process.
           change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
           now_ns: the clock.
           processor_ns: the clock of the processor time of this process.
         """
         self._folder, self._change = folder, change
         self._now_ns, self._processor_ns = now_ns, processor_ns
-        self._file = StepFile(folder)
+        self._file, self._calls = StepFile(folder), calls
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
         self._module: ModuleType | None = None
+        self.faults: Any = None
         self._timestep_ns = 0  # of the model that the burst steps
         # What a call costs: timed, timed where caches are cold, and passed through.
         self.timed_ns = self.cold_ns = self.passed_ns = 0
@@ -160,6 +166,7 @@ class StepClock:
 
     def _reset_totals(self) -> None:
         """Begin to count: in a new process, everything begins at 0."""
+        self._process_ns = self._now_ns()
         self._begin_clocks()
         self._first_ns = self._last_ns = 0
         self._calls_timed = self._calls_passed = 0
@@ -167,7 +174,9 @@ class StepClock:
         self._burst_begin_ns = 0
         self._burst_calls = 0
         self._burst_timers: list[float] | None = None
-        self._is_away = self._was_away = False
+        self._burst_args: Sequence[Any] = ()  # of its first call
+        self._turns: set[int] | None = None  # simulations that are stepped in turn
+        self._is_away = self._was_away = self._has_ended = False
         self._collections = self._collections_ns = self._longest_collection_ns = 0
         self._collection_begin_ns = 0
         self._write_header()
@@ -190,6 +199,7 @@ class StepClock:
             self._go_away()
             self._module = None
             return
+        self._calls.begin_process()
         self._reset_totals()
         self._come_back()
 
@@ -206,10 +216,13 @@ class StepClock:
             self._note_change()
         for name in _STEPPING:
             self._originals[name] = getattr(module, name)
-            self._timed[name] = self._timing(self._originals[name], is_step=name != "mj_step1")
+            self._timed[name] = self._timing(self._originals[name], name)
+        for name in filter(lambda name: hasattr(module, name), self._calls.fast_functions):
+            self._originals[name] = getattr(module, name)
+            self._timed[name] = self._noting(self._originals[name], name)
         self._calibrate()
-        for name in _STEPPING:
-            setattr(module, name, self._timed[name])
+        for name, timed in self._timed.items():
+            setattr(module, name, timed)
         for name in _RESETS:
             setattr(module, name, self._returning(getattr(module, name)))
 
@@ -219,36 +232,72 @@ class StepClock:
             pass
 
     def _write_engine(self, module: ModuleType) -> None:
-        """Write the release and the names of its timers, for those who read the sums."""
+        """Write the release and the names of its timers and warnings, for those who read them."""
         timer = getattr(module, "mjtTimer", None)
         members = getattr(timer, "__members__", {})
         names = {name.removeprefix("mjTIMER_"): int(value) for name, value in members.items()}
-        engine = {"version": getattr(module, "__version__", ""), "timers": names}
+        warnings = getattr(getattr(module, "mjtWarning", None), "__members__", {})
+        engine = {
+            "version": getattr(module, "__version__", ""),
+            "timers": names,
+            "warnings": {
+                int(value): name.removeprefix("mjWARN_") for name, value in warnings.items()
+            },
+        }
         path = os.path.join(self._folder, "engine.json")
         with open(path, "w", encoding="utf-8") as file:
             json.dump(engine, file)
 
-    def _timing(self, function: Any, is_step: bool = True) -> Any:
+    def _timing(self, function: Any, name: str) -> Any:
         """Return what stands for a function of the engine: it notes when it begins and ends.
 
-        Where `is_step` is False, it is the first part of a step, and counts as none.
+        `mj_step1` is the first part of a step, and counts as none.
         """
-        now_ns, write, one = self._now_ns, self._file.write, int(is_step)
+        now_ns, write, one = self._now_ns, self._file.write, int(name != "mj_step1")
+        calls, get_frame, is_half = self._calls, sys._getframe, name == "mj_step2"
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._to_pass:
                 self._to_pass -= 1
                 return function(*args, **kwargs)
+            frame = get_frame(1)
             if not self._burst_calls:
                 self._begin_burst(args)
+                if is_half:
+                    calls.look_for_halves(args, frame)
+            elif self._burst_calls == 1:
+                self._begin_turns(args)
+            if self._turns is not None:
+                self._turns.add(id(args[1]))
+            has_threads = count_threads() and len(args) > 1
             begin_ns = now_ns()
+            if has_threads:
+                calls.enter(id(args[1]), frame, begin_ns)
             result = function(*args, **kwargs)
             end_ns = now_ns()
+            if has_threads:
+                calls.leave(id(args[1]))
             nstep = args[2] if len(args) > 2 else kwargs.get("nstep", one)
             used = write(STEP, begin_ns, end_ns, nstep, self._timestep_ns)
+            calls.add(name, frame, begin_ns, end_ns, nstep, nstep)
+            self._last_ns = end_ns
             self._burst_calls += 1
             if self._burst_calls == BURST_CALLS:
-                self._end_burst(args, end_ns, used)
+                self._end_burst(args, frame, end_ns, used)
+            return result
+
+        return _replacement(call, function)
+
+    def _noting(self, function: Any, name: str) -> Any:
+        """Return what stands for another function of the engine, timed while steps are."""
+        now_ns, calls, get_frame = self._now_ns, self._calls, sys._getframe
+
+        def call(_: Any, *args: Any, **kwargs: Any) -> Any:
+            if self._to_pass:
+                return function(*args, **kwargs)
+            begin_ns = now_ns()
+            result = function(*args, **kwargs)
+            calls.add(name, get_frame(1), begin_ns, now_ns())
             return result
 
         return _replacement(call, function)
@@ -256,9 +305,10 @@ class StepClock:
     def _begin_burst(self, args: Sequence[Any]) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._calls_passed, self._planned_to_pass = self._passed(), 0
-        self._timestep_ns = _timestep_ns(args)
+        self._timestep_ns, self._burst_args = _timestep_ns(args), args
         self._burst_timers = _timers(args)
         self._burst_begin_ns = self._now_ns()
+        self._calls.observe(True, self._burst_begin_ns)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
             self._collections = self._collections_ns = self._longest_collection_ns = 0
@@ -270,14 +320,24 @@ class StepClock:
                 self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
-    def _end_burst(self, args: Sequence[Any], end_ns: int, used: int) -> None:
+    def _begin_turns(self, args: Sequence[Any]) -> None:
+        """Count simulations, where the second step of a burst is of another than the first."""
+        earlier = self._burst_args
+        is_same_model = len(earlier) > 1 and len(args) > 1 and earlier[0] is args[0]
+        if is_same_model and earlier[1] is not args[1]:
+            self._turns = {id(earlier[1])}
+
+    def _end_burst(self, args: Sequence[Any], frame: Any, end_ns: int, used: int) -> None:
         """End a burst: decide how many calls to pass through until the next one."""
+        self._burst_args = ()
+        if self._turns is not None:
+            self._calls.note_turns(len(self._turns), frame, end_ns)
+            self._turns = None
         if self._burst_timers is not None and (timers := _timers(args)) is not None:
             seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
             if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
                 self._file.add_timers(seconds)
         self._calls_timed += self._burst_calls
-        self._last_ns = end_ns
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self._burst_calls)
         self._burst_calls = 0
         owed_ns = max(0, self._calls_timed * self.cold_ns - FREE_COST_NS)
@@ -289,6 +349,8 @@ class StepClock:
         if used > CAPACITY - 2 * BURST_CALLS:
             self._to_pass = sys.maxsize
         self._planned_to_pass = self._to_pass
+        self._calls.look(args, frame, end_ns)
+        self._calls.observe(not self._to_pass, self._now_ns())
         if self._to_pass and period_ns < FASTEST_PASSED_NS:
             self._go_away()
         self._write_header()
@@ -331,20 +393,28 @@ class StepClock:
 
     def install_rollout(self, module: ModuleType) -> None:
         """Note when a program first steps by `mujoco.rollout`, whose threads are not timed."""
-
-        def noting(function: Any) -> Any:
-            def call(*args: Any, **kwargs: Any) -> Any:
-                if not self._first_ns:
-                    self._first_ns = self._now_ns()
-                    self._write_header()
-                return function(*args, **kwargs)
-
-            return _like(call, function)
-
         if hasattr(module, "rollout"):
-            module.rollout = noting(module.rollout)  # type: ignore[attr-defined]
+            module.rollout = self._beginning(module.rollout)  # type: ignore[attr-defined]
         if hasattr(module, "Rollout"):
-            module.Rollout.rollout = noting(module.Rollout.rollout)
+            module.Rollout.rollout = self._beginning(module.Rollout.rollout)
+
+    def install_batch(self, module: ModuleType) -> None:
+        """Note when a program first steps by `mujoco.batch`."""
+        owner = getattr(module, "Batch", None)
+        for method in ("rollout", "step"):
+            if hasattr(owner, method):
+                setattr(owner, method, self._beginning(getattr(owner, method)))
+
+    def _beginning(self, function: Any) -> Any:
+        """Return what stands for a function that steps on threads: it notes the first call."""
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            if not self._first_ns:
+                self._first_ns = self._now_ns()
+                self._write_header()
+            return function(*args, **kwargs)
+
+        return _like(call, function)
 
     def _calibrate(self) -> None:
         """Measure what a call costs that is timed, and one that is passed through."""
@@ -352,7 +422,8 @@ class StepClock:
         def nothing(*args: Any, **kwargs: Any) -> None:
             return None
 
-        call, costs = self._timing(nothing), []
+        self._calls.count_as_own(__file__, True)
+        call, costs = self._timing(nothing, "nothing"), []
         # one call more than a burst has: none ends while calls are calibrated
         for to_pass, calls in ((0, BURST_CALLS + 1), (sys.maxsize, 0)):
             blocks = []
@@ -371,6 +442,8 @@ class StepClock:
         self.cold_ns = max(self.timed_ns, self._cold_cost_ns(call, nothing))
         self._to_pass = self._burst_calls = 0
         self._file.open()  # without the records of the calibration
+        self._calls.count_as_own(__file__, False)
+        self._calls.begin_process()
         self._begin_clocks()
         self._write_header()
 
@@ -411,6 +484,8 @@ class StepClock:
 
     def note_collection(self, phase: str, info: Any) -> None:
         """Note how long a garbage collection takes; Python calls this at its start and stop."""
+        if self._has_ended:  # what Python frees when it ends is not the program's
+            return
         now_ns = self._now_ns()
         if phase == "start":
             self._collection_begin_ns = now_ns
@@ -434,13 +509,19 @@ class StepClock:
             self._collections,
             self._collections_ns,
             self._longest_collection_ns,
+            self._process_ns,
         )
 
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
+        self._has_ended = True
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self._burst_calls
+        if self._turns is not None:
+            self._calls.note_turns(len(self._turns), sys._getframe(1), self._last_ns)
+        if self._calls.is_observing and self._last_ns:
+            self._calls.observe(False, self._last_ns)
         self._burst_calls = 0
         self._write_header()
 
@@ -576,10 +657,10 @@ def _hide_from_tracebacks() -> None:
 
 
 def _without_own(frames: Any) -> Any:
-    """Return a traceback without the frames of this file."""
+    """Return a traceback without the frames of the clocks."""
     rest = []
     while frames is not None:
-        if frames.tb_frame.f_code.co_filename != __file__:
+        if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
             rest.append(frames)
         frames = frames.tb_next
     for frame, following in zip(rest, [*rest[1:], None], strict=True):
@@ -587,22 +668,39 @@ def _without_own(frames: Any) -> Any:
     return rest[0] if rest else None
 
 
-def start(folder: str, change: str = "") -> StepClock:
+def start(folder: str, calls: Any, change: str = "") -> StepClock:
     """Start the clock of this process, and of those that it forks; see `StepClock`."""
-    clock = StepClock(folder, change)
+    clock = StepClock(folder, calls, change)
 
     def environment(class_name: str, method: str) -> Callable[[ModuleType], None]:
         return lambda module: clock.install_environment(module, class_name, method)
 
+    def both(
+        first: Callable[[ModuleType], None], second: Callable[[ModuleType], None]
+    ) -> Callable[[ModuleType], None]:
+        def action(module: ModuleType) -> None:
+            first(module)
+            second(module)
+
+        return action
+
     actions: dict[str, Callable[[ModuleType], None]] = {
-        "mujoco": clock.install,
-        "mujoco.rollout": clock.install_rollout,
+        "mujoco": both(clock.install, both(calls.install, calls.install_callbacks)),
+        "mujoco.rollout": both(clock.install_rollout, calls.install_rollout),
+        "mujoco.batch": both(clock.install_batch, calls.install_batch),
+        "mujoco.mjx": calls.install_mjx,
+        "jax": calls.install_jax,
+        "multiprocessing.process": calls.install_processes,
     }
     for module_name, class_name, method in _ENVIRONMENTS:
         actions[module_name] = environment(class_name, method)
     sys.meta_path.insert(0, _AfterImport(actions))
     gc.callbacks.append(clock.note_collection)
     _hide_from_tracebacks()
+    if not faulthandler.is_enabled():
+        # a file of its own, in which a crash leaves the line that the program was at
+        clock.faults = open(os.path.join(folder, f"{os.getpid()}.fault"), "w")  # noqa: SIM115
+        faulthandler.enable(clock.faults, all_threads=False)
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=clock.begin_process)
     atexit.register(clock.end)

@@ -1,0 +1,307 @@
+"""What a program called, on which line, how often and for how long, as the call clock noted it.
+
+`hook/call_clock.py` writes the files, and defines their format.
+"""
+
+import contextlib
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from mjbench.program import activities
+from mjbench.program.activities import Activity, Place
+from mjbench.program.hook import call_clock
+from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
+from mjbench.program.step_times import Header
+
+# What callees do, but for functions of the engine: those are physics.
+_ACTIVITIES: Mapping[str, Activity] = {
+    **dict.fromkeys(("MjData", "copy of MjData", "copy of MjModel"), Activity.COPYING),
+    **dict.fromkeys(("mj_copyData", "mj_getState", "mj_setState"), Activity.COPYING),
+    **dict.fromkeys(("from_xml_path", "from_xml_string", "from_binary_path"), Activity.LOADING),
+    **dict.fromkeys(("from_file", "from_string", "compile"), Activity.LOADING),
+    **dict.fromkeys(("Renderer", "update_scene", "render"), Activity.RENDERING),
+    call_clock.COMPILE: Activity.COMPILING,
+    call_clock.PROCESS_START: Activity.PROCESSES,
+}
+# What the clock notes that is no call.
+_STEPS = ("mj_step", "mj_step1", "mj_step2")
+_FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.SOFTWARE_GL)
+
+
+@dataclass(frozen=True)
+class CallTime:
+    """The calls of one function from one line of the user's code, on one thread.
+
+    Attributes:
+      callee: what was called.
+      pid: the process.
+      thread: as Python numbers it.
+      place: the line.
+      loop: the outermost loop that runs it; None where none does.
+      calls: how many; an estimate where steps were timed for a part of the time.
+      seconds: that they took; likewise.
+      first_ns: when the first began that was timed, on the clock of `time.perf_counter_ns`.
+      last_ns: when the last ended that was timed.
+      steps: of one simulation, summed over calls.
+      all_steps: of all simulations.
+    """
+
+    callee: str
+    pid: int
+    thread: int
+    place: Place
+    loop: SourceLoop | None
+    calls: float
+    seconds: float
+    first_ns: int
+    last_ns: int
+    steps: float
+    all_steps: float
+
+    @property
+    def activity(self) -> Activity:
+        """What the callee does."""
+        if self.is_callback:
+            return Activity.PYTHON
+        return _ACTIVITIES.get(self.callee, Activity.PHYSICS)
+
+    @property
+    def is_callback(self) -> bool:
+        """Whether it is a Python function that MuJoCo calls in a step."""
+        return self.callee.startswith(call_clock.CALLBACK)
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it steps, or ends a step."""
+        return self.all_steps > 0 or self.callee == call_clock.EAGER_MJX
+
+
+@dataclass(frozen=True)
+class Incident:
+    """What only a run shows.
+
+    Attributes:
+      name: of the engine's warning, such as BADQACC, or one of `call_clock`: SHARED_DATA, HALVES,
+        IN_TURN, SOFTWARE_GL.
+      place: the line at which it was seen.
+      count: how often it was seen; of IN_TURN, how many simulations.
+    """
+
+    name: str
+    place: Place
+    count: int
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether results are wrong."""
+        return self.name not in (call_clock.IN_TURN, call_clock.SOFTWARE_GL)
+
+
+@dataclass(frozen=True)
+class ProgramCalls:
+    """The calls of all processes of a program.
+
+    Attributes:
+      calls: by line.
+      incidents: what else was seen.
+      memory_growth_bytes: by how much the memory of the process that grew most has grown since
+        shortly after its first step; None where that is not known.
+    """
+
+    calls: Sequence[CallTime] = ()
+    incidents: Sequence[Incident] = ()
+    memory_growth_bytes: int | None = None
+
+
+def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
+    """Return the calls of all processes whose files are in a folder.
+
+    Args:
+      folder: of the files.
+      headers: of the step clock, by process.
+    """
+    names = _warning_names(folder / "engine.json")
+    calls: list[CallTime] = []
+    incidents: list[Incident] = []
+    growth: list[int] = []
+    for file in sorted(folder.glob("*.calls")):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            of_process = _read(file, headers.get(int(file.stem)), names)
+            calls += of_process.calls
+            incidents += of_process.incidents
+            if of_process.memory_growth_bytes is not None:
+                growth.append(of_process.memory_growth_bytes)
+    return ProgramCalls(calls, incidents, max(growth, default=None))
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """The numbers of one slot, as `call_clock.SLOT` packs them."""
+
+    calls: int
+    ns: int
+    timed_calls: int
+    timed_ns: int
+    first_ns: int
+    last_ns: int
+    steps: int
+    all_steps: int
+
+
+@dataclass(frozen=True)
+class _Window:
+    """When steps were timed, and the process's memory.
+
+    Attributes:
+      ns: for how long.
+      first_ns: from when on.
+      last_ns: until when.
+      memory_growth_bytes: from the first look at the process to the last; None without two.
+    """
+
+    ns: int
+    first_ns: int
+    last_ns: int
+    memory_growth_bytes: int | None
+
+    @classmethod
+    def of(cls, slot: _Slot) -> "_Window":
+        """Return what the first slot holds, whose last two numbers are bytes."""
+        latest, first = slot.steps, slot.all_steps
+        growth = latest - first if latest and first else None
+        return cls(slot.ns, slot.first_ns, slot.last_ns, growth)
+
+
+def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> ProgramCalls:
+    """Return the calls of one process."""
+    raw = file.read_bytes()
+    slots = [_Slot(*values) for values in call_clock.SLOT.iter_unpack(raw)]
+    sites = [json.loads(line) for line in _lines(file.with_suffix(".sites"))]
+    calls, incidents = [], []
+    for site in sites:
+        slot, stack = slots[site["slot"]], site["stack"]
+        place = _own_place(stack)
+        if site["callee"].startswith(call_clock.WARNING):
+            kind = int(site["callee"].split()[1])
+            incidents.append(Incident(warnings.get(kind, str(kind)), place, slot.calls))
+        elif site["callee"] in _FACTS:
+            incidents.append(Incident(site["callee"], place, slot.calls))
+        elif site["callee"] == call_clock.IN_TURN:
+            simulations = round(slot.all_steps / max(1, slot.calls))
+            incidents.append(Incident(site["callee"], place, simulations))
+        else:
+            calls.append(_call_time(int(file.stem), site["callee"], site["thread"], slot, stack))
+    window = _Window.of(slots[call_clock.WINDOW])
+    scaled = _without_callbacks(_scaled(calls, slots, sites, window, header))
+    return ProgramCalls(scaled, incidents, window.memory_growth_bytes)
+
+
+def _lines(file: Path) -> list[str]:
+    """Return the whole lines of a file; the last may have been cut short."""
+    *whole, _ = file.read_text(encoding="utf-8").split("\n")
+    return whole
+
+
+def _call_time(
+    pid: int, callee: str, thread: int, slot: _Slot, stack: Sequence[tuple[str, int, str]]
+) -> CallTime:
+    return CallTime(
+        callee=callee,
+        pid=pid,
+        thread=thread,
+        place=_own_place(stack),
+        loop=_loop(stack),
+        calls=slot.calls,
+        seconds=1e-9 * slot.ns,
+        first_ns=slot.first_ns,
+        last_ns=slot.last_ns,
+        steps=slot.steps,
+        all_steps=slot.all_steps,
+    )
+
+
+def _own_place(stack: Sequence[tuple[str, int, str]]) -> Place:
+    """Return the innermost line of the user's code; the innermost line where none is."""
+    own = [frame for frame in stack if not activities.package_of(frame[0])]
+    file, line, function = (own or stack)[0]
+    return Place(activities.shown_path(file), line, function, source_line(file, line))
+
+
+def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
+    """Return the outermost loop on a stack."""
+    for file, line, _ in reversed(stack):
+        loop = outermost_loop(file, line)
+        if loop is not None:
+            return replace(loop, file=activities.shown_path(loop.file))
+    return None
+
+
+def _scaled(
+    calls: Sequence[CallTime],
+    slots: Sequence[_Slot],
+    sites: Sequence[Mapping[str, Any]],
+    window: _Window,
+    header: Header | None,
+) -> list[CallTime]:
+    """Return the calls with those of the time in which steps were not timed.
+
+    Calls that are timed with steps are assumed to go on as while they were timed.
+    """
+    if header is None or not (header.calls_passed or header.was_away):
+        return list(calls)
+    slow = [
+        slots[site["slot"]]
+        for site in sites
+        if not _is_fast(site["callee"]) and slots[site["slot"]].first_ns >= window.first_ns
+    ]
+    span_ns = max(window.last_ns, header.last_ns) - window.first_ns
+    rest_ns = span_ns - sum(slot.ns for slot in slow)
+    timed_ns = window.ns - sum(slot.timed_ns for slot in slow)
+    factor = max(1.0, rest_ns / timed_ns) if timed_ns > 0 else 1.0
+    return [
+        replace(
+            call,
+            calls=call.calls * factor,
+            seconds=call.seconds * factor,
+            steps=call.steps * factor,
+            all_steps=call.all_steps * factor,
+        )
+        if _is_fast(call.callee)
+        else call
+        for call in calls
+    ]
+
+
+def _is_fast(callee: str) -> bool:
+    """Return whether calls are timed only while steps are."""
+    return callee in call_clock.FAST or callee in _STEPS or callee.startswith(call_clock.CALLBACK)
+
+
+def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:
+    """Return the calls, where the time of a callback is not that of the step as well."""
+    callbacks_s: dict[tuple[int, int, SourceLoop | None], float] = defaultdict(float)
+    steps_s: dict[tuple[int, int, SourceLoop | None], float] = defaultdict(float)
+    for call in calls:
+        key = (call.pid, call.thread, call.loop)
+        if call.is_callback:
+            callbacks_s[key] += call.seconds
+        elif call.callee in _STEPS:
+            steps_s[key] += call.seconds
+    return [
+        replace(call, seconds=call.seconds * max(0.0, 1 - callbacks_s[key] / steps_s[key]))
+        if call.callee in _STEPS and steps_s[key := (call.pid, call.thread, call.loop)] > 0
+        else call
+        for call in calls
+    ]
+
+
+def _warning_names(file: Path) -> Mapping[int, str]:
+    """Return the names of the engine's warnings; none where MuJoCo was not imported."""
+    if not file.is_file():
+        return {}
+    stored = json.loads(file.read_text(encoding="utf-8")).get("warnings", {})
+    return {int(kind): str(name) for kind, name in stored.items()}

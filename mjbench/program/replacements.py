@@ -1,0 +1,299 @@
+"""What a call takes that could stand in place of another, on the program's own model and states.
+
+Both are timed in turns, in a child process: a model that crashes MuJoCo costs only its ratio.
+"""
+
+import enum
+import itertools
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from mjbench.errors import InputError, MjbenchError
+from mjbench.instrument import isolate, machine, stats, timing
+from mjbench.instrument.isolate import Channel
+from mjbench.program.recorded_models import RecordedModel
+from mjbench.simulation import compat
+from mjbench.simulation.engine_clock import engine_clock
+
+# Seconds to time a pair; a child that is silent for longer than the limit is killed.
+BUDGET_S, LIMIT_S = 0.5, 30.0
+# Rounds: the interval of a median needs six at least. Seconds of a block, and calls of one at most.
+LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S, MOST_CALLS = 15, 200, 0.002, 1000
+
+
+class Trial(enum.StrEnum):
+    """Two ways of doing something; the second is what mjbench suggests."""
+
+    FUNCTIONS = "other functions of the engine"
+    """`mj_step` with `mj_forward`, and with the functions that are enough."""
+    NEW_DATA_OR_RESET = "mj_resetData"
+    """`MjData(model)`, and `mj_resetData`."""
+    NEW_DATA_OR_COPY = "mj_copyData"
+    """`MjData(model)` with `mj_copyData`, as a copy does, and `mj_copyData` alone."""
+    ONE_CALL = "nstep"
+    """Ten calls of `mj_step`, and one with `nstep=10`."""
+    NO_TIMER = "no timer"
+    """`mj_step` with the timer of MuJoCo's Python package, and without."""
+    NAMED_ACCESS = "hoisted accessor"
+    """An element looked up by its name, and an attribute of one that was looked up before."""
+    POOL = "pool of threads"
+    """`mujoco.rollout.rollout`, and `Rollout`, which keeps its threads."""
+    BATCH = "Batch"
+    """`mj_step` of several simulations in turn, and `mujoco.batch.Batch`."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What to measure.
+
+    Attributes:
+      trial: the two ways.
+      functions: that are enough, for `Trial.FUNCTIONS`.
+      simulations: for `Trial.POOL` and `Trial.BATCH`.
+      steps: of each simulation, for `Trial.POOL`.
+    """
+
+    trial: Trial
+    functions: tuple[str, ...] = ()
+    simulations: int = 1
+    steps: int = 1
+
+
+@dataclass(frozen=True)
+class TimeRatio:
+    """The time of what mjbench suggests, over that of what the program does.
+
+    Attributes:
+      estimate: median of the rounds.
+      low: lower end of its 95 % interval.
+      high: upper end.
+      saved_s: seconds that are saved each time, by the medians.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    saved_s: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured on the program's own model.
+
+    Attributes:
+      ratios: of what mjbench suggests to what the program does.
+      computes_forces: whether a step of the model computes `cfrc_ext`, `cfrc_int` and `cacc`; None
+        where that is not known.
+    """
+
+    ratios: Mapping[Question, TimeRatio]
+    computes_forces: bool | None = None
+
+    def saved(self, question: Question) -> float | None:
+        """Return the share of the time of what the program does that is saved; None if unknown."""
+        ratio = self.ratios.get(question)
+        return None if ratio is None else 1 - ratio.estimate
+
+
+@dataclass(frozen=True)
+class _Request:
+    """To the child: on which models to measure what."""
+
+    model: RecordedModel
+    questions: Sequence[Question]
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """From the child: the ratio of a question."""
+
+    number: int
+    ratio: TimeRatio
+
+
+@dataclass(frozen=True)
+class _Forces:
+    """From the child: whether a step computes them."""
+
+    computes_forces: bool
+
+
+def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> Measured:
+    """Return the ratio of each question that could be measured.
+
+    Args:
+      models: of the program; the first that this process's MuJoCo can load is used.
+      questions: what to measure.
+    """
+    usable = [model for model in models if model.release == mujoco.__version__]
+    if not usable:
+        return Measured({})
+    messages: list[_Answer | _Forces] = []
+    request = _Request(usable[0], list(questions))
+    isolate.run("mjbench.program.replacements:answer", request, messages.append, LIMIT_S)
+    answers = [message for message in messages if isinstance(message, _Answer)]
+    forces = [message.computes_forces for message in messages if isinstance(message, _Forces)]
+    return Measured(
+        {questions[answer.number]: answer.ratio for answer in answers},
+        forces[0] if forces else None,
+    )
+
+
+def answer(request: _Request, channel: Channel) -> None:
+    """Measure all questions; runs in a child."""
+    model = _load(request.model.mjb)
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, request.model.states[0], compat.state_spec("INTEGRATION"))
+    mujoco.mj_step(model, data)
+    channel.send(_Forces(bool(data.cacc.any())))
+    for number, question in enumerate(request.questions):
+        try:
+            ratio = _ratio(model, request.model.states, question)
+        except (MjbenchError, AttributeError, ImportError, mujoco.FatalError, ValueError):
+            continue  # this release, or this model, lacks something
+        channel.send(_Answer(number, ratio))
+
+
+def _load(mjb: bytes) -> mujoco.MjModel:
+    name = "model.mjb"
+    return mujoco.MjModel.from_binary_path(name, {name: mjb})
+
+
+@dataclass(frozen=True)
+class _Way:
+    """One way of doing something.
+
+    Attributes:
+      run: does it once.
+      has_timer: whether steps read the timer of MuJoCo's Python package.
+    """
+
+    run: Callable[[mujoco.MjData], object]
+    has_timer: bool = True
+
+
+def _ratio(model: mujoco.MjModel, states: np.ndarray, question: Question) -> TimeRatio:
+    """Return the ratio of the times, over all states in turn."""
+    present, suggested = _ways(model, question)
+    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+
+    def contender(way: _Way, calls: int) -> timing.Contender:
+        turn = itertools.count()
+
+        def before() -> None:
+            engine_clock(way.has_timer)
+            mujoco.mj_setState(model, data, states[next(turn) % len(states)], spec)
+            mujoco.mj_step(model, data)
+
+        def block() -> None:
+            for _ in range(calls):
+                way.run(data)
+
+        return timing.Contender(block, before)
+
+    one_s = min(timing.block_s(contender(present, 1)) for _ in range(3))
+    calls = max(1, min(MOST_CALLS, round(BLOCK_S / max(one_s, 1e-9))))
+    contenders = [contender(present, calls), contender(suggested, calls)]
+    rounds = list(timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS))
+    faster = stats.speedup([first for first, _ in rounds], [second for _, second in rounds])
+    assert faster.low is not None and faster.high is not None, "there are enough rounds"
+    before_s, after_s = (
+        statistics.median(seconds) / calls for seconds in zip(*rounds, strict=True)
+    )
+    return TimeRatio(1 / faster.median, 1 / faster.high, 1 / faster.low, before_s - after_s)
+
+
+def _named_access(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
+    """Return the access to an element by its name, and that to one looked up before."""
+    body = model.body(model.nbody - 1).name
+    hoisted: dict[int, Any] = {}
+
+    def before_the_loop(data: mujoco.MjData) -> Any:
+        if id(data) not in hoisted:
+            hoisted[id(data)] = data.body(body)
+        return hoisted[id(data)].xpos
+
+    if not body:
+        raise InputError("the model has no name to look up")
+    return _Way(lambda data: data.body(body).xpos), _Way(before_the_loop)
+
+
+def _pool(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
+    """Return rollout with threads of its own, and with a pool that stays."""
+    from mujoco import rollout
+
+    threads = machine.usable_cores()
+    datas = [mujoco.MjData(model) for _ in range(threads)]
+    spec = compat.state_spec("FULLPHYSICS")
+    start = np.empty((1, mujoco.mj_stateSize(model, spec)))
+    mujoco.mj_getState(model, datas[0], start[0], spec)
+    starts = np.repeat(start, question.simulations, axis=0)
+    pool = rollout.Rollout(nthread=threads)
+    return (
+        _Way(lambda data: rollout.rollout(model, datas, starts, nstep=question.steps)),
+        _Way(lambda data: pool.rollout(model, datas, starts, nstep=question.steps)),
+    )
+
+
+def _batch(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
+    """Return simulations in turn, and as a batch, from the model's own start."""
+    from mujoco.batch import Batch
+
+    datas = [mujoco.MjData(model) for _ in range(question.simulations)]
+    batch = Batch(model, question.simulations)
+
+    def in_turn(data: mujoco.MjData) -> None:
+        for each in datas:
+            mujoco.mj_step(model, each)
+
+    return _Way(in_turn), _Way(lambda data: batch.step())
+
+
+_BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]]] = {
+    Trial.NAMED_ACCESS: _named_access,
+    Trial.POOL: _pool,
+    Trial.BATCH: _batch,
+}
+
+
+def _ways(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
+    """Return what the program does, and what mjbench suggests."""
+    if question.trial in _BUILDERS:
+        return _BUILDERS[question.trial](model, question)
+    scratch = mujoco.MjData(model)
+
+    def then(names: Sequence[str]) -> Callable[[mujoco.MjData], None]:
+        functions = [getattr(mujoco, name) for name in ("mj_step", *names)]
+
+        def run(data: mujoco.MjData) -> None:
+            for function in functions:
+                function(model, data)
+
+        return run
+
+    def ten_steps(data: mujoco.MjData) -> None:
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+
+    def one_call(data: mujoco.MjData) -> None:
+        mujoco.mj_step(model, data, 10)
+
+    ways: dict[Trial, tuple[_Way, _Way]] = {
+        Trial.FUNCTIONS: (_Way(then(["mj_forward"])), _Way(then(question.functions))),
+        Trial.NEW_DATA_OR_RESET: (
+            _Way(lambda data: mujoco.MjData(model)),
+            _Way(lambda data: mujoco.mj_resetData(model, data)),
+        ),
+        Trial.NEW_DATA_OR_COPY: (
+            _Way(lambda data: compat.copied_data(model, mujoco.MjData(model), data)),
+            _Way(lambda data: compat.copied_data(model, scratch, data)),
+        ),
+        Trial.ONE_CALL: (_Way(ten_steps), _Way(one_call)),
+        Trial.NO_TIMER: (_Way(one_call), _Way(one_call, has_timer=False)),
+    }
+    return ways[question.trial]
