@@ -240,7 +240,9 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
         factor = (1 - share) / total_rest
         others = {activity: part * factor for activity, part in rest_by_activity.items()}
     else:
-        factor, others = 0.0, {Activity.REST: 1 - share}
+        # samples that are all on the lines of these calls saw the calls themselves
+        rest_is = Activity.BINDINGS if has_samples else Activity.REST
+        factor, others = 0.0, {rest_is: 1 - share}
     parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
     return replace(
         time,

@@ -249,10 +249,12 @@ def _scaled(
 ) -> list[CallTime]:
     """Return the calls with those of the time in which steps were not timed.
 
-    Calls that are timed with steps are assumed to go on as while they were timed.
+    Calls that are timed with steps are assumed to go on as while they were timed, at the rate of
+    the steps where those were counted, and in the same share of the time where they were not.
     """
     if header is None or not (header.calls_passed or header.was_away):
         return list(calls)
+    fast_calls = sum(slots[s["slot"]].timed_calls for s in sites if _is_fast(s["callee"]))
     slow = [
         slots[site["slot"]]
         for site in sites
@@ -260,13 +262,19 @@ def _scaled(
     ]
     span_ns = max(window.last_ns, header.last_ns) - window.first_ns
     rest_ns = span_ns - sum(slot.ns for slot in slow)
-    timed_ns = window.ns - sum(slot.timed_ns for slot in slow)
+    timed_ns = window.ns - sum(slot.timed_ns for slot in slow) - fast_calls * header.timed_ns
     factor = max(1.0, rest_ns / timed_ns) if timed_ns > 0 else 1.0
+    if not header.was_away:  # all steps were counted
+        step_calls = sum(slots[s["slot"]].timed_calls for s in sites if s["callee"] in _STEPS)
+        factor = (header.calls_passed + step_calls) / max(1, step_calls)
+    # a few long calls among those that were timed do not make all of them longer than the time
+    fast_ns = sum(slots[s["slot"]].timed_ns for s in sites if _is_fast(s["callee"]))
+    cap = min(1.0, rest_ns / (factor * fast_ns)) if fast_ns else 1.0
     return [
         replace(
             call,
             calls=call.calls * factor,
-            seconds=call.seconds * factor,
+            seconds=call.seconds * factor * cap,
             steps=call.steps * factor,
             all_steps=call.all_steps * factor,
         )

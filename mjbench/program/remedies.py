@@ -444,7 +444,8 @@ def _savings(
             for activity in line.activities.keys() & _OF_LINES:
                 unexplained[activity] -= line.activities[activity]
     for activity, share in unexplained.items():
-        yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
+        if activity != Activity.BINDINGS:  # what no line shows is the calls themselves
+            yield _remedy(loop, RemedyKind.ACTIVITY, activity, None, _ADVICE[activity], share)
 
 
 @dataclass(frozen=True)
@@ -507,6 +508,8 @@ def _of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -
             gain, basis = _gain_of_functions(loop, calls, _question(context), measured)
         elif remedy.trial is not None:
             saved = measured.saved(_question(context))
+            if saved is None and remedy.trial == Trial.POOL:
+                continue  # most of the call is its steps
             gain, basis = (share, Basis.BOUND) if saved is None else (share * saved, Basis.PAIRED)
         text = finding.message if finding is not None else remedy.text
         yield Remedy(
@@ -580,16 +583,18 @@ def _of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
         by_place[call.place].append(call)
     for place, calls in by_place.items():
         saved = measured.saved(_ONE_CALL)
+        # the pair includes what Python does around each call
+        share = _share(loop, calls) + loop.activities.get(Activity.BINDINGS, 0.0)
         if saved is not None and loop_is_one_call(loop.loop.file, place.line):
             yield Remedy(
                 RemedyKind.CALL,
                 Activity.PHYSICS,
                 place,
                 _ONE_CALL_ADVICE,
-                saved * _share(loop, calls),
+                saved * min(1.0, share),
                 None,
                 basis=Basis.PAIRED,
-                share=_share(loop, calls),
+                share=share,
                 effect="nothing",
             )
 

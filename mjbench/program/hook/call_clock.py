@@ -124,7 +124,9 @@ class CallClock:
 
     def begin_process(self) -> None:
         """Begin the file of this process; a forked process begins its own."""
-        self._sites: dict[tuple[str, Any, int, int], list[int]] = {}
+        self._sites: dict[tuple[str, int, int, int], list[int]] = {}
+        self._codes: list[Any] = []
+        self._unwritten: dict[int, list[int]] = {}
         self._next = itertools.count(WINDOW + 1).__next__
         self._names: Any = None
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
@@ -173,14 +175,9 @@ class CallClock:
           calls: how many calls it counts as.
           line: file, line and function to name in place of the frame's; None for the frame's.
         """
-        while frame is not None and not self._owns(frame.f_code.co_filename):
-            frame = frame.f_back
-        if frame is None:
-            return
-        key = (callee, frame.f_code, frame.f_lasti, get_ident())
-        slot = self._sites.get(key)
+        slot = self._slot(callee, frame, begin_ns, line)
         if slot is None:
-            slot = self._begin_slot(key, frame, begin_ns, line)
+            return
         duration_ns = end_ns - begin_ns
         slot[1] += calls
         slot[2] += duration_ns
@@ -192,9 +189,52 @@ class CallClock:
         slot[8] += all_steps
         SLOT.pack_into(self._map, slot[0] * SLOT.size, *slot[1:])
 
+    def add_timed(
+        self, callee: str, frame: FrameType, begin_ns: int, end_ns: int, steps: int
+    ) -> None:
+        """Count a call that is timed with steps; `write` writes its slot."""
+        slot = self._slot(callee, frame, begin_ns, None)
+        if slot is not None:
+            duration_ns = end_ns - begin_ns
+            slot[1] += 1
+            slot[2] += duration_ns
+            slot[3] += 1
+            slot[4] += duration_ns
+            slot[6] = end_ns
+            slot[7] += steps
+            slot[8] += steps
+            self._unwritten[slot[0]] = slot
+
+    def write(self) -> None:
+        """Write the slots of calls that were timed with steps."""
+        unwritten, self._unwritten = self._unwritten, {}
+        for number, slot in unwritten.items():
+            SLOT.pack_into(self._map, number * SLOT.size, *slot[1:])
+
+    def _slot(
+        self,
+        callee: str,
+        frame: FrameType | None,
+        begin_ns: int,
+        line: tuple[str, int, str] | None,
+    ) -> list[int] | None:
+        """Return the slot of a call, by the line of the user's code; None where there is none."""
+        owns = self._is_own
+        while frame is not None:
+            file = frame.f_code.co_filename
+            if owns[file] if file in owns else self._owns(file):
+                break
+            frame = frame.f_back
+        else:
+            return None
+        # by its identity: to hash the code itself takes microseconds
+        key = (callee, id(frame.f_code), frame.f_lasti, get_ident())
+        slot = self._sites.get(key)
+        return self._begin_slot(key, frame, begin_ns, line) if slot is None else slot
+
     def _begin_slot(
         self,
-        key: tuple[str, Any, int, int],
+        key: tuple[str, int, int, int],
         frame: FrameType,
         begin_ns: int,
         first: tuple[str, int, str] | None,
@@ -202,6 +242,7 @@ class CallClock:
         number = self._next()
         slot = [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0]
         self._sites[key] = slot
+        self._codes.append(frame.f_code)  # so that no other gets its identity
         if number < MAX_SLOTS and self._names is not None:
             stack = [
                 (each.f_code.co_filename, each.f_lineno, each.f_code.co_name)
@@ -245,7 +286,8 @@ class CallClock:
     # While steps are timed
 
     def observe(self, is_observing: bool, now_ns: int) -> None:
-        """Note that steps are timed from now on, or no longer."""
+        """Note that steps are timed from now on, or no longer; write what was timed."""
+        self.write()
         if self.is_observing and self._observing_since_ns:
             self._window[1] += now_ns - self._observing_since_ns
         if not self._window[4]:
@@ -441,8 +483,13 @@ class CallClock:
             threaded = self.slow(original, THREADED_ROLLOUT, _rollout_steps)
 
             def call(*args: Any, **kwargs: Any) -> Any:
-                data = kwargs.get("data", args[1] if len(args) > 1 else None)
-                has_threads = isinstance(data, (list, tuple)) and len(data) > 1
+                data: Any = kwargs.get("data", args[1] if len(args) > 1 else None)
+                is_list = isinstance(data, (list, tuple)) and len(data) > 0
+                with contextlib.suppress(Exception):
+                    model = args[0] if args else kwargs["model"]
+                    first = model[0] if isinstance(model, (list, tuple)) else model
+                    self._keep_state(first, data[0] if is_list else data)
+                has_threads = is_list and len(data) > 1
                 return (threaded if has_threads else timed)(*args, **kwargs)
 
             _copy_names(original, call)

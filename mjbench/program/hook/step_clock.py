@@ -279,7 +279,7 @@ class StepClock:
                 calls.leave(id(args[1]))
             nstep = args[2] if len(args) > 2 else kwargs.get("nstep", one)
             used = write(STEP, begin_ns, end_ns, nstep, self._timestep_ns)
-            calls.add(name, frame, begin_ns, end_ns, nstep, nstep)
+            calls.add_timed(name, frame, begin_ns, end_ns, nstep)
             self._last_ns = end_ns
             self._burst_calls += 1
             if self._burst_calls == BURST_CALLS:
@@ -297,7 +297,7 @@ class StepClock:
                 return function(*args, **kwargs)
             begin_ns = now_ns()
             result = function(*args, **kwargs)
-            calls.add(name, get_frame(1), begin_ns, now_ns())
+            calls.add_timed(name, get_frame(1), begin_ns, now_ns(), 0)
             return result
 
         return _replacement(call, function)
@@ -349,6 +349,7 @@ class StepClock:
         if used > CAPACITY - 2 * BURST_CALLS:
             self._to_pass = sys.maxsize
         self._planned_to_pass = self._to_pass
+        self._calls.observe(False, end_ns)
         self._calls.look(args, frame, end_ns)
         self._calls.observe(not self._to_pass, self._now_ns())
         if self._to_pass and period_ns < FASTEST_PASSED_NS:
