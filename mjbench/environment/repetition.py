@@ -119,12 +119,10 @@ def _difference(field: str, differs: np.ndarray, is_physics: bool) -> FieldDiffe
 def _bits(value: Any) -> np.ndarray:
     """Return the bits of each number of an array; of anything else, those of its text or type."""
     array = np.asarray(value) if isinstance(value, np.ndarray | np.generic | float | int) else None
-    if array is None or array.dtype.kind not in "biufc":
+    if array is None or array.dtype.kind not in "biuf":
         text = value if isinstance(value, str) else type(value).__name__
         digest = hashlib.blake2b(text.encode(errors="replace"), digest_size=8).digest()
         return np.frombuffer(digest, dtype=np.uint64)
-    if array.dtype.kind == "c":
-        array = np.stack([array.real, array.imag], axis=-1)
     if array.itemsize > np.dtype(np.uint64).itemsize:  # long double
         array = array.astype(float)
     flat = np.ascontiguousarray(array).ravel()

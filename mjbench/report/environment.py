@@ -1,6 +1,6 @@
 """What `mjbench env` prints: where a step of an environment goes, what its physics costs alone."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from rich.console import Console
 
@@ -8,6 +8,7 @@ from mjbench.comparison.plan import Variant, describe_options
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import Moment
 from mjbench.environment.records import EnvironmentFacts, VectorForm
+from mjbench.environment.workload import listed
 from mjbench.instrument.stats import Estimate
 from mjbench.instrument.units import duration
 from mjbench.paths import BASE
@@ -16,7 +17,8 @@ from mjbench.report import tables
 from mjbench.report.environment_results import EnvironmentRow, LayerRow, VectorRow
 from mjbench.status import Status
 
-# The least share of a layer that the first sentence names beside physics, and the most layers.
+# The least share of a layer that the first sentence names beside physics; and the most layers, or
+# fields that do not repeat, that a sentence names.
 _NAMED_SHARE, _NAMED = 0.01, 4
 # The layers must add up to steps that were timed as a whole, within this share.
 SUM_TOLERANCE = 0.03
@@ -89,23 +91,15 @@ def _unrepeated(row: EnvironmentRow) -> list[str]:
     if len(fields) > _NAMED:
         fields = [*fields[:_NAMED], f"{len(fields) - _NAMED} more"]
     differ = "differs" if len(fields) == 1 else "differ"
-    sentence = f"With the same seed and actions, {_listed(fields)} {differ} in another pass"
-    consequence = (
-        "; its physics is the same."
-        if not _has_other_physics(row.facts)
-        else (", so its physics is not compared.")
-    )
-    return [sentence + consequence]
+    physics = "; its physics is the same."
+    if _has_other_physics(row.facts):
+        physics = ", so its physics is not compared."
+    return [f"With the same seed and actions, {listed(fields)} {differ} in another pass{physics}"]
 
 
 def _has_other_physics(facts: EnvironmentFacts) -> bool:
     """Return whether the states of the simulation were not the same in another pass."""
     return any(each.is_physics for each in facts.unrepeated)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return `a`, `a and b`, or `a, b and c`."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def _physics_conclusion(row: EnvironmentRow) -> str:
@@ -169,10 +163,11 @@ def _overhead(vector: VectorRow) -> str:
     assert vector.step_ns is not None and vector.overhead_ns is not None, "its cores are known"
     assert vector.ncore is not None, "its cores are known"
     cores = f"{vector.ncore} cores" if vector.ncore > 1 else "one core"
+    total_ns = vector.step_ns + vector.overhead_ns
     return (
-        f"A step in {_named(vector)} takes {duration(vector.step_ns + vector.overhead_ns)}:"
-        f" {duration(vector.step_ns)} for env.step on {cores}, and {duration(vector.overhead_ns)} to"
-        " pass actions and results between processes and to wait."
+        f"A step in {_named(vector)} takes {duration(total_ns)}: {duration(vector.step_ns)} for"
+        f" env.step on {cores}, and {duration(vector.overhead_ns)} to pass actions and results"
+        " between processes and to wait."
     )
 
 
@@ -289,7 +284,7 @@ def physics_lines(row: EnvironmentRow) -> list[str]:
             " controls, without what computes them."
         )
     if facts.entered:
-        lines.append(f"Beside controls, it writes {', '.join(facts.entered)} between its steps.")
+        lines.append(f"Beside controls, it writes {listed(facts.entered)} between its steps.")
     for change in row.changes:
         often = f"{change.count} times" if change.count > 1 else "once"
         when = "a reset" if change.moment == Moment.RESET else "its steps"
