@@ -12,11 +12,14 @@ from typing import Any
 import numpy as np
 
 from mjbench.environment.recording import Recording
+from mjbench.errors import one_line
 from mjbench.instrument.bounds import NonNegativeInt, PositiveInt
 from mjbench.simulation import compat
 
 # How deep observations are nested, at most.
 _MAX_DEPTH = 10
+# Characters of a key of an observation that are shown, at most.
+_LONGEST_KEY = 40
 # Entries of an array that are named one by one, at most.
 _NAMED_ENTRIES = 3
 # An odd factor of 64 bits with no pattern (2^64 over the golden ratio), to mix bits with.
@@ -64,7 +67,8 @@ class Fingerprint:
         match value:
             case Mapping():
                 for key in value:
-                    self.add(f"{field}[{str(key)!r}]", value[key], depth + 1)
+                    name = one_line(repr(str(key)), _LONGEST_KEY)
+                    self.add(f"{field}[{name}]", value[key], depth + 1)
             case list() | tuple():
                 for i, each in enumerate(value):
                     self.add(f"{field}[{i}]", each, depth + 1)

@@ -124,6 +124,31 @@ def test_a_planted_slow_observation_has_its_time() -> None:
     assert plain.reset_ns == [900]
 
 
+class SlowWrapper(examples.Wrapper):
+    """Planted: takes time before and after the step inside it."""
+
+    def __init__(self, environment: Any, ns: int):
+        super().__init__(environment)
+        self._ns = ns
+
+    def step(self, action: np.ndarray) -> Any:
+        SlowObservation.now_ns += self._ns
+        outcome = super().step(action)
+        SlowObservation.now_ns += self._ns
+        return outcome
+
+
+def test_each_wrapper_has_its_own_time_without_what_is_inside() -> None:
+    environment = SlowWrapper(examples.Outer(SlowWrapper(SlowObservation(), 7)), 20)
+    adapter = adapt(environment)
+    slow = EnvironmentPasses(
+        adapter, adapter.draw_actions(10, 0), 0, clock_ns=lambda: SlowObservation.now_ns
+    )
+    _, layered = slow.side_by_side([], random.Random(0))
+    ns = {t.name: t.ns for t in layered.layers if t.layer == Layer.WRAPPERS}
+    assert ns == {"SlowWrapper 1": 400, "Outer": 0, "SlowWrapper 2": 140}
+
+
 def test_what_a_step_raises_names_its_line() -> None:
     with pytest.raises(InputError, match=r"its step raised KeyError: .*example_environments\.py:"):
         passes(examples.Raises()).plain()

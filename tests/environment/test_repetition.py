@@ -38,6 +38,7 @@ def differences(values: list[Any], others: list[Any]) -> list[str]:
         (None, 1.0, ["observation"]),
         (np.longdouble(1), np.longdouble(2), ["observation"]),
         ({"arm": 1.0, "eye": 2.0}, {"arm": 1.0, "eye": 3.0}, ["observation['eye']"]),
+        ({"\x1b[2J": 1.0}, {"\x1b[2J": 2.0}, ["observation['\\x1b[2J']"]),
         ((1.0, [2.0]), (1.0, [3.0]), ["observation[1][0]"]),
         (object(), object(), []),
     ],
