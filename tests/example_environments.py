@@ -310,6 +310,29 @@ class Unseeded(Env):
         return self._get_obs(), {}
 
 
+class Timed(Env):
+    """Puts a clock into its info, as wrappers that record statistics do."""
+
+    def step(self, action: np.ndarray) -> Any:
+        *returned, info = super().step(action)
+        return *returned, {**info, "t": time.perf_counter_ns()}
+
+
+class Remembering(Wrapper):
+    """Divides observations by how many there were, as a wrapper that keeps statistics may do."""
+
+    count = 0
+
+    def step(self, action: np.ndarray) -> Any:
+        observation, *rest = super().step(action)
+        self.count += 1
+        return observation / self.count, *rest
+
+
+def remembering() -> Remembering:
+    return Remembering(Env())
+
+
 class Threaded(Env):
     """Steps the engine in a thread of its own."""
 

@@ -9,7 +9,7 @@ physics is read from its calls of the engine (see `environment.recording`).
 import contextlib
 import random
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -73,10 +73,15 @@ class EnvironmentAdapter(ABC):
         return self._layer(self.environment)
 
     def _layer(self, environment: Any) -> tuple[Layer, str]:
-        """Return the layer of the lines of a step, and how they are called."""
+        """Return the layer of the lines of a step, and how they are called.
+
+        Wrappers of one class are numbered, the outermost first.
+        """
         name = type(environment).__name__
         if environment is not self.core:
-            return Layer.WRAPPERS, name
+            alike = [each for each in self.wrappers if type(each).__name__ == name]
+            number = next(i for i, each in enumerate(alike, 1) if each is environment)
+            return Layer.WRAPPERS, f"{name} {number}" if len(alike) > 1 else name
         info = ", with info" if callees.builds_info(environment) else ""
         return Layer.REST, f"lines of {name}.step{info}"
 
@@ -108,8 +113,8 @@ class EnvironmentAdapter(ABC):
         """
 
     @abstractmethod
-    def reward(self, outcome: Any) -> float | None:
-        """Return the reward of a step; None where it is no number."""
+    def fields(self, outcome: Any) -> Mapping[str, Any]:
+        """Return what a step returned by name, without info."""
 
     @abstractmethod
     def draw_actions(self, count: int, seed: int) -> list[Any]:
@@ -139,9 +144,10 @@ class GymnasiumAdapter(EnvironmentAdapter):
         _check_tuple(outcome, (4, 5))
         return any(bool(flag) for flag in outcome[2:-1])
 
-    def reward(self, outcome: Any) -> float | None:
-        """See `EnvironmentAdapter.reward`."""
-        return _number(outcome[1])
+    def fields(self, outcome: Any) -> Mapping[str, Any]:
+        """See `EnvironmentAdapter.fields`."""
+        flags = ("terminated", "truncated") if len(outcome) == 5 else ("done",)
+        return dict(zip(("observation", "reward", *flags), outcome[:-1], strict=True))
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
         """See `EnvironmentAdapter.draw_actions`; by the action space's `sample()`, if any."""
@@ -167,9 +173,10 @@ class DmControlAdapter(EnvironmentAdapter):
             raise InputError(f"its step returned {_described(outcome)}, not a dm_env.TimeStep")
         return bool(outcome.last())
 
-    def reward(self, outcome: Any) -> float | None:
-        """See `EnvironmentAdapter.reward`."""
-        return _number(outcome.reward)
+    def fields(self, outcome: Any) -> Mapping[str, Any]:
+        """See `EnvironmentAdapter.fields`."""
+        names = ("observation", "reward", "discount", "step_type")
+        return {name: getattr(outcome, name, None) for name in names}
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
         """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
@@ -192,9 +199,9 @@ class RobosuiteAdapter(EnvironmentAdapter):
         _check_tuple(outcome, (4,))
         return bool(outcome[2])
 
-    def reward(self, outcome: Any) -> float | None:
-        """See `EnvironmentAdapter.reward`."""
-        return _number(outcome[1])
+    def fields(self, outcome: Any) -> Mapping[str, Any]:
+        """See `EnvironmentAdapter.fields`."""
+        return dict(zip(("observation", "reward", "done"), outcome[:-1], strict=True))
 
     def draw_actions(self, count: int, seed: int) -> list[Any]:
         """See `EnvironmentAdapter.draw_actions`; from the bounds of the specification."""
@@ -313,10 +320,3 @@ def _accepts(function: Callable[..., Any], keyword: str) -> bool:
         parameter.name == keyword or parameter.kind == parameter.VAR_KEYWORD
         for parameter in parameters
     )
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return None

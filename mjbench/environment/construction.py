@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from mjbench.environment import dm_control_release
 from mjbench.environment.source import EnvironmentSource, Origin
 from mjbench.errors import (
     InputError,
@@ -51,6 +52,8 @@ def make(source: EnvironmentSource) -> Any:
 def as_input_error(what: str) -> Iterator[None]:
     """Turn what the user's code raises into an InputError with its file and line.
 
+    Where dm_control was built for another release of MuJoCo, the error says so, too.
+
     Args:
       what: what failed, such as `its step`.
 
@@ -62,7 +65,9 @@ def as_input_error(what: str) -> Iterator[None]:
     except (MjbenchError, KeyboardInterrupt, MemoryError):
         raise
     except BaseException as error:  # it may be SystemExit
-        raise InputError(f"{what} raised {describe(error)}{place_of(error)}") from error
+        mismatch = dm_control_release.mismatch()
+        cause = f"; {mismatch}" if mismatch else ""
+        raise InputError(f"{what} raised {describe(error)}{place_of(error)}{cause}") from error
 
 
 def place_of(error: BaseException) -> str:

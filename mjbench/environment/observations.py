@@ -1,4 +1,4 @@
-"""Observations of environments: copied, and compared to the last bit."""
+"""What environments return: copied, and compared to the last bit."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from mjbench.errors import InputError
 
 
 def copied(observation: Any) -> Any:
-    """Return a copy of an observation, as environments may use its memory again.
+    """Return a copy of an observation or another value, as environments may use its memory again.
 
     Raises:
       InputError: it holds something else than arrays, numbers, mappings and tuples.
@@ -21,15 +21,7 @@ def copied(observation: Any) -> Any:
             return tuple(copied(value) for value in observation)
         case np.ndarray() | np.generic() | float() | int():
             return np.array(observation)
-    raise InputError(f"an observation of type {type(observation).__name__} cannot be compared")
-
-
-def to_bytes(observation: Any) -> list[bytes]:
-    """Return the bytes of every array in a copied observation."""
-    if isinstance(observation, np.ndarray):
-        return [observation.tobytes()]
-    values = observation.values() if isinstance(observation, dict) else observation
-    return [content for value in values for content in to_bytes(value)]
+    raise InputError(f"it returns {type(observation).__name__}, which cannot be compared")
 
 
 def equal(single: Any, batched: Any, i: int) -> bool:

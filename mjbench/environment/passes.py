@@ -1,14 +1,12 @@
 """Passes over the recorded actions: each resets to the same starts and takes the same steps.
 
 A plain pass times only steps and resets. A layered pass also times the functions inside a step.
-The digest of what the environment returned shows whether two passes did the same.
 """
 
 import contextlib
-import hashlib
 import random
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +17,7 @@ from mjbench.environment.adapters import EnvironmentAdapter
 from mjbench.environment.construction import as_input_error
 from mjbench.environment.engine import Binding
 from mjbench.environment.recording import EngineWatch
+from mjbench.environment.repetition import Fingerprint
 from mjbench.environment.timer import (
     ClockNs,
     LayerTime,
@@ -26,9 +25,6 @@ from mjbench.environment.timer import (
     engine_timed,
     functions_timed,
 )
-
-# How deep observations are nested, at most.
-_MAX_DEPTH = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +35,13 @@ class Pass:
       step_ns: (nstep,) of each step of the environment.
       reset_ns: of each reset.
       lengths: steps of each episode that ended.
-      digest: names all rewards, the ends of episodes and the observations there.
+      returned: fingerprint of what the steps returned; of nothing where passes took turns.
     """
 
     step_ns: np.ndarray
     reset_ns: Sequence[int]
     lengths: Sequence[int]
-    digest: str
+    returned: Fingerprint
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +86,7 @@ class EnvironmentPasses:
         Raises:
           InputError: the environment raised something.
         """
-        replay = self._replay(self._begin_plain, heartbeat)
+        replay = self._replay(self._begin_plain, heartbeat, Fingerprint())
         while replay.run_episode():
             pass
         return replay.result()
@@ -114,7 +110,7 @@ class EnvironmentPasses:
 
             return contextlib.nullcontext(run)
 
-        replay = self._replay(begin_episode, heartbeat)
+        replay = self._replay(begin_episode, heartbeat, Fingerprint())
         with watch.watching():
             while replay.run_episode():
                 pass
@@ -173,10 +169,19 @@ class EnvironmentPasses:
         return step
 
     def _replay(
-        self, begin_episode: _BeginEpisode, heartbeat: Callable[[], None] = lambda: None
+        self,
+        begin_episode: _BeginEpisode,
+        heartbeat: Callable[[], None] = lambda: None,
+        returned: Fingerprint | None = None,
     ) -> "_Replay":
         return _Replay(
-            self._adapter, self._actions, self._seed, begin_episode, heartbeat, self._clock_ns
+            self._adapter,
+            self._actions,
+            self._seed,
+            begin_episode,
+            heartbeat,
+            self._clock_ns,
+            returned,
         )
 
 
@@ -191,13 +196,14 @@ class _Replay:
         begin_episode: _BeginEpisode,
         heartbeat: Callable[[], None],
         clock_ns: ClockNs,
+        returned: Fingerprint | None,
     ):
         self._adapter, self._actions, self._seed = adapter, actions, seed
         self._begin_episode, self._heartbeat, self._clock_ns = begin_episode, heartbeat, clock_ns
+        self._returned = returned
         self._step_ns = np.zeros(len(actions), dtype=np.int64)
         self._reset_ns: list[int] = []
         self._lengths: list[int] = []
-        self._digest = _Digest()
         self._number = 0
 
     def run_episode(self) -> bool:
@@ -216,13 +222,18 @@ class _Replay:
                 with as_input_error("its step"):
                     outcome, self._step_ns[self._number] = step(self._actions[self._number])
                     is_over = adapter.is_over(outcome)
-                    self._digest.add(adapter.reward(outcome))
+                    self._note(outcome)
                 self._number += 1
                 self._heartbeat()
         if is_over:
             self._lengths.append(self._number - first)
-        self._digest.add((is_over, outcome))
         return self._number < len(self._actions)
+
+    def _note(self, outcome: Any) -> None:
+        """Add what a step returned to the fingerprint, if there is one."""
+        if self._returned is not None:
+            for field, value in self._adapter.fields(outcome).items():
+                self._returned.add(field, value)
 
     def _reset(self) -> int:
         """Reset the environment, and return how many nanoseconds it took."""
@@ -234,32 +245,5 @@ class _Replay:
 
     def result(self) -> Pass:
         """Return the pass, now that it is over."""
-        return Pass(self._step_ns, self._reset_ns, self._lengths, self._digest.text())
-
-
-class _Digest:
-    """Names a sequence of values, bit by bit."""
-
-    def __init__(self) -> None:
-        self._content = hashlib.blake2b(digest_size=8)
-
-    def add(self, value: Any, depth: int = 0) -> None:
-        """Add a number, an array, or a container of them; anything else counts as its type."""
-        if depth > _MAX_DEPTH:
-            return
-        self._content.update(type(value).__name__.encode())
-        match value:
-            case Mapping():
-                for key in value:
-                    self.add((str(key), value[key]), depth + 1)
-            case list() | tuple():
-                for each in value:
-                    self.add(each, depth + 1)
-            case str() | bool() | int() | float() | None:
-                self._content.update(repr(value).encode())
-            case np.ndarray() | np.generic() if np.asarray(value).dtype.kind in "biufc":
-                self._content.update(np.ascontiguousarray(value).tobytes())
-
-    def text(self) -> str:
-        """Return the digest of what was added."""
-        return self._content.hexdigest()
+        returned = self._returned or Fingerprint()
+        return Pass(self._step_ns, self._reset_ns, self._lengths, returned)

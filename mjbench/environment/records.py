@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar
 
+from mjbench.environment.dm_control_release import ReleaseMismatch
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import ModelChange
+from mjbench.environment.repetition import FieldDifference
 from mjbench.environment.timer import TimerCost
 from mjbench.errors import Failure
 from mjbench.instrument.bounds import (
@@ -42,6 +44,9 @@ class EnvironmentFacts:
       calls: functions by which it steps the engine, such as `mj_step ×5`, in their order.
       entered: fields of the state, other than ctrl, that it writes before a step of the engine.
       model: facts about its model.
+      unrepeated: what was not the same in another pass; empty where all was, and in older files.
+      dm_control_release: how that which dm_control was built for differs from the installed one;
+        None where it does not, or dm_control was not used.
     """
 
     framework: str
@@ -57,6 +62,8 @@ class EnvironmentFacts:
     calls: Sequence[str]
     entered: Sequence[str]
     model: ModelFacts | None
+    unrepeated: Sequence[FieldDifference] = ()
+    dm_control_release: ReleaseMismatch | None = None
 
 
 @dataclass(frozen=True)
@@ -142,6 +149,8 @@ class VectorSamples:
       detail: one line; empty when ok.
       ns: per step of one environment.
       single_ns: of the same steps in one environment after the other, resets included as well.
+      ncore: cores that it can use: 1, or one for each process as far as there are; None where it
+        was not timed, and in older files.
     """
 
     form: VectorForm
@@ -150,6 +159,7 @@ class VectorSamples:
     detail: str = ""
     ns: Sequence[Nanoseconds] = ()
     single_ns: Sequence[Nanoseconds] = ()
+    ncore: PositiveInt | None = None
 
     def __post_init__(self) -> None:
         """Check that each round has both times.

@@ -1,12 +1,13 @@
 """Measure one environment, in a child process (see `isolate`).
 
-The order is: make it, record its steps and check its physics, verify the other paths of the same
-physics, and only then time: plain passes, layered passes and the paths, in turns of random order.
+The order is: make it, record its steps twice and check its physics, verify the other paths of the
+same physics, and only then time: plain passes, layered passes and the paths, in turns of random
+order.
 """
 
 import random
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from mjbench.comparison.plan import Variant
 from mjbench.environment import (
     adapters,
     construction,
+    dm_control_release,
     engine,
     physics_comparison,
     workload,
@@ -26,6 +28,7 @@ from mjbench.environment.passes import EnvironmentPasses, LayeredPass, Pass
 from mjbench.environment.physics_comparison import PhysicsComparison
 from mjbench.environment.recording import EngineWatch, Recording, StepTrace
 from mjbench.environment.records import EnvironmentFacts, PhysicsCheck
+from mjbench.environment.repetition import FieldDifference, physics_differences
 from mjbench.environment.source import EnvironmentSource
 from mjbench.environment.timer import LayerTime, TimerCost, measure_cost
 from mjbench.environment.workload import PhysicsAlone
@@ -136,20 +139,31 @@ def measure_in_child(request: EnvironmentRequest, channel: Channel) -> None:
     actions = _actions(adapter, nstep, request.seed)
     passes = EnvironmentPasses(adapter, actions, request.seed)
     channel.doing("recording the steps of the environment")
-    watch = EngineWatch()
-    recorded = passes.recorded(watch, heartbeat)
-    recording = watch.recording()
+    times, recording = _recorded(passes, heartbeat)
     _check_steps_engine(recording, nstep)
-    first = passes.plain(heartbeat)
-    repeats = first.digest == recorded.digest
-    physics = _physics_alone(recording, repeats, request.seed, request.most_threads)
-    facts = _facts(adapter, recording, first, request.seed, repeats)
+    unrepeated = _unrepeated(times, recording, *_recorded(passes, heartbeat))
+    physics = _physics_alone(recording, unrepeated, request.seed, request.most_threads)
+    facts = _facts(adapter, recording, times, request.seed, unrepeated)
     check = _check(recording, physics)
     channel.send(EnvironmentReady(facts, check, tuple(recording.changes), measure_cost()))
     comparison = None
     if isinstance(physics, PhysicsAlone):
         comparison = physics_comparison.prepare(physics, request.variants, channel)
     _time(passes, comparison, request, channel)
+
+
+def _recorded(passes: EnvironmentPasses, heartbeat: Callable[[], None]) -> tuple[Pass, Recording]:
+    """Return a pass that was watched, and what was seen."""
+    watch = EngineWatch()
+    return passes.recorded(watch, heartbeat), watch.recording()
+
+
+def _unrepeated(
+    first: Pass, recording: Recording, again: Pass, recording_again: Recording
+) -> list[FieldDifference]:
+    """Return what was not the same in two passes."""
+    returned = first.returned.differences(again.returned)
+    return [*returned, *physics_differences(recording, recording_again)]
 
 
 def _heartbeat(channel: Channel) -> Callable[[], None]:
@@ -201,14 +215,14 @@ def _check_steps_engine(recording: Recording, nstep: int) -> None:
 
 
 def _physics_alone(
-    recording: Recording, repeats: bool, seed: int, nthread: int
+    recording: Recording, unrepeated: Sequence[FieldDifference], seed: int, nthread: int
 ) -> PhysicsAlone | str:
     """Return the physics to compare with; or why there is no comparison, in one line."""
+    if any(difference.is_physics for difference in unrepeated):
+        return "with the same seed and actions, its physics is not the same again"
     physics = workload.alone(recording, seed, nthread)
     if isinstance(physics, str):
         return physics
-    if not repeats:
-        return "with the same seed and actions, the environment does not do the same again"
     if not np.isfinite(physics.final_state).all():
         return "its states are not finite"
     return physics_comparison.difference_from(physics) or physics
@@ -226,7 +240,11 @@ def _check(recording: Recording, physics: PhysicsAlone | str) -> PhysicsCheck:
 
 
 def _facts(
-    adapter: EnvironmentAdapter, recording: Recording, times: Pass, seed: int, repeats: bool
+    adapter: EnvironmentAdapter,
+    recording: Recording,
+    times: Pass,
+    seed: int,
+    unrepeated: Sequence[FieldDifference],
 ) -> EnvironmentFacts:
     traces = [trace for trace in recording.steps if trace is not None]
     counts = {trace.nstep for trace in traces}
@@ -240,7 +258,9 @@ def _facts(
         nstep=len(recording.steps),
         nepisode=len(times.reset_ns),
         episode_nstep=float(np.mean(times.lengths)) if times.lengths else None,
-        repeats=repeats,
+        repeats=not unrepeated,
+        unrepeated=unrepeated,
+        dm_control_release=dm_control_release.mismatch(),
         frame_skip=counts.pop() if len(counts) == 1 else None,
         calls=_calls(traces[0]),
         entered=sorted({name for trace in traces if trace.follows for name in trace.entered}),

@@ -1,8 +1,9 @@
 """Time vectorised forms of an environment, in a child process (see `isolate`).
 
-Environment i of a form is reset with seed + i and has actions of its own. One environment alone
-does the same for each i, one after the other, and resets in the same steps; observations must be
-equal to the last bit.
+Environment i of a form is reset with seed + i and has actions of its own. A single environment for
+each i does the same, one after the other, and resets in the same steps. What their steps return,
+except info, must be equal to the last bit. All are new at first and run equally often, so that an
+environment may remember earlier episodes, as statistics of its observations do.
 """
 
 import functools
@@ -17,14 +18,17 @@ import numpy as np
 from mjbench.environment import adapters, construction, observations
 from mjbench.environment.adapters import EnvironmentAdapter, GymnasiumAdapter
 from mjbench.environment.records import VectorForm
+from mjbench.environment.repetition import Fingerprint
 from mjbench.environment.source import EnvironmentSource
-from mjbench.errors import describe
+from mjbench.errors import InputError, describe
 from mjbench.instrument.isolate import Channel
 from mjbench.status import Status
 
 # Steps of a block: as many as take one environment this long, within these bounds.
 BLOCK_S, LEAST_NSTEP, MOST_NSTEP = 0.2, 20, 1000
 LEAST_ROUNDS, MOST_ROUNDS = 7, 100
+# What a step returns, without info.
+_FIELDS = ("observation", "reward", "terminated", "truncated")
 # A child may be silent for this many times as long as its work should take.
 _PATIENCE = 20
 
@@ -58,12 +62,14 @@ class VectorRequest:
       source: of the environment.
       plan: which forms.
       step_s: about how long a step of one environment takes, in seconds.
+      repeats: whether one environment did the same again.
       exclude: forms not to touch, by their index: they ended a child before.
     """
 
     source: EnvironmentSource
     plan: VectorPlan
     step_s: float
+    repeats: bool
     exclude: frozenset[int]
 
 
@@ -106,16 +112,21 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
     plan = request.plan
     most = max(plan.nenv)
     nstep = int(min(MOST_NSTEP, max(LEAST_NSTEP, BLOCK_S / most / max(request.step_s, 1e-9))))
+    try:
+        more = [_another(request.source, channel) for _ in range(most)]
+    except InputError as error:
+        channel.send(NoForms(f"it cannot be made twice in a process: {error}"))
+        return
+    twin = _Single(more.pop(), plan.seed, nstep)
+    singles = [_Single(each, plan.seed + i, nstep) for i, each in enumerate([adapter, *more])]
     channel.doing("stepping the environment")
     channel.allow_silence(_PATIENCE * request.step_s * nstep * most)
-    singles = [_Single(adapter, plan.seed + i, nstep) for i in range(most)]
-    for single in singles:
+    for single in (twin, *singles):
         single.run()
         channel.allow_silence(0.0)
-    if not singles[0].repeats():
-        channel.send(
-            NoForms("after the same reset(seed=…) and actions, it observes something else")
-        )
+    if differences := twin.fingerprint().differences(singles[0].fingerprint()):
+        named = f" ({', '.join(map(str, differences))})" if request.repeats else ""
+        channel.send(NoForms(f"two of it, reset and stepped alike, return other values{named}"))
         return
     forms: dict[int, _Form] = {}
     for index, (kind, nenv) in enumerate(plan.forms()):
@@ -133,6 +144,11 @@ def measure_in_child(request: VectorRequest, channel: Channel) -> None:
         form.close()
 
 
+def _another(source: EnvironmentSource, channel: Channel) -> EnvironmentAdapter:
+    channel.allow_silence(0.0)
+    return adapters.adapt(construction.make(source))
+
+
 def _no_forms(adapter: EnvironmentAdapter) -> str:
     """Return why there are no vectorised forms of an environment; empty where there are."""
     if not isinstance(adapter, GymnasiumAdapter):
@@ -147,53 +163,87 @@ def _no_forms(adapter: EnvironmentAdapter) -> str:
 
 
 class _Single:
-    """One environment that does what environment i of a vectorised form does."""
+    """One environment that does what environment i of a vectorised form does.
+
+    Attributes:
+      seed: of its actions and its first reset.
+      actions: of every run.
+      returned: of the last run, what each step returned in the order of `_FIELDS`.
+    """
 
     def __init__(self, adapter: EnvironmentAdapter, seed: int, nstep: int):
-        """Take random actions; they and the first reset are those of `seed`."""
+        """Draw random actions."""
         self._environment = adapter.environment
         self.seed = seed
         self.actions = adapter.draw_actions(nstep, seed)
-        self.observations: list[Any] = []
-
-    def repeats(self) -> bool:
-        """Return whether another run observes the same as the last one."""
-        before = self.observations
-        self.run()
-        return observations.to_bytes(before) == observations.to_bytes(self.observations)
+        self.returned: list[Any] = []
 
     def run(self) -> float:
-        """Take all steps, keep copies of the observations, and return the seconds of the steps.
+        """Take all steps, keep copies of what they return, and return their seconds.
 
         Raises:
           InputError: the environment raised something.
         """
         environment, resets_next = self._environment, _resets_in_next_step()
         with construction.as_input_error("its step"):
-            observation, _ = environment.reset(seed=self.seed)
-            self.observations = [observations.copied(observation)]
+            returned = _after_reset(environment.reset(seed=self.seed))
+            self.returned = [observations.copied(returned)]
             seconds, is_over = 0.0, False
             for action in self.actions:
                 begin = time.perf_counter()
                 if is_over and resets_next:
-                    observation, is_over = environment.reset()[0], False
+                    returned = _after_reset(environment.reset())
                 else:
-                    observation, _, terminated, truncated, _ = environment.step(action)
-                    is_over = terminated or truncated
-                    if is_over and not resets_next:
-                        observation, _ = environment.reset()
+                    returned = environment.step(action)[:-1]
+                is_over = returned[2] or returned[3]
+                if is_over and not resets_next:
+                    returned = (environment.reset()[0], *returned[1:])
                 seconds += time.perf_counter() - begin
-                self.observations.append(observations.copied(observation))
+                self.returned.append(observations.copied(returned))
         return seconds
+
+    def fingerprint(self) -> Fingerprint:
+        """Return the fingerprint of what the last run returned."""
+        fingerprint = Fingerprint()
+        for returned in self.returned:
+            for name, value in zip(_FIELDS, returned, strict=True):
+                fingerprint.add(name, value)
+        return fingerprint
+
+    def difference(self, i: int, step: int, batched: Sequence[Any]) -> str:
+        """Return which field of a step's results is not that of environment i; empty without one.
+
+        Args:
+          i: environment.
+          step: whose results these are; 0 is the reset.
+          batched: results of all environments, in the order of `_FIELDS`.
+        """
+        for name, single, batch in zip(_FIELDS, self.returned[step], batched, strict=False):
+            if not observations.equal(single, batch, i):
+                return f"environment {i} returns another {name} after step {step}"
+        return ""
+
+
+def _after_reset(returned: tuple[Any, Any]) -> tuple[Any, float, bool, bool]:
+    """Return the results of a step that resets."""
+    return returned[0], 0.0, False, False
 
 
 @dataclass
 class _Form:
-    """A vectorised form, to be timed."""
+    """A vectorised form, to be timed.
+
+    Attributes:
+      environments: of Gymnasium.
+      singles: that do the same.
+      batched: actions of all environments, for each step.
+      returned: by the last step.
+    """
 
     environments: Any
     singles: Sequence[_Single]
     batched: list[Any] = field(default_factory=list)
+    returned: Sequence[Any] = ()
 
     def __post_init__(self) -> None:
         actions = zip(*(single.actions for single in self.singles), strict=True)
@@ -204,29 +254,32 @@ class _Form:
         return self.environments.reset(seed=[single.seed for single in self.singles])[0]
 
     def difference(self) -> str:
-        """Run all steps; return where observations are not those of one environment, or empty."""
-        observation = self.reset()
-        for k in range(len(self.batched) + 1):
-            if k:
-                observation = self.environments.step(self.batched[k - 1])[0]
-            for i, single in enumerate(self.singles):
-                if not observations.equal(single.observations[k], observation, i):
-                    return f"environment {i} observes something else after step {k}"
+        """Run all steps; return what is not as in single environments, or empty."""
+        self.returned = [self.reset()]
+        for step in range(len(self.batched) + 1):
+            if step:
+                self.returned = self.environments.step(self.batched[step - 1])[:-1]
+            if difference := self.difference_after(step):
+                return difference
         return ""
 
-    def run(self) -> tuple[float, str]:
-        """Time all steps; return the seconds, and where the last observations differ."""
+    def difference_after(self, step: int) -> str:
+        """Return what the last step returned that a step of the singles did not, or empty."""
+        differences = (
+            single.difference(i, step, self.returned) for i, single in enumerate(self.singles)
+        )
+        return next(filter(None, differences), "")
+
+    def run(self) -> float:
+        """Take all steps, and return their seconds."""
         self.reset()
-        step = self.environments.step
-        observation = None
+        step, returned = self.environments.step, ()
         begin = time.perf_counter()
         for actions in self.batched:
-            observation = step(actions)[0]
+            returned = step(actions)
         seconds = time.perf_counter() - begin
-        for i, single in enumerate(self.singles):
-            if not observations.equal(single.observations[-1], observation, i):
-                return seconds, f"in a timed block, environment {i} observes something else"
-        return seconds, ""
+        self.returned = returned[:-1]
+        return seconds
 
     def close(self) -> None:
         """End its processes."""
@@ -290,9 +343,7 @@ class _Turns:
 
         def time_form(index: int) -> None:
             self._channel.doing("timing a vectorised form", index)
-            form_s[index], difference = self._forms[index].run()
-            if difference:
-                self.wrong.setdefault(index, difference)
+            form_s[index] = self._forms[index].run()
 
         def time_single(i: int) -> None:
             self._channel.doing("timing one environment")
@@ -307,6 +358,8 @@ class _Turns:
             turn()
         ns, single_ns = {}, {}
         for index, form in self._forms.items():
+            if difference := form.difference_after(len(form.batched)):
+                self.wrong.setdefault(index, f"in a timed block, {difference}")
             nenv = len(form.singles)
             count = nenv * len(form.batched)
             ns[index] = 1e9 * form_s[index] / count

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mjbench.environment.records import EnvironmentRecord, VectorSamples
+from mjbench.environment.records import EnvironmentRecord, VectorForm, VectorSamples
 from mjbench.environment.source import EnvironmentSource
 from mjbench.environment.vector_run import (
     FormReport,
@@ -17,7 +17,7 @@ from mjbench.environment.vector_run import (
     VectorRequest,
     VectorRound,
 )
-from mjbench.instrument import isolate
+from mjbench.instrument import isolate, machine
 from mjbench.status import Status
 
 
@@ -35,11 +35,12 @@ def added(
       MachineError: no process can be started.
     """
     step_s = float(np.median(record.step_ns)) * 1e-9
+    repeats = record.facts is not None and record.facts.repeats
     measurement = _Measurement(plan)
     fatal: dict[int, FormReport] = {}
     while True:
         measurement.forget_all_but(fatal)
-        request = VectorRequest(source, plan, step_s, frozenset(fatal))
+        request = VectorRequest(source, plan, step_s, repeats, frozenset(fatal))
         try:
             ended = isolate.run(
                 "mjbench.environment.vector_run:measure_in_child",
@@ -117,4 +118,5 @@ class _Measurement:
             report.detail,
             [each.ns[index] for each in rounds],
             [each.single_ns[index] for each in rounds],
+            1 if form == VectorForm.SYNC else min(nenv, machine.usable_cores()),
         )

@@ -59,7 +59,7 @@ def alone(recording: Recording, seed: int, nthread: int) -> PhysicsAlone | str:
         return "the environment never steps the engine"
     written = sorted({name for trace in stepped for name in trace.written})
     if written:
-        return f"the environment writes {_listed(written)} between steps of the engine"
+        return f"the environment writes {listed(written)} between steps of the engine"
     counts = collections.Counter(trace.nstep for trace in stepped)
     frame_skip, usual = counts.most_common(1)[0]
     if usual < MIN_SHARE * len(recording.steps):
@@ -140,6 +140,6 @@ def _run_length(lengths: Sequence[int], nthread: int) -> int:
     return longest
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
     """Return `a`, `a and b`, or `a, b and c`."""
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]

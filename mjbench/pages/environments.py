@@ -40,6 +40,7 @@ def _section(row: EnvironmentRow, command: str) -> Section:
         figures=[_figure(row)],
         tables=tables,
         notes=[
+            environment.reset_line(row),
             *environment.timing_lines(row),
             *environment.physics_lines(row),
             *environment.notes(row),
@@ -119,9 +120,16 @@ def _vectors(row: EnvironmentRow) -> DataTable:
         Column("× one", 3),
         Column("low", 3),
         Column("high", 3),
+        Column("added to a step, µs", 3),
     )
     rows = [
-        (vector.form.value, vector.nenv, vector.env_steps_per_s, *_cells(vector.speedup))
+        (
+            vector.form.value,
+            vector.nenv,
+            vector.env_steps_per_s,
+            *_cells(vector.speedup),
+            None if vector.overhead_ns is None else vector.overhead_ns / 1e3,
+        )
         for vector in row.vectors
         if vector.speedup is not None
     ]

@@ -7,19 +7,23 @@ from rich.console import Console
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import Moment
-from mjbench.environment.records import EnvironmentFacts
+from mjbench.environment.records import EnvironmentFacts, VectorForm
+from mjbench.environment.workload import listed
 from mjbench.instrument.stats import Estimate
 from mjbench.instrument.units import duration
 from mjbench.paths import BASE
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
-from mjbench.report.environment_results import EnvironmentRow, VectorRow
+from mjbench.report.environment_results import EnvironmentRow, LayerRow, VectorRow
 from mjbench.status import Status
 
-# The least share of a layer that the first sentence names beside physics, and the most layers.
+# The least share of a layer that the first sentence names beside physics; and the most layers, or
+# fields that do not repeat, that a sentence names.
 _NAMED_SHARE, _NAMED = 0.01, 4
 # The layers must add up to steps that were timed as a whole, within this share.
 SUM_TOLERANCE = 0.03
+# The first sentence names the costliest wrapper where wrappers take this share of a step.
+_MUCH_SHARE = 0.1
 # Threads had fewer cores than they could use if they had less than this share of them.
 _FEW_CORES = 0.8
 # Smaller shares are shown as less than this.
@@ -53,22 +57,49 @@ def conclusions(row: EnvironmentRow) -> list[str]:
     """Return what follows from an environment's measurement, a sentence each; none without one."""
     if row.step_ns is None or not row.layers:
         return []
-    sentences = [_shares(row)]
+    sentences = [_shares(row), *_unrepeated(row)]
     if physics := _physics_conclusion(row):
         sentences.append(physics)
-    if vectors := _vector_conclusion(row):
-        sentences.append(vectors)
-    return sentences
+    return [*sentences, *_vector_conclusions(row)]
 
 
 def _shares(row: EnvironmentRow) -> str:
     others = [
-        f"{layer.layer} {100 * layer.share.median:.0f} %"
+        f"{layer.layer} {100 * layer.share.median:.0f} %{_costliest_wrapper(layer)}"
         for layer in row.layers
         if layer.layer != Layer.PHYSICS and layer.share.median >= _NAMED_SHARE
     ][:_NAMED]
     physics = f"{100 * row.share(Layer.PHYSICS):.0f} % of env.step is physics"
     return f"{row.environment}: {'; '.join([physics, ', '.join(others)] if others else [physics])}"
+
+
+def _costliest_wrapper(layer: LayerRow) -> str:
+    """Return the wrapper that takes most, in parentheses, where wrappers take much of a step."""
+    if layer.layer != Layer.WRAPPERS or layer.share.median < _MUCH_SHARE:
+        return ""
+    wrapper = layer.functions[0]
+    return f" ({wrapper.name} {100 * wrapper.share:.0f} %)"
+
+
+def _unrepeated(row: EnvironmentRow) -> list[str]:
+    """Return a sentence with what was not the same in another pass; none if all was."""
+    if row.facts is None or row.facts.repeats:
+        return []
+    fields = [str(each) for each in row.facts.unrepeated]
+    if not fields:
+        return ["With the same seed and actions, it does not do the same again."]
+    if len(fields) > _NAMED:
+        fields = [*fields[:_NAMED], f"{len(fields) - _NAMED} more"]
+    differ = "differs" if len(fields) == 1 else "differ"
+    physics = "; its physics is the same."
+    if _has_other_physics(row.facts):
+        physics = ", so its physics is not compared."
+    return [f"With the same seed and actions, {listed(fields)} {differ} in another pass{physics}"]
+
+
+def _has_other_physics(facts: EnvironmentFacts) -> bool:
+    """Return whether the states of the simulation were not the same in another pass."""
+    return any(each.is_physics for each in facts.unrepeated)
 
 
 def _physics_conclusion(row: EnvironmentRow) -> str:
@@ -105,19 +136,38 @@ def _times(speedup: Estimate) -> str:
     return f"{tables.factor(speedup.median)} times ({_interval(speedup)})"
 
 
-def _vector_conclusion(row: EnvironmentRow) -> str:
-    """Return which vectorised form is fastest; empty without any."""
+def _vector_conclusions(row: EnvironmentRow) -> list[str]:
+    """Return which vectorised form is fastest, and what slows processes; none without any form."""
     timed = [vector for vector in row.vectors if vector.speedup is not None]
     if not timed:
-        return ""
+        return []
     fastest = max(timed, key=lambda vector: vector.speedup.median if vector.speedup else 0.0)
     speedup = fastest.speedup
     assert speedup is not None, "it was timed"
-    if speedup.low is None or speedup.low <= 1:
-        return "No vectorised form is certainly faster than one environment here."
+    first = "No vectorised form is certainly faster than one environment here."
+    if speedup.low is not None and speedup.low > 1:
+        first = (
+            f"{_named(fastest)} takes {_times(speedup)} as many steps per second as one"
+            " environment."
+        )
+    processes = [vector for vector in timed if vector.form == VectorForm.ASYNC]
+    return [first, *(_overhead(vector) for vector in processes[-1:] if _is_slowed(vector))]
+
+
+def _is_slowed(vector: VectorRow) -> bool:
+    return vector.overhead_ns is not None and vector.overhead_ns > 0
+
+
+def _overhead(vector: VectorRow) -> str:
+    """Return why a form of processes is not as fast as its cores."""
+    assert vector.step_ns is not None and vector.overhead_ns is not None, "its cores are known"
+    assert vector.ncore is not None, "its cores are known"
+    cores = f"{vector.ncore} cores" if vector.ncore > 1 else "one core"
+    total_ns = vector.step_ns + vector.overhead_ns
     return (
-        f"{fastest.form} of {fastest.nenv} takes {tables.factor(speedup.median)} times"
-        f" ({_interval(speedup)}) as many steps per second as one environment."
+        f"A step in {_named(vector)} takes {duration(total_ns)}: {duration(vector.step_ns)} for"
+        f" env.step on {cores}, and {duration(vector.overhead_ns)} to pass actions and results"
+        " between processes and to wait."
     )
 
 
@@ -148,6 +198,7 @@ def _print_step(out: Console, row: EnvironmentRow) -> None:
         f" {row.rounds} rounds): {row.env_steps_per_s:,.0f} steps per second{engine}.",
         soft_wrap=True,
     )
+    out.print(reset_line(row), soft_wrap=True)
     table = tables.plain_table(["layer", "of env.step", "95 %", "time", "calls"], right=range(1, 5))
     for layer in row.layers:
         table.add_row(
@@ -175,11 +226,29 @@ def _share_text(share: float) -> str:
     return f"{100 * share:.1f} %" if share >= _LEAST_SHARE else f"< {100 * _LEAST_SHARE:.1f} %"
 
 
+def reset_line(row: EnvironmentRow) -> str:
+    """Return what a reset takes, and which share of an episode that is."""
+    assert row.facts is not None and row.reset is not None and row.step_ns is not None
+    reset, length = row.reset, row.facts.episode_nstep
+    share = _share_text(reset.episode_share)
+    episode = (
+        f"{share} of an episode of {tables.plain(length, 3)} steps"
+        if length
+        else f"less than {share.removeprefix('< ')} of an episode, as none ended within"
+        f" {row.facts.nstep:,} steps"
+    )
+    steps = tables.plain(reset.ns.median / row.step_ns.median, 2)
+    return (
+        f"env.reset takes {duration(reset.ns.median)} ({_interval(reset.ns, duration)}), as long as"
+        f" {steps} steps: {episode}."
+    )
+
+
 def timing_lines(row: EnvironmentRow) -> list[str]:
-    """Return what timing the layers cost, whether they add up, and what a reset takes."""
-    if row.timer is None or row.reset is None:
+    """Return what timing the layers cost, and whether they add up."""
+    if row.timer is None:
         return []
-    timer, reset = row.timer, row.reset
+    timer = row.timer
     total = f"{100 * timer.sum.median:.1f} %"
     lines = [
         f"Timing {tables.plain(timer.calls, 3)} calls a step adds {100 * timer.share:.1f} % to it"
@@ -188,12 +257,6 @@ def timing_lines(row: EnvironmentRow) -> list[str]:
     ]
     if abs(timer.sum.median - 1) > SUM_TOLERANCE:
         lines.append("That is too far from 100 %: the machine is too busy to trust these shares.")
-    per_step = (
-        "no episode ended"
-        if reset.step_ns is None
-        else (f"{duration(reset.step_ns)} for each step of an episode")
-    )
-    lines.append(f"A reset takes {duration(reset.ns.median)}: {per_step}.")
     return lines
 
 
@@ -211,6 +274,8 @@ def physics_lines(row: EnvironmentRow) -> list[str]:
             ]
         case Status.DISAGREES:
             lines = [f"NOT the same physics as a plain loop: {check.detail}. Nothing is compared."]
+        case _ if _has_other_physics(facts):
+            lines = []  # the conclusions say so
         case _:
             lines = [f"No comparison with a plain loop: {check.detail}."]
     if check.holds is False:
@@ -219,14 +284,14 @@ def physics_lines(row: EnvironmentRow) -> list[str]:
             " controls, without what computes them."
         )
     if facts.entered:
-        lines.append(f"Beside controls, it writes {', '.join(facts.entered)} between its steps.")
+        lines.append(f"Beside controls, it writes {listed(facts.entered)} between its steps.")
     for change in row.changes:
         often = f"{change.count} times" if change.count > 1 else "once"
         when = "a reset" if change.moment == Moment.RESET else "its steps"
         verb = "in" if change.moment == Moment.RESET else "between"
         lines.append(f"It changes the model's {change.field} {verb} {when}, {often}.")
-    if not facts.repeats:
-        lines.append("With the same seed and actions, it does not do the same again.")
+    if facts.dm_control_release:
+        lines.append(f"{facts.dm_control_release}.")
     return lines
 
 
@@ -260,7 +325,8 @@ def _print_paths(out: Console, row: EnvironmentRow) -> None:
 
 def _print_vectors(out: Console, row: EnvironmentRow) -> None:
     table = tables.plain_table(
-        ["environments at once", "number", "env steps/s", "× one", "95 %"], right=range(1, 5)
+        ["environments at once", "number", "env steps/s", "× one", "95 %", "added to a step"],
+        right=range(1, 6),
     )
     for vector in row.vectors:
         if vector.speedup is not None:
@@ -270,9 +336,12 @@ def _print_vectors(out: Console, row: EnvironmentRow) -> None:
                 f"{vector.env_steps_per_s:,.0f}",
                 tables.factor(vector.speedup.median),
                 _interval(vector.speedup),
+                duration(vector.overhead_ns)
+                if vector.overhead_ns is not None and _is_slowed(vector)
+                else "",
             )
     out.print(table)
-    out.print("Resets are included, and observations are those of one environment.")
+    out.print("Resets are included. All steps return what they do in one environment.")
 
 
 def notes(row: EnvironmentRow) -> list[str]:

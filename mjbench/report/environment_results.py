@@ -22,6 +22,7 @@ from mjbench.environment.records import (
     LayerSamples,
     PhysicsCheck,
     VectorForm,
+    VectorSamples,
 )
 from mjbench.instrument import stats
 from mjbench.instrument.stats import Estimate
@@ -87,10 +88,13 @@ class ResetRow:
     Attributes:
       ns: of one.
       step_ns: per step of the environment, at the length that episodes had; None where none ended.
+      episode_share: of the time of an episode of that length; where none ended, of all steps that
+        were recorded, so that its share of an episode is less.
     """
 
     ns: Estimate
     step_ns: float | None
+    episode_share: float
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,10 @@ class VectorRow:
       detail: one line; empty when ok.
       env_steps_per_s: of all its environments together, resets included.
       speedup: over one environment, resets included, round by round.
+      step_ns: of the time for each step, what the step itself takes on the cores that the form can
+        use, if each is as fast as one alone; None where these are unknown.
+      overhead_ns: the rest, which the form adds: it passes actions and results on.
+      ncore: cores that it can use.
     """
 
     form: VectorForm
@@ -139,6 +147,9 @@ class VectorRow:
     detail: str
     env_steps_per_s: float | None = None
     speedup: Estimate | None = None
+    step_ns: float | None = None
+    overhead_ns: float | None = None
+    ncore: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,9 +299,11 @@ class _Layers:
 
 
 def _reset(record: EnvironmentRecord) -> ResetRow:
-    reset = _estimate(record.reset_ns)
-    length = record.facts.episode_nstep if record.facts else None
-    return ResetRow(reset, reset.median / length if length else None)
+    assert record.facts is not None, "it was timed"
+    reset, length = _estimate(record.reset_ns), record.facts.episode_nstep
+    steps_ns = (length or record.facts.nstep) * float(np.median(record.step_ns))
+    share = reset.median / (reset.median + steps_ns)
+    return ResetRow(reset, reset.median / length if length else None, share)
 
 
 def _paths(record: EnvironmentRecord) -> list[PhysicsPathRow]:
@@ -320,17 +333,23 @@ def _paths(record: EnvironmentRecord) -> list[PhysicsPathRow]:
 
 
 def _vectors(record: EnvironmentRecord) -> list[VectorRow]:
-    return [
-        VectorRow(
-            samples.form,
-            samples.nenv,
-            samples.status,
-            samples.detail,
-            1e9 / float(np.median(samples.ns)) if samples.ns else None,
-            stats.speedup_in_common(samples.single_ns, samples.ns) if samples.ns else None,
-        )
-        for samples in record.vectors
-    ]
+    return [_vector(samples) for samples in record.vectors]
+
+
+def _vector(samples: VectorSamples) -> VectorRow:
+    row = VectorRow(samples.form, samples.nenv, samples.status, samples.detail)
+    if not samples.ns:
+        return row
+    ns, single_ns = (float(np.median(each)) for each in (samples.ns, samples.single_ns))
+    step_ns = single_ns / samples.ncore if samples.ncore else None
+    return replace(
+        row,
+        env_steps_per_s=1e9 / ns,
+        speedup=stats.speedup_in_common(samples.single_ns, samples.ns),
+        step_ns=step_ns,
+        overhead_ns=None if step_ns is None else ns - step_ns,
+        ncore=samples.ncore,
+    )
 
 
 def _around(value: float, samples: np.ndarray) -> Estimate:

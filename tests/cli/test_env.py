@@ -71,21 +71,51 @@ def test_a_hanging_environment_is_killed(tmp_path: Path) -> None:
     assert "no answer within 4 s, killed (--time-limit)" in done.stderr
 
 
+STACK = """
+import gymnasium
+import numpy as np
+from gymnasium import wrappers
+
+class Clip(gymnasium.ActionWrapper):
+    def action(self, action):
+        return np.clip(action, -0.5, 0.5)
+
+def make():
+    env = wrappers.RecordEpisodeStatistics(Clip(gymnasium.make("InvertedPendulum-v5")))
+    env = wrappers.TransformReward(env, lambda reward: 0.1 * reward)
+    return wrappers.TransformReward(wrappers.NormalizeObservation(env), abs)
+"""
+
+
 @pytest.mark.skipif(not importlib.util.find_spec("gymnasium"), reason="needs gymnasium")
-def test_an_environment_of_gymnasium_is_measured(tmp_path: Path) -> None:
-    arguments = [
-        "env",
-        "InvertedPendulum-v5",
-        "--steps",
-        "50",
-        "--budget",
-        "0",
-        "--json",
-        "out.json",
-    ]
-    done = mjbench(*arguments, cwd=tmp_path)
+def test_environments_of_gymnasium_are_measured_with_each_of_their_wrappers(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "stack.py").write_text(STACK)
+    quick = ["--steps", "50", "--budget", "0", "--num-envs", "2", "--json", "out.json"]
+    done = mjbench("env", "InvertedPendulum-v5", "stack:make", *quick, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
-    assert row["facts"]["wrappers"][0] == "TimeLimit"
-    assert row["check"]["status"] == "ok"
-    assert {vector["form"] for vector in row["vectors"]} == {"SyncVectorEnv", "AsyncVectorEnv"}
+    rows = json.loads((tmp_path / "out.json").read_text())["results"]
+    for row in rows:
+        assert row["check"]["status"] == "ok"
+        assert [vector["form"] for vector in row["vectors"]] == ["SyncVectorEnv", "AsyncVectorEnv"]
+        assert {vector["status"] for vector in row["vectors"]} == {"ok"}
+    plain, stack = rows
+    assert plain["facts"]["unrepeated"] == []
+    assert [each["field"] for each in stack["facts"]["unrepeated"]] == ["observation"]
+    (layer,) = (each for each in stack["layers"] if each["layer"] == "wrappers")
+    assert {
+        function["name"]: function["calls"] for function in layer["functions"]
+    } == dict.fromkeys(
+        [
+            "TransformReward 1",
+            "NormalizeObservation",
+            "TransformReward 2",
+            "RecordEpisodeStatistics",
+            "Clip",
+            "TimeLimit",
+            "OrderEnforcing",
+            "PassiveEnvChecker",
+        ],
+        1,
+    )

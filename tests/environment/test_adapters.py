@@ -37,11 +37,11 @@ def test_the_same_seed_gives_the_same_episode(environment: Any, kind: type) -> N
     assert len(actions) == 15
     assert all((np.abs(action) <= 1).all() for action in actions)
 
-    def episode(seed: int) -> list[float | None]:
+    def episode(seed: int) -> list[float]:
         adapter.resetting(seed)()
         outcomes = [environment.step(action) for action in actions]
         assert [adapter.is_over(outcome) for outcome in outcomes] == [False] * 14 + [True]
-        return [adapter.reward(outcome) for outcome in outcomes]
+        return [adapter.fields(outcome)["reward"] for outcome in outcomes]
 
     first = episode(7)
     assert episode(7) == first
@@ -87,6 +87,33 @@ def test_wrappers_are_peeled_in_their_order() -> None:
     ]
     assert adapter.outermost_layer() == (Layer.WRAPPERS, "Outer")
     assert adapt(examples.make()).outermost_layer()[0] == Layer.REST
+
+
+def test_wrappers_of_one_class_are_numbered() -> None:
+    adapter = adapt(examples.Wrapper(examples.Outer(examples.Wrapper(examples.Env()))))
+    assert adapter.outermost_layer() == (Layer.WRAPPERS, "Wrapper 1")
+    assert [callee.name for callee in adapter.inner_steps()[:2]] == ["Outer", "Wrapper 2"]
+
+
+@pytest.mark.parametrize(
+    ("environment", "outcome", "fields"),
+    [
+        (examples.make(), (1, 2.0, True, False, {}), "observation reward terminated truncated"),
+        (examples.make(), (1, 2.0, True, {}), "observation reward done"),
+        (examples.robosuite(), (1, 2.0, True, {}), "observation reward done"),
+        (
+            examples.dm_control(),
+            examples.TimeStep(examples.Kind.MID, 2.0, {}),
+            "observation reward discount step_type",
+        ),
+    ],
+)
+def test_what_a_step_returned_has_names_without_info(
+    environment: Any, outcome: Any, fields: str
+) -> None:
+    named = adapt(environment).fields(outcome)
+    assert list(named) == fields.split()
+    assert named["reward"] == 2.0
 
 
 def test_a_wrapper_of_itself_ends() -> None:

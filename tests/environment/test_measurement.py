@@ -94,7 +94,7 @@ def test_a_changed_model_is_said_and_not_compared() -> None:
     ("factory", "status", "detail"),
     [
         ("WritesBetween", Status.UNAVAILABLE, "writes qvel between steps of the engine"),
-        ("Unseeded", Status.UNAVAILABLE, "does not do the same again"),
+        ("Unseeded", Status.UNAVAILABLE, "its physics is not the same again"),
         ("StaleStart", Status.DISAGREES, "qpos[7] is "),
     ],
 )
@@ -104,6 +104,16 @@ def test_what_cannot_be_compared_has_its_reason(factory: str, status: Status, de
     assert record.check.status == status
     assert detail in record.check.detail
     assert record.paths == []
+
+
+def test_physics_is_compared_where_only_what_steps_return_does_not_repeat() -> None:
+    record = measured("remembering")
+    assert record.facts is not None
+    assert [each.field for each in record.facts.unrepeated] == ["observation"]
+    assert not record.facts.repeats
+    assert record.check is not None
+    assert record.check.status == Status.OK
+    assert record.paths[0].ns
 
 
 @pytest.mark.parametrize(

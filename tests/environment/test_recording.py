@@ -153,5 +153,5 @@ def test_the_environment_does_what_it_does_unwatched() -> None:
     passes = EnvironmentPasses(adapter, adapter.draw_actions(NSTEP, 0), 0)
     watched = passes.recorded(EngineWatch(), lambda: None)
     step = mujoco.mj_step
-    assert passes.plain().digest == watched.digest
+    assert passes.plain().returned.differences(watched.returned) == []
     assert mujoco.mj_step is step

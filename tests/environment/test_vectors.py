@@ -25,6 +25,7 @@ needs_gymnasium = pytest.mark.skipif(
 POINT = """
 import multiprocessing
 import os
+import time
 import gymnasium
 import numpy as np
 
@@ -42,7 +43,8 @@ class Point(gymnasium.Env):
         over = bool(np.abs(self.place).max() > 1.5)
         return self.place.copy(), 0.0, over, False, {}
 
-class Forgetful(Point):
+class Remembering(Point):
+    "Starts elsewhere in each episode."
     starts = 0
 
     def reset(self, *, seed=None, options=None):
@@ -50,6 +52,25 @@ class Forgetful(Point):
         self.starts += 1
         self.place = self.place + self.starts
         return self.place.copy(), {}
+
+class Unseeded(Point):
+    def reset(self, *, seed=None, options=None):
+        return super().reset()
+
+class Single(Point):
+    exist = 0
+
+    def __init__(self):
+        Single.exist += 1
+        if Single.exist > 1:
+            raise RuntimeError("one simulator only")
+
+class Timed(Point):
+    "Has a clock and a function, which is no message to another process, in its info."
+
+    def step(self, action):
+        *returned, info = super().step(action)
+        return *returned, {"t": time.perf_counter(), "why": lambda: 0}
 
 class Clumsy(Point):
     "Observes something else where another of its kind lives in the same process."
@@ -60,7 +81,7 @@ class Clumsy(Point):
 
     def step(self, action):
         place, *rest = super().step(action)
-        return place + 0.1 * (Clumsy.alive > 2), *rest
+        return place + 0.1 * (Clumsy.alive > 3), *rest
 
 class Fragile(Point):
     "Ends the processes of AsyncVectorEnv."
@@ -95,13 +116,41 @@ def test_both_forms_do_what_one_environment_does_and_are_timed(tmp_path: Path) -
     for vector in measured:
         assert (vector.status, vector.detail) == (Status.OK, "")
         assert len(vector.ns) == len(vector.single_ns) >= 7
+    assert [vector.ncore for vector in measured[:3]] == [1, 1, 1]
 
 
 @needs_gymnasium
-def test_an_environment_that_does_not_repeat_has_no_forms(tmp_path: Path) -> None:
-    measured = added(tmp_path, "Forgetful")
-    assert "observes something else" in measured.no_vectors
+def test_an_environment_that_remembers_earlier_episodes_is_compared_with_its_like(
+    tmp_path: Path,
+) -> None:
+    measured = added(tmp_path, "Remembering")
+    assert measured.no_vectors == ""
+    assert {vector.status for vector in measured.vectors} == {Status.OK}
+
+
+@needs_gymnasium
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("Unseeded", "two of it, reset and stepped alike, return other values (observation"),
+        ("Single", "it cannot be made twice in a process: Single() raised RuntimeError: one sim"),
+    ],
+)
+def test_an_environment_without_forms_has_its_reason(
+    name: str, reason: str, tmp_path: Path
+) -> None:
+    measured = added(tmp_path, name)
+    assert measured.no_vectors.startswith(reason)
     assert measured.vectors == []
+
+
+@needs_gymnasium
+def test_info_is_not_compared_and_what_no_process_can_pass_on_is_said(tmp_path: Path) -> None:
+    by_form = {(v.form, v.nenv): v for v in added(tmp_path, "Timed").vectors}
+    assert by_form[VectorForm.SYNC, 2].status == Status.OK
+    refused = by_form[VectorForm.ASYNC, 2]
+    assert refused.status == Status.FAILED
+    assert "pickle" in refused.detail
 
 
 @needs_gymnasium
@@ -109,7 +158,7 @@ def test_a_form_that_observes_something_else_gets_no_speed(tmp_path: Path) -> No
     by_form = {(v.form, v.nenv): v for v in added(tmp_path, "Clumsy").vectors}
     wrong = by_form[VectorForm.SYNC, 2]
     assert (wrong.status, wrong.ns) == (Status.DISAGREES, ())
-    assert "observes something else after step" in wrong.detail
+    assert "returns another observation after step" in wrong.detail
 
 
 @needs_gymnasium

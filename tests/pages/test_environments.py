@@ -23,7 +23,7 @@ def test_layers_are_drawn_and_tables_hold_the_rest() -> None:
         "Several environments at once",
     ]
     assert [row[0] for row in section.tables[1].rows] == ["python_loop", "rollout", "batch_step"]
-    assert any("A reset takes 200 µs" in note for note in section.notes)
+    assert any("env.reset takes 200 µs" in note for note in section.notes)
     pytest.importorskip("vl_convert")
     assert "observation" in vega.svg(figure.specification)
 

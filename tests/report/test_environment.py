@@ -7,14 +7,18 @@ import pytest
 from example_environment_records import facts, record, steady
 from rich.console import Console
 
+from mjbench.environment.dm_control_release import ReleaseMismatch
+from mjbench.environment.layers import Layer
 from mjbench.environment.model_changes import ModelChange, Moment
 from mjbench.environment.records import (
     EnvironmentRecord,
+    LayerSamples,
     PathSamples,
     PhysicsCheck,
     VectorForm,
     VectorSamples,
 )
+from mjbench.environment.repetition import FieldDifference
 from mjbench.report import environment
 from mjbench.report.environment_results import derive
 from mjbench.status import Status
@@ -49,7 +53,10 @@ def test_layers_paths_and_forms_are_in_tables(capsys: pytest.CaptureFixture[str]
     assert "10,000 steps per second, 50,000 of the engine" in text
     assert "  mj_step" in text
     assert "adds 4.0 % to it (1 µs a call), which is subtracted" in text
-    assert "A reset takes 200 µs: 10 µs for each step of an episode." in text
+    assert (
+        "env.reset takes 200 µs (199 µs–201 µs), as long as 2 steps: 9.1 % of an episode of 20"
+        " steps."
+    ) in text
     assert "repeats 100 calls of the engine to the last bit. 96 steps of the environment" in text
     assert "250,000" in text
     assert "SyncVectorEnv" in text
@@ -96,7 +103,7 @@ def test_layers_that_do_not_add_up_are_not_trusted(capsys: pytest.CaptureFixture
         ),
         (
             {"facts": facts(entered=["mocap_pos", "xfrc_applied"])},
-            "Beside controls, it writes mocap_pos, xfrc_applied between its steps.",
+            "Beside controls, it writes mocap_pos and xfrc_applied between its steps.",
         ),
         (
             {"changes": [ModelChange("opt.gravity", Moment.STEP, 99)]},
@@ -106,7 +113,6 @@ def test_layers_that_do_not_add_up_are_not_trusted(capsys: pytest.CaptureFixture
             {"changes": [ModelChange("body_mass", Moment.RESET, 1)]},
             "It changes the model's body_mass in a reset, once.",
         ),
-        ({"facts": facts(repeats=False)}, "it does not do the same again."),
         ({"cores": [0.9] * 8}, "Threads got 0.9 of 2 cores: other programs were running."),
         ({"no_vectors": "only Gymnasium has them"}, "No vectorised forms: only Gymnasium has them"),
         (
@@ -122,13 +128,75 @@ def test_layers_that_do_not_add_up_are_not_trusted(capsys: pytest.CaptureFixture
         ({"facts": facts(frame_skip=None)}, "a varying number of steps of the engine"),
         ({"facts": facts(frame_skip=1)}, "takes 1 step of the engine"),
         ({"facts": facts(episode_nstep=None, nepisode=1)}, "one episode, which did not end"),
-        ({"facts": facts(episode_nstep=None)}, "A reset takes 200 µs: no episode ended."),
+        (
+            {"facts": facts(episode_nstep=None)},
+            "as long as 2 steps: less than 2.0 % of an episode, as none ended within 100 steps.",
+        ),
+        (
+            {"facts": facts(dm_control_release=ReleaseMismatch("3.17.0", "4.0.0"))},
+            "dm_control is built for MuJoCo 3.17.0, and 4.0.0 is installed; install it with",
+        ),
     ],
 )
 def test_what_a_reader_must_know_is_said(
     fields: dict[str, Any], line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert line in printed(capsys, **fields)
+
+
+OBSERVATION = FieldDifference("observation", False, [0, 1, 2], 17, 17)
+QPOS = FieldDifference("qpos", True, [6], 1, 9)
+
+
+@pytest.mark.parametrize(
+    ("unrepeated", "line"),
+    [
+        ([OBSERVATION], "observation differs in another pass; its physics is the same."),
+        (
+            [OBSERVATION, QPOS],
+            "observation and qpos[6] differ in another pass, so its physics is not compared.",
+        ),
+        (
+            [OBSERVATION] * 6,
+            "observation, observation, observation, observation and 2 more differ in another pass;"
+            " its physics is the same.",
+        ),
+        ([], "it does not do the same again."),  # older files do not say what differs
+    ],
+)
+def test_what_does_not_repeat_is_named_once_and_first(
+    unrepeated: list[FieldDifference], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check = PhysicsCheck(Status.UNAVAILABLE, "its physics is not the same again", 100)
+    fields = {"check": check, "paths": []} if QPOS in unrepeated else {}
+    text = printed(capsys, facts=facts(repeats=False, unrepeated=unrepeated), **fields)
+    second = text.strip().splitlines()[1]
+    assert second.startswith("With the same seed and actions, ")
+    assert second.endswith(line)
+    assert "again" not in text.replace(second, "")
+
+
+def test_the_costliest_wrapper_is_named_where_wrappers_take_much(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    costly = LayerSamples(Layer.WRAPPERS, "NormalizeObservation", 1.0, 0.0, 0.0, steady(100_000.0))
+    layers = [*record().layers, costly]
+    first, *_ = printed(capsys, layers=layers).strip().splitlines()
+    assert "wrappers 51 % (NormalizeObservation 50 %)" in first
+
+
+def test_what_processes_add_to_a_step_is_said_where_their_cores_are_known(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert "to pass actions" not in printed(capsys)
+    slow = VectorSamples(VectorForm.ASYNC, 4, Status.OK, "", steady(9e4), steady(1e5), 2)
+    text = printed(capsys, vectors=[slow])
+    assert (
+        "A step in AsyncVectorEnv of 4 takes 90 µs: 50 µs for env.step on 2 cores, and 40 µs to"
+        " pass actions and results between processes and to wait."
+    ) in text
+    fast = VectorSamples(VectorForm.ASYNC, 4, Status.OK, "", steady(4e4), steady(1e5), 2)
+    assert "to pass actions" not in printed(capsys, vectors=[fast])
 
 
 def test_an_environment_that_could_not_be_timed_has_its_reason(

@@ -4,7 +4,13 @@ import pytest
 from example_environment_records import ROUNDS, facts, record, steady
 
 from mjbench.environment.layers import Layer
-from mjbench.environment.records import EnvironmentRecord, LayerSamples, PhysicsCheck
+from mjbench.environment.records import (
+    EnvironmentRecord,
+    LayerSamples,
+    PhysicsCheck,
+    VectorForm,
+    VectorSamples,
+)
 from mjbench.environment.timer import TimerCost
 from mjbench.report.environment_results import derive
 from mjbench.status import Status
@@ -80,9 +86,11 @@ def test_a_reset_is_spread_over_the_steps_of_an_episode() -> None:
     row = derive(record())
     assert row.reset is not None
     assert row.reset.step_ns == pytest.approx(200_000.0 / 20)
+    assert row.reset.episode_share == pytest.approx(2 / 22)
     endless = derive(record(facts=facts(episode_nstep=None))).reset
     assert endless is not None
     assert endless.step_ns is None
+    assert endless.episode_share == pytest.approx(2 / 102)
 
 
 def test_a_vectorised_form_is_compared_with_one_environment() -> None:
@@ -92,6 +100,14 @@ def test_a_vectorised_form_is_compared_with_one_environment() -> None:
     assert asynchronous.speedup is not None
     assert asynchronous.speedup.median == pytest.approx(1.5)
     assert asynchronous.env_steps_per_s == pytest.approx(12_500.0)
+
+
+def test_processes_add_what_a_step_takes_beyond_its_share_of_the_cores() -> None:
+    samples = VectorSamples(VectorForm.ASYNC, 8, Status.OK, "", steady(9e4), steady(1e5), 2)
+    (known,) = derive(record(vectors=[samples])).vectors
+    assert (known.step_ns, known.overhead_ns) == (pytest.approx(5e4), pytest.approx(4e4))
+    sync, _ = derive(record()).vectors
+    assert (sync.step_ns, sync.overhead_ns) == (None, None)
 
 
 def test_what_was_not_timed_has_no_figures() -> None:
