@@ -135,6 +135,7 @@ def loop_times(
     main_pid: int,
     stepping_pids: Collection[int] = (),
     calls: Sequence[CallTime] = (),
+    collections_s: Mapping[int, float] | None = None,
 ) -> list[LoopTime]:
     """Return the loops that step, or wait for processes that do; the program's own first.
 
@@ -143,6 +144,8 @@ def loop_times(
       main_pid: the program's first process.
       stepping_pids: processes that are known to step; samples may miss a small share of physics.
       calls: that were timed one by one; they also show loops of which there are no samples.
+      collections_s: seconds of garbage collections by process, which samples of Python alone do
+        not show.
     """
     by_loop: dict[SourceLoop, list[_Sample]] = defaultdict(list)
     for thread in threads:
@@ -155,7 +158,10 @@ def loop_times(
                 activity = activities.activity(stack, thread.has_native)
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
     sampled = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
-    times = _with_calls(sampled, calls, main_pid)
+    times = [
+        _with_collections(time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids))
+        for time in _with_calls(sampled, calls, main_pid)
+    ]
     return sorted(
         _stepping(times, stepping_pids), key=lambda time: (not time.in_main, -time.seconds)
     )
@@ -176,6 +182,29 @@ def _with_calls(
         elif any(call.is_step or call.callee == COMPILE for call in of_loop):
             times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
     return list(times.values())
+
+
+def _with_collections(time: LoopTime, seconds: float) -> LoopTime:
+    """Return a loop whose garbage collections are an activity of their own.
+
+    They may begin on any line that creates an object; calls that are timed hold few of them.
+    """
+    sampled = sum(share for each, share in time.activities.items() if not time.is_timed(each))
+    share = min(sampled, seconds / time.seconds)
+    if Activity.COLLECTION in time.activities or not share > 0:
+        return time
+
+    def rest(parts: Mapping[Activity, float]) -> dict[Activity, float]:
+        left = 1 - share / sampled
+        return {each: part * (1 if time.is_timed(each) else left) for each, part in parts.items()}
+
+    lines = [(line, rest(line.activities)) for line in time.lines]
+    activities_of_loop = {**rest(time.activities), Activity.COLLECTION: share}
+    return replace(
+        time,
+        activities=dict(sorted(activities_of_loop.items(), key=lambda item: -item[1])),
+        lines=[replace(line, share=sum(parts.values()), activities=parts) for line, parts in lines],
+    )
 
 
 def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> LoopTime:

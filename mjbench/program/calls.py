@@ -28,7 +28,6 @@ _ACTIVITIES: Mapping[str, Activity] = {
     call_clock.PROCESS_START: Activity.PROCESSES,
 }
 # What the clock notes that is no call.
-_STEPS = ("mj_step", "mj_step1", "mj_step2")
 _FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.SOFTWARE_GL)
 
 
@@ -265,7 +264,9 @@ def _scaled(
     timed_ns = window.ns - sum(slot.timed_ns for slot in slow) - fast_calls * header.timed_ns
     factor = max(1.0, rest_ns / timed_ns) if timed_ns > 0 else 1.0
     if not header.was_away:  # all steps were counted
-        step_calls = sum(slots[s["slot"]].timed_calls for s in sites if s["callee"] in _STEPS)
+        step_calls = sum(
+            slots[s["slot"]].timed_calls for s in sites if s["callee"] in call_clock.STEPS
+        )
         factor = (header.calls_passed + step_calls) / max(1, step_calls)
     # a few long calls among those that were timed do not make all of them longer than the time
     fast_ns = sum(slots[s["slot"]].timed_ns for s in sites if _is_fast(s["callee"]))
@@ -286,7 +287,11 @@ def _scaled(
 
 def _is_fast(callee: str) -> bool:
     """Return whether calls are timed only while steps are."""
-    return callee in call_clock.FAST or callee in _STEPS or callee.startswith(call_clock.CALLBACK)
+    return (
+        callee in call_clock.FAST
+        or callee in call_clock.STEPS
+        or callee.startswith(call_clock.CALLBACK)
+    )
 
 
 def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:
@@ -297,11 +302,12 @@ def _without_callbacks(calls: Sequence[CallTime]) -> list[CallTime]:
         key = (call.pid, call.thread, call.loop)
         if call.is_callback:
             callbacks_s[key] += call.seconds
-        elif call.callee in _STEPS:
+        elif call.callee in call_clock.STEPS:
             steps_s[key] += call.seconds
     return [
         replace(call, seconds=call.seconds * max(0.0, 1 - callbacks_s[key] / steps_s[key]))
-        if call.callee in _STEPS and steps_s[key := (call.pid, call.thread, call.loop)] > 0
+        if call.callee in call_clock.STEPS
+        and steps_s[key := (call.pid, call.thread, call.loop)] > 0
         else call
         for call in calls
     ]

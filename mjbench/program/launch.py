@@ -7,6 +7,7 @@ two more variables.
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,7 +19,8 @@ from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
 from mjbench.instrument import scratch
-from mjbench.program import calls, recorded_models, sampler, step_times
+from mjbench.program import activities, calls, recorded_models, sampler, step_times
+from mjbench.program.activities import Place
 from mjbench.program.calls import ProgramCalls
 from mjbench.program.profiling import (
     ProcessorClock,
@@ -28,6 +30,7 @@ from mjbench.program.profiling import (
 )
 from mjbench.program.recorded_models import RecordedModel
 from mjbench.program.samples import ThreadSamples
+from mjbench.program.source_loops import source_line
 from mjbench.program.step_times import StepTimes
 
 # Seconds between looks at the program: each also sees whether the profiler has stopped it.
@@ -39,6 +42,8 @@ _END_S = 10.0
 # Seconds after the first step from which its pauses count: before, the profiler reads libraries.
 _CALM_S = 1.0
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+# A frame of a stack that Python's `faulthandler` writes.
+_FAULT_LINE = re.compile(r'File "(.+)", line (\d+) in (.+)$', re.MULTILINE)
 _HOOK = Path(__file__).with_name("hook")
 _USUAL_SAMPLING = Sampling()
 
@@ -81,6 +86,7 @@ class Observation:
       problem: why there are no samples, in one line; empty where there are.
       calls: what its processes called, by line.
       models: that it stepped, with a few states of each.
+      crash: the line of Python that ran when a process crashed; None where none has.
     """
 
     exit_code: int
@@ -96,6 +102,7 @@ class Observation:
     problem: str = ""
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
     models: Sequence[RecordedModel] = ()
+    crash: Place | None = None
 
 
 @dataclass
@@ -225,7 +232,19 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
         problem=problem,
         calls=calls.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
+        crash=_crash(folder),
     )
+
+
+def _crash(folder: Path) -> Place | None:
+    """Return the innermost line of the user's code on the stack that `faulthandler` has written."""
+    for file in sorted(folder.glob("*.fault")):
+        frames = _FAULT_LINE.findall(file.read_text(encoding="utf-8", errors="replace"))
+        own = [frame for frame in frames if not activities.package_of(frame[0])]
+        for path, line, function in (own or frames)[:1]:
+            text = source_line(path, int(line))
+            return Place(activities.shown_path(path), int(line), function, text)
+    return None
 
 
 def time_steps(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from mjbench.program import activities, attribution, remedies, replacements, sampler
+from mjbench.program.activities import Place
 from mjbench.program.attribution import LoopTime
 from mjbench.program.launch import Observation
 from mjbench.program.profiling import ProcessorUse
@@ -56,6 +57,7 @@ class ProgramRow:
         and other libraries do is told by the line that calls them.
       memory_growth_bytes: by how much the memory of the process that grew most has grown since
         shortly after its first step; None where that is not known.
+      crash: the line of Python that ran when a process of it crashed; None where none has.
     """
 
     record_type: ClassVar[str] = "program"
@@ -74,13 +76,17 @@ class ProgramRow:
     has_native: bool = True
     processor: ProcessorUse | None = None
     memory_growth_bytes: int | None = None
+    crash: Place | None = None
 
     @classmethod
     def of(cls, name: str, seen: Observation) -> "ProgramRow":
         """Return the row of a program that was observed."""
         steps = [step for step in seen.steps if step.step is not None]
         pids = {step.pid for step in steps}
-        times = attribution.loop_times(seen.threads, seen.pid, pids, seen.calls.calls)
+        collections_s = {step.pid: step.collections_s for step in steps}
+        times = attribution.loop_times(
+            seen.threads, seen.pid, pids, seen.calls.calls, collections_s
+        )
         files = _own_files(times, seen)
         findings = remedies.findings_of(files)
         asked = remedies.questions(times, findings, seen.calls.incidents)
@@ -98,7 +104,7 @@ class ProgramRow:
             loops=[
                 LoopReport(
                     time,
-                    remedies.remedies(time, steps, findings, measured, seen.calls.incidents),
+                    remedies.remedies(time, findings, measured, seen.calls.incidents),
                 )
                 for time in times
             ],
@@ -107,6 +113,7 @@ class ProgramRow:
             has_native=seen.has_native and sampler.can_read_libraries(),
             processor=seen.processor,
             memory_growth_bytes=seen.calls.memory_growth_bytes,
+            crash=seen.crash,
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

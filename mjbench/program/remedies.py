@@ -298,7 +298,6 @@ def questions(
 
 def remedies(
     loop: LoopTime,
-    steps: Sequence[StepTimes],
     findings: Sequence[Finding] = (),
     measured: Measured | None = None,
     incidents: Sequence[Incident] = (),
@@ -307,13 +306,12 @@ def remedies(
 
     Args:
       loop: where its time goes.
-      steps: of all processes.
       findings: of lint, in the program's own files.
       measured: on the program's model.
       incidents: that the program showed when it ran.
     """
     known = measured or Measured({})
-    listed = [*_savings(loop, steps, findings, known), *_of_turns(loop, known, incidents)]
+    listed = [*_savings(loop, findings, known), *_of_turns(loop, known, incidents)]
     if any(incident.name == call_clock.SOFTWARE_GL for incident in incidents):
         listed = [_with_software_gl(remedy) for remedy in listed]
     worthwhile = [each for each in listed if each.gain is not None and each.gain >= LEAST_GAIN]
@@ -416,16 +414,14 @@ def first(listed: Sequence[Remedy]) -> Remedy | None:
     return next(certain, None)
 
 
-def _savings(
-    loop: LoopTime, steps: Sequence[StepTimes], findings: Sequence[Finding], measured: Measured
-) -> Iterator[Remedy]:
+def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
     """Yield what saves time, in any order."""
     of_calls = list(_of_calls(loop, findings, measured))
     yield from of_calls
     yield from _of_steps(loop, measured)
-    if Activity.COLLECTION not in loop.activities:
-        yield from _collections(loop, steps)
     if loop.samples < FEW_SAMPLES:
+        if Activity.COLLECTION in loop.activities:
+            yield _of_activity(loop, Activity.COLLECTION)
         return
     unexplained = {each: share for each, share in loop.activities.items() if each in _OF_LINES}
     for activity in loop.activities.keys() - _OF_LINES - _OF_CALLS:
@@ -741,16 +737,3 @@ def _remedy(
     share: float,
 ) -> Remedy:
     return Remedy(kind, activity, place, text, share, loop.error(share))
-
-
-def _collections(loop: LoopTime, steps: Sequence[StepTimes]) -> Iterator[Remedy]:
-    """Yield the garbage collector, as the step clock timed it.
-
-    The interpreters of some systems do not name their functions, so samples do not show it.
-    """
-    seconds = sum(step.collections_s for step in steps if step.pid in loop.pids)
-    span_s = sum(step.span_s for step in steps if step.pid in loop.pids)
-    if span_s and seconds:
-        share = min(1.0, seconds / span_s)
-        text = _ADVICE[Activity.COLLECTION]
-        yield _remedy(loop, RemedyKind.COLLECTION, Activity.COLLECTION, None, text, share)

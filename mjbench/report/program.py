@@ -1,5 +1,6 @@
 """What `mjbench run` prints: what to do first, and where the program's time goes."""
 
+import signal
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,11 @@ from mjbench.report import tables
 from mjbench.status import Status
 
 _WIDTH = 30
+# Growth of memory that is worth a line, and calls whose results keep memory.
+_LEAST_GROWTH_BYTES = 32 << 20
+_KEEPERS = ("MjData", "copy of MjData", "from_xml_path", "from_xml_string", "compile", "Renderer")
+# Activities whose shares do not come from samples, whatever calls are timed.
+_TIMED = (Activity.REST, Activity.COLLECTION)
 # Lines and remedies that are printed; the JSON document has all.
 _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
@@ -28,8 +34,9 @@ MOSTLY_PHYSICS = 0.8
 def print_program(out: Console, row: ProgramRow) -> None:
     """Print where a program's time goes."""
     out.print(tables.headed(f"\n{row.program}", f": {conclusion(row)}"), soft_wrap=True)
-    for remedy in row.wrong[1:]:
+    for remedy in row.wrong if row.crash is not None else row.wrong[1:]:
         out.print(f"Then, {_wrong(remedy)}", soft_wrap=True)
+    _print_memory(out, row)
     for report in row.loops:
         _print_loop(out, report, row.wall_s)
     for steps in _most_steps(row.steps):
@@ -75,6 +82,10 @@ def program_rows(row: ProgramRow) -> Iterator[ActivityRow]:
 
 def conclusion(row: ProgramRow) -> str:
     """Return the most important thing about a program, in one sentence."""
+    if row.crash is not None:
+        number = row.exit_code - 128
+        name = f" ({signal.Signals(number).name})" if number in set(signal.Signals) else ""
+        return f"it crashed{name} at {row.crash}: {row.crash.text}"
     if row.wrong:
         return "first, " + _wrong(row.wrong[0])
     if row.status != Status.OK:
@@ -117,7 +128,8 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
         return f"{remedy.text}{place}: {saved}"
     assert remedy.gain is not None, "wrong results come before"
     if remedy.basis == Basis.BOUND:
-        return f"{remedy.activity}{place}: {percent(remedy.gain)} of the loop in {where(time)}"
+        share = f"{percent(remedy.gain)} of the loop in {where(time)}"
+        return f"{remedy.activity}{place}: {share}; {remedy.text}"
     now = "" if remedy.share is None else f" {percent(remedy.share)} of the loop now;"
     where_to = f"at {remedy.place}, " if remedy.place is not None else ""
     return (
@@ -137,6 +149,23 @@ def where(time: LoopTime) -> str:
     return f"{loop.file}:{lines}"
 
 
+def _print_memory(out: Console, row: ProgramRow) -> None:
+    """Print by how much memory grows, with the calls that are known to keep some."""
+    growth = row.memory_growth_bytes or 0
+    if growth < _LEAST_GROWTH_BYTES:
+        return
+    makers = sorted(
+        (call for report in row.loops for call in report.time.calls if call.callee in _KEEPERS),
+        key=lambda call: -call.calls,
+    )
+    why = (
+        f"; {makers[0].place} makes {round(makers[0].calls):,} × {makers[0].callee}"
+        if makers
+        else ""
+    )
+    out.print(f"Memory grew by {growth / 2**20:,.0f} MiB while it stepped{why}.", soft_wrap=True)
+
+
 def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
     time = report.time
     by = f" by {len(time.pids)} processes" if len(time.pids) > 1 else ""
@@ -152,7 +181,7 @@ def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
     table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
     for activity, share in time.activities.items():
         bar = "█" * round(_WIDTH * share)
-        is_exact = time.is_timed(activity) or activity == Activity.REST
+        is_exact = time.is_timed(activity) or activity in _TIMED
         error = "timed" if is_exact else percent(time.error(share))
         table.add_row(str(activity), percent(share), error, bar)
         if activity == Activity.PYTHON:

@@ -33,7 +33,7 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
     monkeypatch.setattr(sampler, "start", start)
     states = iter([b"t"] * paused + [b"R"] * 10_000)
     monkeypatch.setattr(profiling, "process_state", lambda pid: next(states))
-    beside = Profiling.begin(1, tmp_path, Sampling())
+    beside = Profiling.begin(1, tmp_path, Sampling(has_native=True))
     for _ in range(2 * profiling.LOOKS_TO_ADAPT):
         beside.look_for_pause()
     assert beside.rate_hz == rate
@@ -43,7 +43,7 @@ def test_the_rate_is_lowered_once_where_samples_cost_too_much(tmp_path, monkeypa
 def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
     monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
     monkeypatch.setattr(profiling, "process_state", lambda pid: b"t")
-    beside = Profiling.begin(1, tmp_path, Sampling(50))
+    beside = Profiling.begin(1, tmp_path, Sampling(50, has_native=True))
     for _ in range(2 * profiling.LOOKS_TO_ADAPT):
         beside.look_for_pause()
     assert beside.rate_hz == 50
@@ -53,15 +53,14 @@ def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("children", "sampling", "started"),
     [
-        (1, Sampling(), [(10, True)]),
-        (2, Sampling(), [(10, True), (5, False)]),
-        (2, Sampling(has_native=True), [(10, True), (5, True)]),
-        (2, Sampling(rate_hz=50), [(50, True), (50, False)]),
-        (2, Sampling(rate_hz=50, has_native=True), [(50, True)]),
-        (0, Sampling(has_native=False), [(10, False)]),
+        (1, Sampling(), [(100, False)]),
+        (2, Sampling(), [(100, False), (20, False)]),
+        (2, Sampling(has_native=True), [(10, True)]),
+        (2, Sampling(rate_hz=50), [(50, False)]),
+        (0, Sampling(has_native=True), [(10, True)]),
     ],
 )
-def test_of_many_processes_samples_are_fewer_and_without_libraries_unless_asked_for(
+def test_of_many_processes_samples_are_fewer(
     tmp_path, monkeypatch, children, sampling, started
 ):
     samplers = []
@@ -77,8 +76,13 @@ def test_of_many_processes_samples_are_fewer_and_without_libraries_unless_asked_
     for _ in range(3):
         beside.look()
     assert samplers == started
-    assert (beside.rate_hz, beside.has_native) == started[-1]
+    assert (beside.rate_hz, beside.sampling.has_native) == started[-1]
     assert beside.cpu_s == 0.25 * len(started)
+
+
+def test_a_profiler_that_stops_nothing_has_no_pauses(tmp_path, monkeypatch):
+    monkeypatch.setattr(sampler, "start", lambda pid, folder, *_: FakeSampler(folder))
+    assert Profiling.begin(1, tmp_path, Sampling()).paused_share == 0.0
 
 
 @pytest.mark.parametrize(

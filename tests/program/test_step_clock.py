@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mjbench.program import step_times
-from mjbench.program.hook import step_clock
+from mjbench.program.hook import call_clock, step_clock
 
 CALL_NS, BETWEEN_NS = 40_000, 10_000
 
@@ -59,7 +59,8 @@ def simulation():
 def started(tmp_path):
     """Return a step clock, the fake clock, the module, and the calls that reached the engine."""
     fake, calls = FakeClock(), []
-    clock = step_clock.StepClock(str(tmp_path), now_ns=fake, processor_ns=fake)
+    of_calls = call_clock.CallClock(str(tmp_path), now_ns=fake)
+    clock = step_clock.StepClock(str(tmp_path), of_calls, now_ns=fake, processor_ns=fake)
     module = engine(fake, calls)
     clock.install(module)
     clock.timed_ns = clock.cold_ns = clock.passed_ns = 0
@@ -124,7 +125,8 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
         fake, calls = FakeClock(), []
         folder = tmp_path / str(share)
         folder.mkdir()
-        clock = step_clock.StepClock(str(folder), "", fake, lambda: int(share * fake()))  # noqa: B023
+        of_calls = call_clock.CallClock(str(folder), fake)
+        clock = step_clock.StepClock(str(folder), of_calls, "", fake, lambda: int(share * fake()))  # noqa: B023
         module = engine(fake, calls)
         clock.install(module)
         clock.timed_ns = clock.cold_ns = CALL_NS // 100
@@ -234,7 +236,7 @@ def test_the_file_never_overflows(started, monkeypatch):
 
 
 def test_a_thread_has_iterations_of_its_own():
-    header = step_times.Header(1, 1, 0, 0, 0, 0, 0, 0, 0, 0)
+    header = step_times.Header(1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     rows = [(step_clock.BURST, 1, 0, 0, 0, 0)]
     rows += [
         (step_clock.STEP, thread, begin, begin + 10, 1, 0)
@@ -368,5 +370,5 @@ def test_changes_are_applied_and_noted(tmp_path):
 
 def test_the_names_of_timers_are_written(started):
     stored = json.loads((started.folder / "engine.json").read_text())
-    assert stored == {"version": "", "timers": {}}
+    assert stored == {"version": "", "timers": {}, "warnings": {}}
     assert gc.isenabled()

@@ -43,6 +43,7 @@ IN_TURN, CALLBACK, SOFTWARE_GL = "simulations in turn", "callback", "software re
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
 EAGER_MJX = "mjx.step"
 # Functions of the engine that are timed with steps; each is called with a model and its data.
+STEPS = ("mj_step", "mj_step1", "mj_step2")
 FAST = (
     "mj_forward",
     "mj_forwardSkip",
@@ -126,9 +127,10 @@ class CallClock:
         """Begin the file of this process; a forked process begins its own."""
         self._sites: dict[tuple[str, int, int, int], list[int]] = {}
         self._codes: list[Any] = []
+        self._latest: Sequence[tuple[str, int, str]] | None = None  # the line that stepped first
         self._unwritten: dict[int, list[int]] = {}
         self._next = itertools.count(WINDOW + 1).__next__
-        self._names: Any = None
+        self._names: int | None = None
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self._inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self._active: dict[int, int] = {}  # thread by the MjData that it steps
@@ -148,7 +150,9 @@ class CallClock:
                 self._map = mmap.mmap(descriptor, 0)
             finally:
                 os.close(descriptor)
-            self._names = open(f"{path[:-6]}.sites", "w", encoding="utf-8")  # noqa: SIM115
+            # not a file object: one that is open at the end would make Python warn
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+            self._names = os.open(f"{path[:-6]}.sites", flags, 0o600)
 
     # Slots
 
@@ -167,7 +171,7 @@ class CallClock:
 
         Args:
           callee: what was called.
-          frame: that called it.
+          frame: that called it; None, when the program ends, for the line of the latest step.
           begin_ns: when it began.
           end_ns: when it ended.
           steps: of one simulation.
@@ -220,6 +224,8 @@ class CallClock:
     ) -> list[int] | None:
         """Return the slot of a call, by the line of the user's code; None where there is none."""
         owns = self._is_own
+        if frame is None and self._latest is not None:
+            return self._new_slot(callee, get_ident(), self._latest, begin_ns)
         while frame is not None:
             file = frame.f_code.co_filename
             if owns[file] if file in owns else self._owns(file):
@@ -239,21 +245,27 @@ class CallClock:
         begin_ns: int,
         first: tuple[str, int, str] | None,
     ) -> list[int]:
-        number = self._next()
-        slot = [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0]
+        stack = [
+            (each.f_code.co_filename, each.f_lineno, each.f_code.co_name)
+            for each in self._lines(frame)
+        ]
+        if key[0] in STEPS:
+            self._latest = stack
+        if first is not None:
+            stack.insert(0, first)
+        slot = self._new_slot(key[0], key[3], stack, begin_ns)
         self._sites[key] = slot
         self._codes.append(frame.f_code)  # so that no other gets its identity
-        if number < MAX_SLOTS and self._names is not None:
-            stack = [
-                (each.f_code.co_filename, each.f_lineno, each.f_code.co_name)
-                for each in self._lines(frame)
-            ]
-            if first is not None:
-                stack.insert(0, first)
-            line = {"slot": number, "callee": key[0], "thread": key[3], "stack": stack}
-            self._names.write(json.dumps(line) + "\n")
-            self._names.flush()
         return slot
+
+    def _new_slot(
+        self, callee: str, thread: int, stack: Sequence[tuple[str, int, str]], begin_ns: int
+    ) -> list[int]:
+        number = self._next()
+        if number < MAX_SLOTS and self._names is not None:
+            line = {"slot": number, "callee": callee, "thread": thread, "stack": stack}
+            os.write(self._names, (json.dumps(line) + "\n").encode())
+        return [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0]
 
     def _lines(self, frame: FrameType | None) -> Iterator[FrameType]:
         """Yield the frames of a process on a stack, innermost first, but Python's own."""
@@ -316,7 +328,7 @@ class CallClock:
         """Look at a simulation from time to time: its warnings, its state, the process's memory."""
         with contextlib.suppress(Exception):
             self._window[6 if self._window[7] else 7] = _resident_bytes()
-            self._look_for_warnings(args[1], frame, now_ns)
+            self.look_for_warnings(args[1], frame, now_ns)
             self._keep_state(args[0], args[1])
 
     def look_for_halves(self, args: Sequence[Any], frame: FrameType | None) -> None:
@@ -327,8 +339,12 @@ class CallClock:
                 now_ns = self._now_ns()
                 self.add(HALVES, frame, now_ns, now_ns)
 
-    def _look_for_warnings(self, data: Any, frame: FrameType | None, now_ns: int) -> None:
-        numbers = [int(number) for number in data.warning.number]
+    def look_for_warnings(self, data: Any, frame: FrameType | None, now_ns: int) -> None:
+        """Count warnings of a simulation since the last look, at the line that steps it."""
+        numbers = getattr(getattr(data, "warning", None), "number", None)
+        if numbers is None or (not numbers.any() and id(data) not in self._warnings):
+            return
+        numbers = [int(number) for number in numbers]
         earlier = self._warnings.get(id(data))
         if earlier is None:
             earlier = [0] * len(numbers)

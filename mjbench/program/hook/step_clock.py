@@ -158,7 +158,6 @@ class StepClock:
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
         self._module: ModuleType | None = None
-        self.faults: Any = None
         self._timestep_ns = 0  # of the model that the burst steps
         # What a call costs: timed, timed where caches are cold, and passed through.
         self.timed_ns = self.cold_ns = self.passed_ns = 0
@@ -174,8 +173,8 @@ class StepClock:
         self._burst_begin_ns = 0
         self._burst_calls = 0
         self._burst_timers: list[float] | None = None
-        self._burst_args: Sequence[Any] = ()  # of its first call
-        self._turns: set[int] | None = None  # simulations that are stepped in turn
+        self._latest_args: Sequence[Any] = (None, None)  # of the step before
+        self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
         self._is_away = self._was_away = self._has_ended = False
         self._collections = self._collections_ns = self._longest_collection_ns = 0
         self._collection_begin_ns = 0
@@ -265,10 +264,9 @@ class StepClock:
                 self._begin_burst(args)
                 if is_half:
                     calls.look_for_halves(args, frame)
-            elif self._burst_calls == 1:
-                self._begin_turns(args)
-            if self._turns is not None:
-                self._turns.add(id(args[1]))
+            elif len(args) > 1 and args[1] is not self._latest_args[1]:
+                self._change_simulation(args, frame)
+            self._latest_args = args
             has_threads = count_threads() and len(args) > 1
             begin_ns = now_ns()
             if has_threads:
@@ -305,7 +303,7 @@ class StepClock:
     def _begin_burst(self, args: Sequence[Any]) -> None:
         """Begin a burst: read what must not be read in each call."""
         self._calls_passed, self._planned_to_pass = self._passed(), 0
-        self._timestep_ns, self._burst_args = _timestep_ns(args), args
+        self._timestep_ns = _timestep_ns(args)
         self._burst_timers = _timers(args)
         self._burst_begin_ns = self._now_ns()
         self._calls.observe(True, self._burst_begin_ns)
@@ -320,19 +318,22 @@ class StepClock:
                 self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
-    def _begin_turns(self, args: Sequence[Any]) -> None:
-        """Count simulations, where the second step of a burst is of another than the first."""
-        earlier = self._burst_args
-        is_same_model = len(earlier) > 1 and len(args) > 1 and earlier[0] is args[0]
-        if is_same_model and earlier[1] is not args[1]:
-            self._turns = {id(earlier[1])}
+    def _change_simulation(self, args: Sequence[Any], frame: Any) -> None:
+        """Note that a step is of another simulation than the step before it.
+
+        Where that happens at the second step of a burst, simulations are stepped in turn.
+        """
+        earlier = self._latest_args
+        if self._burst_calls == 1 and earlier[0] is args[0]:
+            self._turns = {id(earlier[1]): earlier[1]}
+        if self._turns is None:
+            self._calls.look_for_warnings(earlier[1], frame, self._now_ns())
+        else:
+            self._turns[id(args[1])] = args[1]
 
     def _end_burst(self, args: Sequence[Any], frame: Any, end_ns: int, used: int) -> None:
         """End a burst: decide how many calls to pass through until the next one."""
-        self._burst_args = ()
-        if self._turns is not None:
-            self._calls.note_turns(len(self._turns), frame, end_ns)
-            self._turns = None
+        self._end_turns(frame, end_ns)
         if self._burst_timers is not None and (timers := _timers(args)) is not None:
             seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
             if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
@@ -355,6 +356,15 @@ class StepClock:
         if self._to_pass and period_ns < FASTEST_PASSED_NS:
             self._go_away()
         self._write_header()
+
+    def _end_turns(self, frame: Any, now_ns: int) -> None:
+        """Note how many simulations were stepped in turn; let go of the program's objects."""
+        self._latest_args = (None, None)
+        if self._turns is not None:
+            self._calls.note_turns(len(self._turns), frame, now_ns)
+            for data in self._turns.values():
+                self._calls.look_for_warnings(data, frame, now_ns)
+            self._turns = None
 
     def _passed(self) -> int:
         """Return how many calls were passed through until now."""
@@ -388,6 +398,8 @@ class StepClock:
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._is_away and self._has_earned_bursts():
                 self._come_back()
+            if self._calls.is_observing and len(args) > 1:
+                self._calls.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
             return function(*args, **kwargs)
 
         return _replacement(call, function)
@@ -519,8 +531,9 @@ class StepClock:
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self._burst_calls
-        if self._turns is not None:
-            self._calls.note_turns(len(self._turns), sys._getframe(1), self._last_ns)
+        if len(self._latest_args) > 1 and self._latest_args[1] is not None:
+            self._calls.look_for_warnings(self._latest_args[1], None, self._last_ns)
+        self._end_turns(None, self._last_ns)
         if self._calls.is_observing and self._last_ns:
             self._calls.observe(False, self._last_ns)
         self._burst_calls = 0
@@ -700,8 +713,9 @@ def start(folder: str, calls: Any, change: str = "") -> StepClock:
     _hide_from_tracebacks()
     if not faulthandler.is_enabled():
         # a file of its own, in which a crash leaves the line that the program was at
-        clock.faults = open(os.path.join(folder, f"{os.getpid()}.fault"), "w")  # noqa: SIM115
-        faulthandler.enable(clock.faults, all_threads=False)
+        path = os.path.join(folder, f"{os.getpid()}.fault")
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+        faulthandler.enable(os.open(path, flags, 0o600), all_threads=False)
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=clock.begin_process)
     atexit.register(clock.end)
