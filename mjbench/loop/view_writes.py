@@ -1,13 +1,27 @@
-"""Where a script writes through what it stored: into arrays, not over the names that hold them."""
+"""Where a script may write through what it stored: into arrays, not over the names that hold them.
+
+Names are followed through assignments, loops, parameters and returned values, wherever they stand:
+what may hold a part of something counts as written with it. Too much rather than too little counts.
+"""
 
 import ast
 from collections.abc import Iterator
 
-from mjbench.loop.script_names import assignments, dotted_name
+from mjbench.loop.name_bindings import bound_by
+from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name
 
-# Methods of an array that write to it, and functions of NumPy that write to their first argument.
+# Methods of an array that write to it, and functions that write to an argument.
 _WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
-_WRITING_FUNCTIONS = {"copyto", "fill_diagonal", "place", "put", "put_along_axis", "putmask"}
+_WRITING_FUNCTIONS = {
+    *("at", "copyto", "fill_diagonal", "partial", "place", "put", "put_along_axis", "putmask"),
+    *("setitem", "shuffle"),
+}
+# Functions that return new memory, and what is the array itself.
+_COPYING = {
+    *("array", "concatenate", "copy", "deepcopy", "float", "hstack", "len", "max", "mean", "min"),
+    *("norm", "print", "range", "repr", "stack", "std", "str", "sum", "tolist", "vstack"),
+}
+_WHOLE = {"T", "flat"}
 
 
 def peeled(node: ast.AST) -> ast.AST:
@@ -17,78 +31,140 @@ def peeled(node: ast.AST) -> ast.AST:
             node = node.value
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             node = node.func.value
-        elif isinstance(node, ast.Attribute) and not dotted_name(node):
+        elif isinstance(node, ast.Attribute) and (not dotted_name(node) or node.attr in _WHOLE):
             node = node.value
         else:
             return node
 
 
 class WritesThrough:
-    """The names through which a script writes, aliases included.
+    """The names through which a script may write.
 
-    A name counts if the script writes into an entry of what it holds, or of an entry of that:
-    `a[:] = x`, `rows[0][0] = x`, `a += x`, `out=a`, `np.copyto(a, x)`, `a.fill(x)`. `rows[i] = x`
-    alone stores, and does not write through `rows`.
+    `a[:] = x`, `a += x`, `out=a`, `np.copyto(a, x)` and `a.fill(x)` write into an array; so does
+    `rows[0][0] = x`, into an entry of `rows`. `rows[i] = x` alone replaces an entry.
     """
 
     def __init__(self, tree: ast.Module):
         """Find them."""
-        self._names = {name for node in ast.walk(tree) for name in _written(node)}
-        aliases = list(_aliases(tree))
-        while more := {
-            source
-            for target, source in aliases
-            if target in self._names and source not in self._names
-        }:
+        nodes = list(ast.walk(tree))
+        indexed = {name for node in nodes for name in _indexed(node)}
+        self._names = {name for node in nodes for name in _written(node)} - {""}
+        functions = {node.name: node for node in nodes if isinstance(node, FUNCTIONS)}
+        aliases = [pair for node in nodes for pair in _aliases(node, functions)]
+        written = indexed | self._names
+        while more := {source for target, source in aliases if target in written} - self._names:
             self._names |= more
+            written = indexed | self._names
+        self._attributes = {name.rpartition(".")[2] for name in written if "." in name}
 
-    def through(self, name: str) -> bool:
-        """Return whether the script writes through a name, or through an attribute so called."""
-        return bool(name) and name in self._names
+    def through_entries(self, name: str) -> bool:
+        """Return whether the script may write into an entry of what a dotted name holds."""
+        return name in self._names
+
+    def through_attribute(self, attribute: str) -> bool:
+        """Return whether the script may write into an array that is an attribute so called."""
+        return attribute in self._attributes
+
+
+def _indexed(node: ast.AST) -> Iterator[str]:
+    """Yield the name that a node assigns to an index of, as `a[0] = x` does."""
+    if isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
+        yield dotted_name(peeled(node.value))
 
 
 def _written(node: ast.AST) -> Iterator[str]:
     """Yield the dotted names that a node writes through."""
     if isinstance(node, ast.AugAssign):
-        yield dotted_name(peeled(node.target))
-    elif isinstance(node, ast.Assign):
-        for target in node.targets:
-            yield from _written_target(target)
+        if not isinstance(node.value, ast.List | ast.ListComp):  # `log += [x]`
+            yield dotted_name(peeled(node.target))
+    elif isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
+        if isinstance(node.value, ast.Subscript | ast.Call) or last_name(node.value) in _WHOLE:
+            yield dotted_name(peeled(node.value))
     elif isinstance(node, ast.Call):
         yield from (dotted_name(peeled(k.value)) for k in node.keywords if k.arg == "out")
-        if isinstance(node.func, ast.Attribute):
-            if node.func.attr in _WRITING_METHODS:
-                yield dotted_name(peeled(node.func.value))
-            if node.func.attr in _WRITING_FUNCTIONS and node.args:
-                yield dotted_name(peeled(node.args[0]))
+        is_method = isinstance(node.func, ast.Attribute)
+        function = node.func.attr if is_method else last_name(node.func)
+        if is_method and function in _WRITING_METHODS:
+            yield dotted_name(peeled(node.func.value))
+        if function in _WRITING_FUNCTIONS or function.startswith("mju_"):
+            yield from (name for argument in node.args for name in _held(argument))
+        elif dotted_name(node.func).startswith(("np.", "numpy.")) and "save" not in function:
+            for argument in node.args[2:]:  # `out`, perhaps
+                yield dotted_name(peeled(argument))
 
 
-def _written_target(target: ast.AST) -> Iterator[str]:
-    if isinstance(target, ast.Tuple | ast.List):
-        for element in target.elts:
-            yield from _written_target(element)
-    elif isinstance(target, ast.Subscript):
-        base, is_deep = target.value, _is_whole(target.slice)
-        is_deep = is_deep or isinstance(base, ast.Subscript | ast.Call)
-        # `self.ctrl[0] = x` writes into an array, `rows[0] = x` replaces an entry of a list
-        if is_deep or isinstance(base, ast.Attribute):
-            yield dotted_name(peeled(base))
+def _held(value: ast.AST) -> Iterator[str]:
+    """Yield the dotted names of which an expression may be a part, with what they belong to."""
+    waiting = [value]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Call) and last_name(node.func) in _COPYING:
+            continue
+        if isinstance(node, ast.Name | ast.Attribute):
+            yield dotted_name(node)
+        waiting += ast.iter_child_nodes(node)
 
 
-def _is_whole(index: ast.AST) -> bool:
-    """Return whether an index is a slice, which writes into an array rather than replacing it."""
-    parts = index.elts if isinstance(index, ast.Tuple) else [index]
-    return any(isinstance(part, ast.Slice) for part in parts)
+def _aliases(node: ast.AST, functions: dict[str, ast.FunctionDef]) -> Iterator[tuple[str, str]]:
+    """Yield names that a node binds, each with what it may then be a part of."""
+    for target, value in _bindings(node, functions):
+        targets = [target] if isinstance(target, str) else _stored(target)
+        sources = set(_held(value)) - {""}
+        for name in targets:
+            yield from ((name, source) for source in sources if source != name)
 
 
-def _aliases(tree: ast.Module) -> Iterator[tuple[str, str]]:
-    """Yield names and what they were taken from, such as `v` and `views` of `v = views[0]`."""
-    for target, value in assignments(tree):
-        if name := dotted_name(peeled(value)):
-            yield dotted_name(target), name
-    for node in ast.walk(tree):
-        if isinstance(node, ast.For | ast.comprehension):
-            names = [n for n in ast.walk(node.target) if isinstance(n, ast.Name)]
-            sources = [n for n in ast.walk(node.iter) if isinstance(n, ast.Name | ast.Attribute)]
-            for target in names:
-                yield from ((target.id, dotted_name(source)) for source in sources)
+def _bindings(
+    node: ast.AST, functions: dict[str, ast.FunctionDef]
+) -> Iterator[tuple[ast.AST | str, ast.AST]]:
+    """Yield what a node binds, each with the expression whose value it gets, or a part of it."""
+    match node:
+        case ast.Assign():
+            yield from ((target, node.value) for target in node.targets)
+        case ast.AnnAssign(value=ast.expr()) | ast.NamedExpr():
+            yield node.target, node.value
+        case ast.For() | ast.comprehension():
+            yield node.target, node.iter
+        case ast.withitem(optional_vars=ast.expr()):
+            yield node.optional_vars, node.context_expr
+        case ast.Match():
+            yield from ((case.pattern, node.subject) for case in node.cases)
+        case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.Lambda():
+            arguments = node.args.posonlyargs + node.args.args
+            defaults = zip(arguments[::-1], node.args.defaults[::-1], strict=False)
+            yield from ((argument.arg, default) for argument, default in defaults)
+            for each in ast.walk(node):
+                if isinstance(each, ast.Return | ast.Yield) and each.value is not None:
+                    yield getattr(node, "name", ""), each.value
+        case ast.Call():
+            yield from _bindings_of_call(node, functions)
+
+
+def _bindings_of_call(
+    node: ast.Call, functions: dict[str, ast.FunctionDef]
+) -> Iterator[tuple[ast.AST | str, ast.AST]]:
+    """Yield what a call binds: parameters, and what methods such as `update` may store in."""
+    function = functions.get(last_name(node.func))
+    if function is not None:
+        names = [a.arg for a in function.args.posonlyargs + function.args.args if a.arg != "self"]
+        yield from zip(names, node.args, strict=False)
+        yield from ((keyword.arg, keyword.value) for keyword in node.keywords if keyword.arg)
+    elif isinstance(node.func, ast.Attribute):
+        owner = dotted_name(peeled(node.func.value))
+        yield from ((owner, argument) for argument in node.args)
+    elif last_name(node.func) == "setattr" and len(node.args) == 3:
+        attribute = node.args[1]
+        if isinstance(attribute, ast.Constant):
+            yield f"{dotted_name(node.args[0])}.{attribute.value}", node.args[2]
+    for other in node.args:
+        if isinstance(other, ast.Lambda):  # `map(lambda v: …, views)`
+            names = [argument.arg for argument in other.args.args]
+            yield from ((n, a) for n in names for a in node.args if a is not other)
+
+
+def _stored(target: ast.AST) -> Iterator[str]:
+    """Yield the dotted names that a target or a pattern binds, or stores something in."""
+    for node in ast.walk(target):
+        if isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.ctx, ast.Store):
+            yield dotted_name(peeled(node))
+        yield from bound_by(node)
