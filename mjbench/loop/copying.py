@@ -104,13 +104,13 @@ class Copying:
         name, scope = log.id, self._bindings.scope_of(loop)
         if isinstance(scope, ast.ClassDef) or self._bindings.owner(name, log) is not scope:
             return f"{name} is not of the same function as the loop"
+        if name in self._bindings.declared or self._bindings.reaches_names:
+            return f"a global statement, setattr, globals or the like could reach {name}"
         nodes = self._bindings.bindings(name, scope)
         values = self._script.assigned(log)
         around = set(self._above(nodes[0]))
         if len(nodes) > 1 or not self._is_empty(values[0]) or loop in around:
             return f"{name} is not certain to be a list or a dict that is empty before the loop"
-        if name in self._bindings.declared or self._bindings.reaches_names:
-            return f"a global statement, setattr, globals or the like could reach {name}"
         return f"a command of IPython names {name}" if self._names.is_in_command(name) else ""
 
     def _is_empty(self, value: ast.AST | None) -> bool:
@@ -142,7 +142,7 @@ class Copying:
                 continue
             if self._is_store(node) or self._shows(node):
                 continue
-            if is_list_of_views and self._reads(node) and not self._is_during(node, loop):
+            if is_list_of_views and self._reads(node) and self._is_after(node, loop):
                 continue
             line = self._program.line_of(node)
             cell = f"cell {line.cell}, " if line.cell else ""
@@ -153,10 +153,11 @@ class Copying:
         """Return whether something is stored in a log."""
         return self._stored_in(self._parents.get(self._parents[log])) is log
 
-    def _is_during(self, node: ast.AST, loop: Loop) -> bool:
-        """Return whether a node may run while a loop does."""
-        is_elsewhere = self._bindings.scope_of(node) is not self._bindings.scope_of(loop)
-        return is_elsewhere or loop in self._above(node)
+    def _is_after(self, node: ast.AST, loop: Loop) -> bool:
+        """Return whether a node runs when a loop has ended, and not in another one that steps."""
+        around = self._stored.loop_around(node)
+        is_of_episode = around is None or around.node in self._above(loop)
+        return is_of_episode and self._bindings.scope_of(node) is self._bindings.scope_of(loop)
 
     def _shows(self, log: ast.Name) -> bool:
         """Return whether a log is printed, saved, counted or cleared."""
@@ -226,4 +227,3 @@ class Copying:
         while node in self._parents:
             node = self._parents[node]
             yield node
-

@@ -180,7 +180,9 @@ class Hoisting:
             return "its arguments are not plain"
         if not any(self._names.is_certainly(owner.id, kind, loop) for kind in (DATA, MODEL)):
             return f"{owner.id} is not certain to be an MjData or an MjModel of mujoco"
-        return self._names.rebinding(owner.id, loop) or self._variation_of_argument(call.args[0], loop)
+        return self._names.rebinding(owner.id, loop) or self._variation_of_argument(
+            call.args[0], loop
+        )
 
     def _variation_of_id(self, call: ast.Call, loop: Loop) -> str:
         if self._bindings.origin(dotted_name(call.func)) != _NAME_TO_ID:

@@ -78,7 +78,8 @@ def _written(node: ast.AST) -> Iterator[str]:
         if not isinstance(node.value, ast.List | ast.ListComp):  # `log += [x]`
             yield dotted_name(peeled(node.target))
     elif isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
-        if isinstance(node.value, ast.Subscript | ast.Call) or last_name(node.value) in _WHOLE:
+        is_whole = isinstance(node.value, ast.Attribute) and node.value.attr in _WHOLE
+        if is_whole or isinstance(node.value, ast.Subscript | ast.Call):
             yield dotted_name(peeled(node.value))
     elif isinstance(node, ast.Call):
         yield from (dotted_name(peeled(k.value)) for k in node.keywords if k.arg == "out")
@@ -100,9 +101,17 @@ def _held(value: ast.AST) -> Iterator[str]:
         node = waiting.pop()
         if isinstance(node, ast.Call) and last_name(node.func) in _COPYING:
             continue
+        if isinstance(node, ast.BinOp | ast.Compare | ast.Constant) and not _joins_lists(node):
+            continue
         if isinstance(node, ast.Name | ast.Attribute):
             yield dotted_name(node)
         waiting += ast.iter_child_nodes(node)
+
+
+def _joins_lists(node: ast.AST) -> bool:
+    """Return whether an expression is a sum with a list, not one of arrays, which is new memory."""
+    terms = (node.left, node.right) if isinstance(node, ast.BinOp) else ()
+    return any(isinstance(term, ast.List | ast.ListComp) for term in terms)
 
 
 def _aliases(node: ast.AST, functions: dict[str, ast.FunctionDef]) -> Iterator[tuple[str, str]]:
@@ -151,7 +160,8 @@ def _bindings_of_call(
         yield from ((keyword.arg, keyword.value) for keyword in node.keywords if keyword.arg)
     elif isinstance(node.func, ast.Attribute):
         owner = dotted_name(peeled(node.func.value))
-        yield from ((owner, argument) for argument in node.args)
+        values = [*node.args, *(keyword.value for keyword in node.keywords)]
+        yield from ((owner, value) for value in values)
     elif last_name(node.func) == "setattr" and len(node.args) == 3:
         attribute = node.args[1]
         if isinstance(attribute, ast.Constant):
