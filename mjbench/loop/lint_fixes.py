@@ -1,8 +1,8 @@
 """Change a script where `mjbench lint` finds what has one safe remedy.
 
-A view that goes into a log gets `.copy()`. A named access is bound to a name before its loop. Nothing
-else in the file changes: the changed file is parsed again, and its syntax must be that of the old
-one with just these changes.
+A view that goes into a log gets `.copy()`. A named access is bound to a name before its loop.
+Nothing else in the file changes: the changed file is parsed again, and its syntax must be that of
+the old one with just these changes.
 """
 
 import ast

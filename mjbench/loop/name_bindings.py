@@ -2,7 +2,8 @@
 
 Scopes are those of functions and of the module, as Python resolves names. A name that a `global` or
 `nonlocal` statement mentions may be bound again anywhere, and so may every name where the script
-uses `exec`, `setattr`, `globals` or the like, and a module's where it sets such an attribute of one.
+uses `exec`, `setattr`, `globals` or the like, and a module's name where it sets such an attribute
+of a module.
 """
 
 import ast

@@ -5,7 +5,7 @@ what may hold a part of something counts as written with it. Too much rather tha
 """
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from mjbench.loop.name_bindings import bound_by
 from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name
@@ -22,6 +22,7 @@ _COPYING = {
     *("norm", "print", "range", "repr", "stack", "std", "str", "sum", "tolist", "vstack"),
 }
 _WHOLE = {"T", "flat"}
+_Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def peeled(node: ast.AST) -> ast.AST:
@@ -83,10 +84,11 @@ def _written(node: ast.AST) -> Iterator[str]:
             yield dotted_name(peeled(node.value))
     elif isinstance(node, ast.Call):
         yield from (dotted_name(peeled(k.value)) for k in node.keywords if k.arg == "out")
-        is_method = isinstance(node.func, ast.Attribute)
-        function = node.func.attr if is_method else last_name(node.func)
-        if is_method and function in _WRITING_METHODS:
-            yield dotted_name(peeled(node.func.value))
+        function = last_name(node.func)
+        if isinstance(node.func, ast.Attribute):
+            function = node.func.attr
+            if function in _WRITING_METHODS:
+                yield dotted_name(peeled(node.func.value))
         if function in _WRITING_FUNCTIONS or function.startswith("mju_"):
             yield from (name for argument in node.args for name in _held(argument))
         elif dotted_name(node.func).startswith(("np.", "numpy.")) and "save" not in function:
@@ -114,7 +116,7 @@ def _joins_lists(node: ast.AST) -> bool:
     return any(isinstance(term, ast.List | ast.ListComp) for term in terms)
 
 
-def _aliases(node: ast.AST, functions: dict[str, ast.FunctionDef]) -> Iterator[tuple[str, str]]:
+def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tuple[str, str]]:
     """Yield names that a node binds, each with what it may then be a part of."""
     for target, value in _bindings(node, functions):
         targets = [target] if isinstance(target, str) else _stored(target)
@@ -124,18 +126,18 @@ def _aliases(node: ast.AST, functions: dict[str, ast.FunctionDef]) -> Iterator[t
 
 
 def _bindings(
-    node: ast.AST, functions: dict[str, ast.FunctionDef]
+    node: ast.AST, functions: Mapping[str, _Function]
 ) -> Iterator[tuple[ast.AST | str, ast.AST]]:
     """Yield what a node binds, each with the expression whose value it gets, or a part of it."""
     match node:
         case ast.Assign():
             yield from ((target, node.value) for target in node.targets)
-        case ast.AnnAssign(value=ast.expr()) | ast.NamedExpr():
-            yield node.target, node.value
+        case ast.AnnAssign(value=ast.expr() as value) | ast.NamedExpr(value=value):
+            yield node.target, value
         case ast.For() | ast.comprehension():
             yield node.target, node.iter
-        case ast.withitem(optional_vars=ast.expr()):
-            yield node.optional_vars, node.context_expr
+        case ast.withitem(optional_vars=ast.expr() as target):
+            yield target, node.context_expr
         case ast.Match():
             yield from ((case.pattern, node.subject) for case in node.cases)
         case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.Lambda():
@@ -150,7 +152,7 @@ def _bindings(
 
 
 def _bindings_of_call(
-    node: ast.Call, functions: dict[str, ast.FunctionDef]
+    node: ast.Call, functions: Mapping[str, _Function]
 ) -> Iterator[tuple[ast.AST | str, ast.AST]]:
     """Yield what a call binds: parameters, and what methods such as `update` may store in."""
     function = functions.get(last_name(node.func))
@@ -164,7 +166,7 @@ def _bindings_of_call(
         yield from ((owner, value) for value in values)
     elif last_name(node.func) == "setattr" and len(node.args) == 3:
         attribute = node.args[1]
-        if isinstance(attribute, ast.Constant):
+        if isinstance(attribute, ast.Constant) and isinstance(attribute.value, str):
             yield f"{dotted_name(node.args[0])}.{attribute.value}", node.args[2]
     for other in node.args:
         if isinstance(other, ast.Lambda):  # `map(lambda v: …, views)`

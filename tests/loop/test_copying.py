@@ -104,7 +104,8 @@ def test_a_log_that_is_only_read_shows_each_state_and_all_else_stays(file: Path,
         ("def run():\n    for i in range(3):\n        mujoco.mj_step(model, data)\n"
          "        log.append(data.qpos)\n", "log is not of the same function"),
         (STEPS + "    log.extend([1]) or log.append(data.qpos)\n", "only what is appended"),
-        ("logs = {'q': []}\n" + STEPS + "    logs['q'].append(data.qpos)\n", "only what is appended"),
+        ("logs = {'q': []}\n" + STEPS + "    logs['q'].append(data.qpos)\n",
+         "only what is appended"),
         ("def go(): mujoco.mj_step(model, data); return 1\n"
          "a = np.array([data.qpos for _ in range(3) if go()])\n", "only what is appended"),
         ("class Sim:\n  def __init__(self): self.data, self.log = data, []\n  def step(self):\n"
@@ -143,7 +144,7 @@ def test_a_log_of_another_cell_is_read_there(tmp_path: Path) -> None:
 # Programs that use a view as it is: no finding, and no change.
 LIVE = {
     "once per episode": EPISODES
-    + "    live = []\n    for name in ('hip', 'knee'):\n        live.append(data.joint(name).qpos)\n"
+    + "    live = []\n    for j in ('hip', 'knee'):\n        live.append(data.joint(j).qpos)\n"
     + "    for t in range(3):\n        mujoco.mj_step(model, data)\n",
     "key per episode": EPISODES
     + "    live = {}\n    live['q'] = data.qpos\n    for t in range(3):\n"
@@ -168,7 +169,8 @@ LIVE = {
     "two, one stepped": "still = mujoco.MjData(model)\n" + STEPS + "    log.append(still.qpos)\n",
     "new by annotation": "for i in range(3):\n    d: mujoco.MjData = mujoco.MjData(model)\n"
     "    mujoco.mj_step(model, d)\n    log.append(d.qpos)\n",
-    "new by with": "for i in range(3):\n    with contextlib.nullcontext(mujoco.MjData(model)) as d:\n"
+    "new by with": "for i in range(3):\n"
+    "    with contextlib.nullcontext(mujoco.MjData(model)) as d:\n"
     "        mujoco.mj_step(model, d)\n        log.append(d.qpos)\n",
     "new environment": "class ArmEnv:\n  def __init__(self): self.data = mujoco.MjData(model)\n"
     "  def step(self, u): mujoco.mj_step(model, self.data)\nfor i in range(3):\n"
@@ -195,7 +197,7 @@ LIVE = {
     "a class that copies": "class Stats:\n    total = 0\n    def append(self, q):\n"
     "        self.total = self.total + q[0]\nstats = Stats()\n" + STEPS
     + "    stats.append(data.qpos)\n",
-    "a namedtuple": "Frame = namedtuple('Frame', 'qpos')\nsim = data\nfor data in [Frame((0, 0))]:\n"
+    "a namedtuple": "sim, Frame = data, namedtuple('Frame', 'qpos')\nfor data in [Frame((0, 0))]:\n"
     "    mujoco.mj_step(model, sim)\n    log.append(data.qpos)\n",
     "an element of a loop": "def start():\n    joint = data.joint('hip')\n    return joint.qpos\n"
     "for joint in [mock.Mock(range=(0, 1))]:\n    mujoco.mj_step(model, data)\n"
