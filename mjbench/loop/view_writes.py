@@ -5,7 +5,7 @@ what may hold a part of something counts as written with it. Too much rather tha
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.loop.name_bindings import bound_by
 from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name
@@ -118,65 +118,53 @@ def _joins_lists(node: ast.AST) -> bool:
 
 def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tuple[str, str]]:
     """Yield names that a node binds, each with what it may then be a part of."""
-    for target, value in _bindings(node, functions):
-        targets = [target] if isinstance(target, str) else _stored(target)
-        sources = set(_held(value)) - {""}
-        for name in targets:
-            yield from ((name, source) for source in sources if source != name)
+    targets, values = _binding(node, functions)
+    sources = {source for value in values for source in _held(value)} - {""}
+    for name in {name for target in targets for name in _stored(target)}:
+        yield from ((name, source) for source in sources if source != name)
 
 
-def _bindings(
+def _binding(
     node: ast.AST, functions: Mapping[str, _Function]
-) -> Iterator[tuple[ast.AST | str, ast.AST]]:
-    """Yield what a node binds, each with the expression whose value it gets, or a part of it."""
+) -> tuple[Sequence[ast.AST], Sequence[ast.AST]]:
+    """Return what a node binds, and the expressions of whose values that may get a part."""
     match node:
         case ast.Assign():
-            yield from ((target, node.value) for target in node.targets)
+            return node.targets, [node.value]
         case ast.AnnAssign(value=ast.expr() as value) | ast.NamedExpr(value=value):
-            yield node.target, value
+            return [node.target], [value]
         case ast.For() | ast.comprehension():
-            yield node.target, node.iter
+            return [node.target], [node.iter]
         case ast.withitem(optional_vars=ast.expr() as target):
-            yield target, node.context_expr
+            return [target], [node.context_expr]
         case ast.Match():
-            yield from ((case.pattern, node.subject) for case in node.cases)
-        case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.Lambda():
-            arguments = node.args.posonlyargs + node.args.args
-            defaults = zip(arguments[::-1], node.args.defaults[::-1], strict=False)
-            yield from ((argument.arg, default) for argument, default in defaults)
-            for each in ast.walk(node):
-                if isinstance(each, ast.Return | ast.Yield) and each.value is not None:
-                    yield getattr(node, "name", ""), each.value
+            return [case.pattern for case in node.cases], [node.subject]
+        case ast.arguments():
+            return [node], [value for value in (*node.defaults, *node.kw_defaults) if value]
+        case ast.FunctionDef() | ast.AsyncFunctionDef():
+            ends = (n for n in ast.walk(node) if isinstance(n, ast.Return | ast.Yield))
+            return [ast.Name(node.name, ast.Store())], [end.value for end in ends if end.value]
         case ast.Call():
-            yield from _bindings_of_call(node, functions)
-
-
-def _bindings_of_call(
-    node: ast.Call, functions: Mapping[str, _Function]
-) -> Iterator[tuple[ast.AST | str, ast.AST]]:
-    """Yield what a call binds: parameters, and what methods such as `update` may store in."""
-    function = functions.get(last_name(node.func))
-    if function is not None:
-        names = [a.arg for a in function.args.posonlyargs + function.args.args if a.arg != "self"]
-        yield from zip(names, node.args, strict=False)
-        yield from ((keyword.arg, keyword.value) for keyword in node.keywords if keyword.arg)
-    elif isinstance(node.func, ast.Attribute):
-        owner = dotted_name(peeled(node.func.value))
-        values = [*node.args, *(keyword.value for keyword in node.keywords)]
-        yield from ((owner, value) for value in values)
-    elif last_name(node.func) == "setattr" and len(node.args) == 3:
-        attribute = node.args[1]
-        if isinstance(attribute, ast.Constant) and isinstance(attribute.value, str):
-            yield f"{dotted_name(node.args[0])}.{attribute.value}", node.args[2]
-    for other in node.args:
-        if isinstance(other, ast.Lambda):  # `map(lambda v: …, views)`
-            names = [argument.arg for argument in other.args.args]
-            yield from ((n, a) for n in names for a in node.args if a is not other)
+            values = [*node.args, *(keyword.value for keyword in node.keywords)]
+            function = functions.get(last_name(node.func))
+            if function is not None:
+                return [function.args], values
+            # `map(lambda v: …, views)`, `views.update(q=q)` and `setattr(self, "views", views)`
+            owners = [a.args for a in node.args if isinstance(a, ast.Lambda)]
+            if isinstance(node.func, ast.Attribute):
+                return [*owners, ast.Subscript(node.func.value, node, ast.Store())], values
+            match values:
+                case [owner, ast.Constant(value=str(name)), _] if last_name(node.func) == "setattr":
+                    return [ast.Attribute(owner, name, ast.Store())], values
+            return owners, values
+    return [], []
 
 
 def _stored(target: ast.AST) -> Iterator[str]:
-    """Yield the dotted names that a target or a pattern binds, or stores something in."""
-    for node in ast.walk(target):
-        if isinstance(node, ast.Attribute | ast.Subscript) and isinstance(node.ctx, ast.Store):
-            yield dotted_name(peeled(node))
-        yield from bound_by(node)
+    """Yield the dotted names that a target, a pattern or parameters bind, or store something in."""
+    if isinstance(target, ast.Attribute | ast.Subscript):
+        yield dotted_name(peeled(target))
+        return
+    yield from bound_by(target)
+    for child in ast.iter_child_nodes(target):
+        yield from _stored(child)
