@@ -8,9 +8,9 @@ call before it, if
 - the MjData or the MjModel is certainly one: a plain name to which the script assigns nothing else,
   or which the loop passes to `mj_step`;
 - that name, and the arguments, stay what they are in the whole loop;
-- no iteration passes it by, under an `if` or after a `continue`: a wrong name then raises before
-  the loop instead of in its first iteration. A loop is taken for one that gets to the call before
-  it ends.
+- no iteration passes it by, under an `if` or after a `continue`, a `break` or a `return`: a wrong
+  name then raises before the loop instead of in its first iteration. A loop is taken for one that
+  runs at least once.
 """
 
 import ast
@@ -20,19 +20,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from mjbench.loop.certain_names import DATA, MODEL, CertainNames, Loop
 from mjbench.loop.lint_rules import NAMED_ACCESS
-from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.python_source import Program
-from mjbench.loop.script_names import dotted_name, last_name, nodes_inside
+from mjbench.loop.script_names import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingScript
 
-Loop = ast.For | ast.While
 _COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
-_DATA, _MODEL = "mujoco.MjData", "mujoco.MjModel"
 _NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."
-# Which argument of mj_step is of which type.
-_STEP_ARGUMENTS = {_MODEL: 0, _DATA: 1}
-_STEPS = {"mujoco.mj_step", "mujoco.mj_step1", "mujoco.mj_step2"}
 
 
 @dataclass(frozen=True)
@@ -84,21 +79,21 @@ class _Group:
 class Hoisting:
     """What is known of a script for hoisting."""
 
-    def __init__(self, program: Program, script: SteppingScript):
+    def __init__(self, program: Program, script: SteppingScript, names: CertainNames):
         """Look at a script.
 
         Args:
           program: the script.
           script: what follows from its syntax.
+          names: what is known of its names.
         """
         self._script = script
         self._parents = script.parents
-        self._bindings = NameBindings(program.tree, script.parents)
+        self._names = names
+        self._bindings = names.bindings
         self._lines = [line.text for line in program.lines]
-        # of IPython, each on its line; the other lines are empty
-        self._commands = [n.text if n.text != n.python else "" for n in program.lines]
         # a new name is none of these; where strings may hold code, nothing that the script contains
-        texts = self._lines if self._bindings.reaches_names else self._commands
+        texts = self._lines if self._bindings.reaches_names else names.commands
         tokens = {token for text in texts for token in re.findall(r"\w+", text)}
         self._taken = {*tokens, *self._bindings.identifiers, *dir(builtins), *keyword.kwlist}
 
@@ -183,9 +178,11 @@ class Hoisting:
             return f"{shown} may be another object in the next step; bind it to a name first"
         if len(call.args) != 1:
             return "its arguments are not plain"
-        if not any(self._is_certainly(owner.id, kind, loop) for kind in (_DATA, _MODEL)):
+        if not any(self._names.is_certainly(owner.id, kind, loop) for kind in (DATA, MODEL)):
             return f"{owner.id} is not certain to be an MjData or an MjModel of mujoco"
-        return self._rebinding(owner.id, loop) or self._variation_of_argument(call.args[0], loop)
+        return self._names.rebinding(owner.id, loop) or self._variation_of_argument(
+            call.args[0], loop
+        )
 
     def _variation_of_id(self, call: ast.Call, loop: Loop) -> str:
         if self._bindings.origin(dotted_name(call.func)) != _NAME_TO_ID:
@@ -199,47 +196,14 @@ class Hoisting:
         is_plain = isinstance(kind, ast.Constant) and isinstance(kind.value, int)
         if not (is_plain or self._bindings.origin(dotted_name(kind)).startswith(_ELEMENT_TYPES)):
             return "its arguments are not plain"
-        return self._rebinding(model.id, loop) or self._variation_of_argument(name, loop)
+        return self._names.rebinding(model.id, loop) or self._variation_of_argument(name, loop)
 
     def _variation_of_argument(self, argument: ast.expr, loop: Loop) -> str:
         if isinstance(argument, ast.Constant) and isinstance(argument.value, str | int):
             return ""
         if isinstance(argument, ast.Name):
-            return self._rebinding(argument.id, loop)
+            return self._names.rebinding(argument.id, loop)
         return "its arguments are not plain"
-
-    def _rebinding(self, name: str, loop: Loop) -> str:
-        """Return why a name may change its value during a loop, commands of IPython included."""
-        if any(self._commands[loop.lineno - 1 : loop.end_lineno]):
-            return "a command of IPython is in the loop"
-        if any(re.search(rf"\b{name}\b", command) for command in self._commands):
-            return f"a command of IPython names {name}"
-        return self._bindings.rebinding(name, loop)
-
-    def _is_certainly(self, name: str, kind: str, loop: Loop) -> bool:
-        """Return whether a name in a loop is an MjData, or an MjModel, of mujoco."""
-        index = _STEP_ARGUMENTS[kind]
-        for node in nodes_inside(loop):
-            if (
-                isinstance(node, ast.Call)
-                and self._bindings.origin(dotted_name(node.func)) in _STEPS
-                and len(node.args) > index
-                and dotted_name(node.args[index]) == name
-            ):
-                return True
-        owner = self._bindings.owner(name, loop)
-        nodes = self._bindings.bindings(name, owner) if owner is not None else ()
-        return bool(nodes) and all(self._is_assigned(node, kind) for node in nodes)
-
-    def _is_assigned(self, target: ast.AST, kind: str) -> bool:
-        """Return whether a binding assigns a new MjData, or a loaded MjModel."""
-        statement = self._parents[target]
-        if not isinstance(statement, ast.Assign | ast.AnnAssign):
-            return False
-        if not isinstance(statement.value, ast.Call):
-            return False
-        origin = self._bindings.origin(dotted_name(statement.value.func))
-        return origin == _DATA if kind == _DATA else origin.startswith(f"{_MODEL}.from_")
 
     def _widest_loop(self, call: ast.Call, loop: Loop) -> Loop:
         """Return the outermost loop that a call can leave.
@@ -276,7 +240,7 @@ class Hoisting:
         """Return a name for what a call in a loop returns, which the script does not have."""
         name = _describing_name(call)
         owner, _, _ = dotted_name(call.func).rpartition(".")
-        if owner and self._is_certainly(owner, _MODEL, loop):
+        if owner and self._names.is_certainly(owner, MODEL, loop):
             name = f"{owner}_{name}"
         wanted, number = name, 2
         while name in self._taken:
@@ -319,13 +283,13 @@ def _describing_name(call: ast.Call) -> str:
 def _reaches(above: ast.AST, child: ast.AST) -> bool:
     """Return whether executing a node always executes one of those directly below it.
 
-    A loop counts as one that runs at least once, and is not left before.
+    A loop counts as one that runs at least once.
     """
     if isinstance(child, ast.stmt):
         if not isinstance(above, ast.For | ast.While) or child not in above.body:
             return False  # even a `with` may catch what a wrong name raises
         earlier = above.body[: above.body.index(child)]
-        return not any(map(_may_continue, earlier))
+        return not any(map(_may_end, earlier))
     match above:
         case ast.BoolOp():
             return child is above.values[0]
@@ -342,13 +306,20 @@ def _reaches(above: ast.AST, child: ast.AST) -> bool:
     return True
 
 
-def _may_continue(statement: ast.AST) -> bool:
-    """Return whether a statement may begin the next iteration of the loop in whose body it is."""
-    inner = (
-        ast.For | ast.AsyncFor | ast.While | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
-    )
-    if isinstance(statement, inner):
-        return any(map(_may_continue, getattr(statement, "orelse", ())))
-    if isinstance(statement, ast.Continue):
+def _may_end(statement: ast.AST, is_in_inner: bool = False) -> bool:
+    """Return whether a statement may end the iteration, or the loop, in whose body it is.
+
+    Args:
+      statement: the statement.
+      is_in_inner: whether it is in a loop inside that one.
+    """
+    if isinstance(statement, ast.Return | ast.Raise):
         return True
-    return any(map(_may_continue, ast.iter_child_nodes(statement)))
+    if isinstance(statement, ast.Continue | ast.Break):
+        return not is_in_inner
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return False
+    inner = statement.body if isinstance(statement, ast.For | ast.AsyncFor | ast.While) else []
+    return any(
+        _may_end(child, is_in_inner or child in inner) for child in ast.iter_child_nodes(statement)
+    )

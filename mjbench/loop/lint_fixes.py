@@ -1,8 +1,8 @@
 """Change a script where `mjbench lint` finds what has one safe remedy.
 
-A view that is stored gets `.copy()`. A named access is bound to a name before its loop. Nothing
-else in the file changes: the changed file is parsed again, and its syntax must be that of the old
-one with just these changes.
+A view that goes into a log gets `.copy()`. A named access is bound to a name before its loop.
+Nothing else in the file changes: the changed file is parsed again, and its syntax must be that of
+the old one with just these changes.
 """
 
 import ast
@@ -15,6 +15,8 @@ from pathlib import Path
 from mjbench.errors import one_line, printable, writing
 from mjbench.instrument import files as stored_files
 from mjbench.loop import lint
+from mjbench.loop.certain_names import CertainNames
+from mjbench.loop.copying import Copying
 from mjbench.loop.hoisting import Hoisting, Refusal
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.python_source import Program, read_program
@@ -149,17 +151,23 @@ def _result(
 
 def _plan(program: Program, codes: Collection[str]) -> _Plan:
     script = SteppingScript(program.tree)
+    names = CertainNames(program, script)
+    copying = Copying(program, script, names)
     copied: list[ast.expr] = []
     calls: list[ast.Call] = []
+    refusals = []
     for rule, match in lint.matches(program, script, codes):
         if rule.code == STORED_VIEW:
             assert isinstance(match.node, ast.expr)
-            copied.append(match.node)
+            if reason := copying.refusal(match.node):
+                refusals.append(Refusal(STORED_VIEW, match.node, reason))
+            else:
+                copied.append(match.node)
         elif rule.code == NAMED_ACCESS:
             assert isinstance(match.node, ast.Call)
             calls.append(match.node)
-    hoisting = Hoisting(program, script).plan(calls)
-    return _Plan(Changes(copied, hoisting.hoists), hoisting.refusals)
+    hoisting = Hoisting(program, script, names).plan(calls)
+    return _Plan(Changes(copied, hoisting.hoists), [*refusals, *hoisting.refusals])
 
 
 def _lines(text: str) -> list[str]:

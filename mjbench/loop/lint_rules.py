@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from mjbench.loop.script_names import last_name
 from mjbench.loop.stepping_script import SteppingScript
+from mjbench.loop.stored_views import StoredViews
 
 # The codes of the rules on views that outlive their step, and on names looked up in every step.
 STORED_VIEW, NAMED_ACCESS = "MJB001", "MJB002"
@@ -65,17 +66,7 @@ class Rule:
 
 def _stored_views(script: SteppingScript) -> Iterator[Match]:
     """Yield views that outlive the iteration in which they were taken."""
-    for loop in (*script.loops, *script.environment_loops):
-        for node in loop.inner:
-            yield from map(Match, script.stored_views(node))
-    for method in script.methods:
-        for node in method.inner:
-            if script.attribute_of_self(node):
-                yield from map(Match, script.stored_views(node))
-    for comprehension in script.comprehensions:
-        element = comprehension.elt
-        elements = element.elts if isinstance(element, ast.Tuple) else [element]
-        yield from (Match(e) for e in elements if script.is_view(e))
+    yield from map(Match, StoredViews(script).all())
 
 
 def _named_access(script: SteppingScript) -> Iterator[Match]:

@@ -1,8 +1,9 @@
 """Where the names of a script are bound, and whether a name stays what it is during a loop.
 
 Scopes are those of functions and of the module, as Python resolves names. A name that a `global` or
-`nonlocal` statement mentions may be bound again anywhere, and so may a module's name where the
-script calls `exec`, `setattr`, `globals` or the like, or sets such an attribute of a module.
+`nonlocal` statement mentions may be bound again anywhere, and so may every name where the script
+uses `exec`, `setattr`, `globals` or the like, and a module's name where it sets such an attribute
+of a module.
 """
 
 import ast
@@ -10,18 +11,16 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 Scope = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
+# What may pass by what is in it, or end early; the values of an assignment included.
+_BRANCHES = ast.If | ast.IfExp | ast.BoolOp | ast.For | ast.AsyncFor | ast.While | ast.Try
+_BRANCHES |= ast.Match | ast.ExceptHandler
 _STAR = "*"  # what `from module import *` binds, in place of names that are not known
+# What may read or bind names by their spelling.
 _REACHES_NAMES = {
-    "delattr",
-    "eval",
-    "exec",
-    "globals",
-    "import_module",
-    "locals",
-    "setattr",
-    "vars",
+    *("delattr", "dir", "eval", "exec", "globals", "import_module", "locals", "setattr", "vars"),
+    *("__dict__", "__globals__", "__import__", "__main__", "__setattr__", "cell_contents"),
+    *("f_globals", "f_locals", "modules", "patch"),
 }
-_REACHES_NAMES |= {"__import__", "__dict__", "modules"}
 
 
 class NameBindings:
@@ -29,7 +28,8 @@ class NameBindings:
 
     Attributes:
       identifiers: all names in it, those of attributes and arguments included.
-      reaches_names: whether it can bind names by their spelling, as `exec` does.
+      declared: those that a `global` or `nonlocal` statement mentions.
+      reaches_names: whether it can read or bind names by their spelling, as `exec` does.
     """
 
     def __init__(self, tree: ast.Module, parents: Mapping[ast.AST, ast.AST]):
@@ -42,14 +42,14 @@ class NameBindings:
         self._parents = parents
         self._bindings: defaultdict[tuple[Scope, str], list[ast.AST]] = defaultdict(list)
         self._origins: defaultdict[str, set[str]] = defaultdict(set)
-        self._declared: set[str] = set()
+        self.declared: set[str] = set()
         self.reaches_names = False
         self.identifiers: set[str] = set()
         self._set_in_modules = _set_in_modules(tree)
         for node in ast.walk(tree):
             self.identifiers.update(_identifiers(node))
             if isinstance(node, ast.Global | ast.Nonlocal):
-                self._declared.update(node.names)
+                self.declared.update(node.names)
             elif _REACHES_NAMES.intersection(_identifiers(node)):
                 self.reaches_names = True
             for name in bound_by(node):
@@ -81,21 +81,41 @@ class NameBindings:
             return f"where {name} gets its value is not known"
         if any({name, _STAR}.intersection(bound_by(node)) for node in ast.walk(loop)):
             return f"the loop binds {name} again"
-        if name in self._declared:
+        if name in self.declared:
             return f"a global or nonlocal statement names {name}"
-        if isinstance(owner, ast.Module) and self.reaches_names:
-            return f"exec, setattr, globals or the like could bind {name} again"
+        if self.reaches_names:
+            return f"exec, setattr, globals or the like could reach {name}"
         if isinstance(owner, ast.Module) and name in self._set_in_modules:
             return f"the script sets {name} of a module, which may be this one"
         if owner is not self.scope_of(loop) and not self._is_bound_once(name, owner):
             return f"{name} belongs to another scope, which may bind it again"
         return ""
 
+    def is_certainly_bound(self, name: str, loop: ast.For | ast.While) -> bool:
+        """Return whether a name has a value before a loop, whichever branches a script takes.
+
+        One that is bound under an `if`, in a `try` or by another loop may have none, and None may
+        stand for a value that is missing, unless the loop is in the same place. A parameter counts.
+        """
+        owner = self.owner(name, loop)
+        if owner is None:
+            return False
+        around = set(self._nodes_up_to(loop, owner))
+        for node in self._bindings[owner, name]:
+            above = list(self._nodes_up_to(node, owner))
+            if any(isinstance(n, _BRANCHES) and n not in around for n in above):
+                return False
+            values = [n.value for n in above if isinstance(n, ast.Assign | ast.AnnAssign)]
+            values += [e for v in values if isinstance(v, ast.Tuple) for e in v.elts]
+            if any(isinstance(v, _BRANCHES) or _is_none(v) for v in values):
+                return False
+        return True
+
     def origin(self, dotted: str) -> str:
         """Return what a dotted name was imported as, such as `mujoco.mj_step`; empty if unknown."""
         root, _, rest = dotted.partition(".")
         origins = self._origins.get(root, set())
-        if len(origins) != 1 or root in self._declared:
+        if len(origins) != 1 or root in self.declared:
             return ""
         (origin,) = origins
         return ".".join(filter(None, (origin, rest))) if origin else ""
@@ -155,6 +175,10 @@ def _set_in_modules(tree: ast.Module) -> set[str]:
         and isinstance(node.value, ast.Name)
         and node.value.id in imported
     }
+
+
+def _is_none(node: ast.AST | None) -> bool:
+    return isinstance(node, ast.Constant) and node.value is None
 
 
 def _identifiers(node: ast.AST) -> Iterator[str]:

@@ -82,14 +82,6 @@ def assignments(tree: ast.Module) -> Iterator[tuple[ast.AST, ast.AST]]:
                     yield target, node.value
 
 
-def container_names(tree: ast.Module) -> set[str]:
-    """Return the dotted names that a list or a dict was assigned to."""
-    names = {
-        dotted_name(target) for target, value in assignments(tree) if _creates_container(value)
-    }
-    return names - {""}
-
-
 def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     """Return the expressions and statements below a node, without those of functions in it."""
     inside: list[ast.expr | ast.stmt] = []
@@ -104,10 +96,11 @@ def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
     return inside
 
 
-def _creates_container(node: ast.AST) -> bool:
-    """Return whether an expression creates a list or a dict."""
+def creates_container(node: ast.AST | None) -> bool:
+    """Return whether an expression creates a list, a deque or a dict."""
     while isinstance(node, ast.BinOp):  # [None] * n
         node = node.left
     if isinstance(node, ast.Call):
-        return last_name(node.func) in ("list", "dict", "defaultdict", "deque")
+        is_latest = any(ast.unparse(keyword) == "maxlen=1" for keyword in node.keywords)
+        return last_name(node.func) in ("list", "dict", "defaultdict", "deque") and not is_latest
     return isinstance(node, ast.List | ast.Dict | ast.ListComp | ast.DictComp)

@@ -13,10 +13,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.script_names import (
     FUNCTIONS,
     assignments,
-    container_names,
     data_names,
     dotted_name,
     environment_names,
@@ -25,7 +25,6 @@ from mjbench.loop.script_names import (
     model_names,
     nodes_inside,
 )
-from mjbench.loop.view_writes import WritesThrough, peeled
 
 # Methods that step an environment; that of Gymnasium's MujocoEnv, which no other class has.
 _ENVIRONMENT_STEPS, _SIMULATION_STEPS = {"step", "step_wait"}, {"do_simulation"}
@@ -42,9 +41,9 @@ _MODEL_ACCESSORS = _DATA_ACCESSORS | {
 }
 # What such a part has that is not an array.
 _NUMBERS_AND_NAMES = {"id", "name"}
-# Methods of an array that return a view of it, and methods of a container that store an argument.
-_VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
-_STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
+# Methods of an array that return a view of it; those that do so where it is contiguous.
+_VIEW_METHODS = {"view", "transpose", "squeeze", "swapaxes"}
+_RESHAPING_METHODS = {"ravel", "reshape"}
 _NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
 _FIELDS = re.compile(
@@ -58,10 +57,6 @@ _MATRICES = re.compile(
     r"(x(pos|quat|mat)|xi(pos|mat)|xanchor|xaxis|mocap_\w+|\w+_x(pos|mat|dir)|subtree_\w+|c(vel|acc|"
     r"inert|rb|dof\w*|frc_\w+)|xfrc_applied)$"
 )
-
-
-# Inputs of a step, which programs write.
-_INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +94,14 @@ class SteppingScript:
       environment_loops: those of the others that step an environment.
       methods: that step, the engine or an environment.
       episode_loops: those of them, all `for`, that have another one inside.
-      comprehensions: list comprehensions and generators that step.
+      comprehensions: list comprehensions that step.
+      tree: the syntax.
       parents: the node above each node.
+      bindings: of its names.
     """
 
     def __init__(self, tree: ast.Module):
+        self.tree = tree
         self.parents: Mapping[ast.AST, ast.AST] = {
             child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
         }
@@ -120,12 +118,14 @@ class SteppingScript:
         }
         self._data_names = data_names(tree)
         self._model_names = model_names(tree)
-        self._accessor_names = self._names_of_accessors(tree)
-        self._container_names = container_names(tree)
-        self._writes = WritesThrough(tree)
+        self.bindings = NameBindings(tree, self.parents)
+        self._values = dict(assignments(tree))
+        self._values_of_attributes: dict[str, list[ast.AST | None]] = {}
+        for target, value in self._values.items():
+            self._values_of_attributes.setdefault(dotted_name(target), []).append(value)
         steps = (n for n in ast.walk(tree) if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
-        self._step_loops = {next(self._loops_around(node), None) for node in steps}
+        self._step_loops = {next(self.loops_around(node), None) for node in steps}
         loops = [node for node in ast.walk(tree) if isinstance(node, ast.For | ast.While)]
         self.loops = self._stepping_loops(loops)
         self.environment_loops = self._environment_loops(loops)
@@ -163,76 +163,51 @@ class SteppingScript:
             and (self._steps_inside(node) or self._steps_environment_inside(node))
         ]
 
-    def _comprehensions(self, tree: ast.Module) -> list[ast.ListComp | ast.GeneratorExp]:
+    def _comprehensions(self, tree: ast.Module) -> list[ast.ListComp]:
         return [
             node
             for node in ast.walk(tree)
-            if isinstance(node, ast.ListComp | ast.GeneratorExp)
+            if isinstance(node, ast.ListComp)
             and (self._steps_inside(node) or self._steps_environment_inside(node))
         ]
 
     def is_view(self, node: ast.AST) -> bool:
         """Return whether an expression is a view of MuJoCo's memory."""
         if isinstance(node, ast.Attribute):
-            if node.attr in ("T", "flat"):
+            if node.attr == "T":
                 return self.is_view(node.value)
-            if self._is_named_part(node.value):
+            if self.is_named_part(node.value):
                 return node.attr not in _NUMBERS_AND_NAMES
-            return self._is_data(node.value) and bool(_FIELDS.match(node.attr))
+            return self.is_data(node.value) and bool(_FIELDS.match(node.attr))
         if isinstance(node, ast.Subscript):
-            is_row = isinstance(node.value, ast.Attribute) and self._is_named_part(node.value.value)
+            is_row = isinstance(node.value, ast.Attribute) and self.is_named_part(node.value.value)
             return self.is_view(node.value) and _index_gives_view(node, is_row)
         if isinstance(node, ast.Call):
+            if node.keywords:  # `dtype` or `order` may make a copy
+                return False
             if isinstance(node.func, ast.Attribute) and node.func.attr in _VIEW_METHODS:
                 return self.is_view(node.func.value)
-            is_asarray = last_name(node.func) == "asarray"
-            return is_asarray and bool(node.args) and self.is_view(node.args[0])
+            if isinstance(node.func, ast.Attribute) and node.func.attr in _RESHAPING_METHODS:
+                array = node.func.value
+                is_whole = isinstance(array, ast.Attribute) and array.attr != "T"
+                return is_whole and self.is_view(array)
+            is_asarray = self.bindings.origin(dotted_name(node.func)) == "numpy.asarray"
+            return is_asarray and len(node.args) == 1 and self.is_view(node.args[0])
         return False
 
-    def stored_views(self, node: ast.AST) -> Iterator[ast.expr]:
-        """Yield the views that a statement or a call of a loop stores for later, to be read.
+    def assigned(self, node: ast.AST) -> list[ast.AST | None]:
+        """Return what was assigned to a name in its scope, or to an attribute anywhere.
 
-        Views of inputs, such as `ctrl`, are left out: a program may store them to write through
-        them. So is what is stored where the script writes through it.
+        None stands for what a name gets by other means, as a parameter does.
         """
-        place = _place_of_storage(node)
-        if place is None or self._writes.through(place):
-            return
-        for view in self._storage(node):
-            if not self._is_input(view) and not self._is_of_new_data(view):
-                yield view
-
-    def _is_input(self, view: ast.expr) -> bool:
-        """Return whether a view is one of an input of a step."""
-        attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
-        return any(map(_INPUTS.match, attributes))
-
-    def _is_of_new_data(self, view: ast.expr) -> bool:
-        """Return whether the MjData of a view is created in the same iteration of a loop."""
-        names = {dotted_name(n) for n in ast.walk(view) if isinstance(n, ast.Attribute | ast.Name)}
-        return any(
-            isinstance(n, ast.Assign)
-            and isinstance(n.value, ast.Call)
-            and last_name(n.value.func) in ("MjData", "copy", "deepcopy")
-            and names.intersection(map(dotted_name, n.targets))
-            for loop in self._loops_around(view)
-            for n in nodes_inside(loop)
-        )
-
-    def _storage(self, node: ast.AST) -> Iterator[ast.expr]:
-        """Yield the views that a statement or a call stores."""
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            if node.func.attr in _STORING_METHODS and not self.is_numpy_call(node):
-                for argument in node.args:
-                    yield from self._views_in(argument)
-        elif isinstance(node, ast.Assign):
-            for target in node.targets:
-                in_attribute = isinstance(target, ast.Attribute) and not self._is_data(target.value)
-                in_container = isinstance(target, ast.Subscript) and self._is_container_name(
-                    target.value
-                )
-                if in_attribute or in_container:
-                    yield from self._views_in(node.value)
+        if not isinstance(node, ast.Name):
+            name = dotted_name(node)
+            return self._values_of_attributes.get(name, []) if name else []
+        if node.id in self.bindings.declared:
+            return [None]
+        owner = self.bindings.owner(node.id, node)
+        targets = self.bindings.bindings(node.id, owner) if owner is not None else ()
+        return [self._values.get(target) for target in targets]
 
     def attribute_of_self(self, node: ast.AST) -> bool:
         """Return whether a statement or a call stores something in an attribute of `self`."""
@@ -244,7 +219,7 @@ class SteppingScript:
 
     def is_named_access(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)`, `model.body(…)` or the like."""
-        return self._is_access_to_data(node) or (
+        return self.is_access_to_data(node) or (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
             and node.func.attr in _MODEL_ACCESSORS
@@ -253,7 +228,7 @@ class SteppingScript:
 
     def step_loop_around(self, node: ast.AST) -> ast.For | ast.While | None:
         """Return the innermost loop around a node that calls `mj_step` itself; None without one."""
-        return next((n for n in self._loops_around(node) if n in self._step_loops), None)
+        return next((n for n in self.loops_around(node) if n in self._step_loops), None)
 
     def is_numpy_call(self, node: ast.Call) -> bool:
         """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
@@ -311,54 +286,27 @@ class SteppingScript:
         parts = owner.split(".")
         return bool(_ENVIRONMENTS.intersection(parts)) or owner in self._environment_names
 
-    def _is_data(self, node: ast.AST) -> bool:
+    def is_data(self, node: ast.AST) -> bool:
         """Return whether an expression is an MjData."""
         name = dotted_name(node)
         return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
 
-    def _is_access_to_data(self, node: ast.AST) -> bool:
+    def is_access_to_data(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)` or the like."""
         return (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
             and node.func.attr in _DATA_ACCESSORS
-            and self._is_data(node.func.value)
+            and self.is_data(node.func.value)
         )
 
-    def _is_named_part(self, node: ast.AST) -> bool:
+    def is_named_part(self, node: ast.AST) -> bool:
         """Return whether a node is the part of an MjData that belongs to a named element."""
-        return self._is_access_to_data(node) or dotted_name(node) in self._accessor_names
+        values = self.assigned(node)
+        is_name = bool(values) and all(v is not None and self.is_access_to_data(v) for v in values)
+        return is_name or self.is_access_to_data(node)
 
-    def _names_of_accessors(self, tree: ast.Module) -> set[str]:
-        """Return the dotted names that nothing but parts of an MjData were assigned to."""
-        values: dict[str, list[ast.AST]] = {}
-        for target, value in assignments(tree):
-            values.setdefault(dotted_name(target), []).append(value)
-        return {
-            name
-            for name, assigned in values.items()
-            if name and all(map(self._is_access_to_data, assigned))
-        }
-
-    def _views_in(self, node: ast.AST) -> Iterator[ast.expr]:
-        """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
-        if isinstance(node, ast.expr) and self.is_view(node):
-            yield node
-        elif isinstance(node, ast.Tuple | ast.List):
-            for element in node.elts:
-                yield from self._views_in(element)
-        elif isinstance(node, ast.Dict):
-            for value in node.values:
-                yield from self._views_in(value)
-        elif isinstance(node, ast.Call) and last_name(node.func) == "dict":
-            for keyword in node.keywords:
-                yield from self._views_in(keyword.value)
-
-    def _is_container_name(self, node: ast.AST) -> bool:
-        """Return whether a name was assigned a list or a dict; an array copies what is put in."""
-        return dotted_name(node) in self._container_names
-
-    def _loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
+    def loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
         child, parent = node, self.parents.get(node)
         while parent is not None:
@@ -367,15 +315,6 @@ class SteppingScript:
                 if not (is_iterable or child in parent.orelse):  # these are evaluated once
                     yield parent
             child, parent = parent, self.parents.get(parent)
-
-
-def _place_of_storage(node: ast.AST) -> str | None:
-    """Return the dotted name of what a statement or a call stores in; None for several places."""
-    if isinstance(node, ast.Call):
-        return dotted_name(node.func.value) if isinstance(node.func, ast.Attribute) else None
-    if not isinstance(node, ast.Assign) or len(node.targets) > 1:
-        return None  # `a = rows[i] = data.qpos`: `a` is a name for the view
-    return dotted_name(peeled(node.targets[0]))
 
 
 def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
@@ -387,8 +326,17 @@ def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     """
     index = node.slice
     parts = index.elts if isinstance(index, ast.Tuple) else [index]
+    if not all(isinstance(part, ast.Slice) or _is_integer(part) for part in parts):
+        return False  # an array as an index makes a copy, and a name may stand for one
     if any(isinstance(part, ast.Slice) for part in parts):
         return True
-    if isinstance(index, ast.Tuple | ast.List) or not isinstance(node.value, ast.Attribute):
+    if isinstance(index, ast.Tuple) or not isinstance(node.value, ast.Attribute):
         return False
     return not is_row and bool(_MATRICES.match(node.value.attr))
+
+
+def _is_integer(node: ast.AST) -> bool:
+    """Return whether an expression is a number such as 2 or -1."""
+    if isinstance(node, ast.UnaryOp):
+        node = node.operand
+    return isinstance(node, ast.Constant) and type(node.value) is int

@@ -1,13 +1,28 @@
-"""Where a script writes through what it stored: into arrays, not over the names that hold them."""
+"""Where a script may write through what it stored: into arrays, not over the names that hold them.
+
+Names are followed through assignments, loops, parameters and returned values, wherever they stand:
+what may hold a part of something counts as written with it. Too much rather than too little counts.
+"""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
-from mjbench.loop.script_names import assignments, dotted_name
+from mjbench.loop.name_bindings import bound_by
+from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name
 
-# Methods of an array that write to it, and functions of NumPy that write to their first argument.
+# Methods of an array that write to it, and functions that write to an argument.
 _WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
-_WRITING_FUNCTIONS = {"copyto", "fill_diagonal", "place", "put", "put_along_axis", "putmask"}
+_WRITING_FUNCTIONS = {
+    *("at", "copyto", "fill_diagonal", "partial", "place", "put", "put_along_axis", "putmask"),
+    *("setitem", "shuffle"),
+}
+# Functions that return new memory, and what is the array itself.
+_COPYING = {
+    *("array", "concatenate", "copy", "deepcopy", "float", "hstack", "len", "max", "mean", "min"),
+    *("norm", "print", "range", "repr", "stack", "std", "str", "sum", "tolist", "vstack"),
+}
+_WHOLE = {"T", "flat"}
+_Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def peeled(node: ast.AST) -> ast.AST:
@@ -17,78 +32,139 @@ def peeled(node: ast.AST) -> ast.AST:
             node = node.value
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             node = node.func.value
-        elif isinstance(node, ast.Attribute) and not dotted_name(node):
+        elif isinstance(node, ast.Attribute) and (not dotted_name(node) or node.attr in _WHOLE):
             node = node.value
         else:
             return node
 
 
 class WritesThrough:
-    """The names through which a script writes, aliases included.
+    """The names through which a script may write.
 
-    A name counts if the script writes into an entry of what it holds, or of an entry of that:
-    `a[:] = x`, `rows[0][0] = x`, `a += x`, `out=a`, `np.copyto(a, x)`, `a.fill(x)`. `rows[i] = x`
-    alone stores, and does not write through `rows`.
+    `a[:] = x`, `a += x`, `out=a`, `np.copyto(a, x)` and `a.fill(x)` write into an array; so does
+    `rows[0][0] = x`, into an entry of `rows`. `rows[i] = x` alone replaces an entry.
     """
 
     def __init__(self, tree: ast.Module):
         """Find them."""
-        self._names = {name for node in ast.walk(tree) for name in _written(node)}
-        aliases = list(_aliases(tree))
-        while more := {
-            source
-            for target, source in aliases
-            if target in self._names and source not in self._names
-        }:
+        nodes = list(ast.walk(tree))
+        indexed = {name for node in nodes for name in _indexed(node)}
+        self._names = {name for node in nodes for name in _written(node)} - {""}
+        functions = {node.name: node for node in nodes if isinstance(node, FUNCTIONS)}
+        aliases = [pair for node in nodes for pair in _aliases(node, functions)]
+        written = indexed | self._names
+        while more := {source for target, source in aliases if target in written} - self._names:
             self._names |= more
+            written = indexed | self._names
+        self._attributes = {name.rpartition(".")[2] for name in written if "." in name}
 
-    def through(self, name: str) -> bool:
-        """Return whether the script writes through a name, or through an attribute so called."""
-        return bool(name) and name in self._names
+    def through_entries(self, name: str) -> bool:
+        """Return whether the script may write into an entry of what a dotted name holds."""
+        return name in self._names
+
+    def through_attribute(self, attribute: str) -> bool:
+        """Return whether the script may write into an array that is an attribute so called."""
+        return attribute in self._attributes
+
+
+def _indexed(node: ast.AST) -> Iterator[str]:
+    """Yield the name that a node assigns to an index of, as `a[0] = x` does."""
+    if isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
+        yield dotted_name(peeled(node.value))
 
 
 def _written(node: ast.AST) -> Iterator[str]:
     """Yield the dotted names that a node writes through."""
     if isinstance(node, ast.AugAssign):
-        yield dotted_name(peeled(node.target))
-    elif isinstance(node, ast.Assign):
-        for target in node.targets:
-            yield from _written_target(target)
+        if not isinstance(node.value, ast.List | ast.ListComp):  # `log += [x]`
+            yield dotted_name(peeled(node.target))
+    elif isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load):
+        is_whole = isinstance(node.value, ast.Attribute) and node.value.attr in _WHOLE
+        if is_whole or isinstance(node.value, ast.Subscript | ast.Call):
+            yield dotted_name(peeled(node.value))
     elif isinstance(node, ast.Call):
         yield from (dotted_name(peeled(k.value)) for k in node.keywords if k.arg == "out")
+        function = last_name(node.func)
         if isinstance(node.func, ast.Attribute):
-            if node.func.attr in _WRITING_METHODS:
+            function = node.func.attr
+            if function in _WRITING_METHODS:
                 yield dotted_name(peeled(node.func.value))
-            if node.func.attr in _WRITING_FUNCTIONS and node.args:
-                yield dotted_name(peeled(node.args[0]))
+        if function in _WRITING_FUNCTIONS or function.startswith("mju_"):
+            yield from (name for argument in node.args for name in _held(argument))
+        elif dotted_name(node.func).startswith(("np.", "numpy.")) and "save" not in function:
+            for argument in node.args[2:]:  # `out`, perhaps
+                yield dotted_name(peeled(argument))
 
 
-def _written_target(target: ast.AST) -> Iterator[str]:
-    if isinstance(target, ast.Tuple | ast.List):
-        for element in target.elts:
-            yield from _written_target(element)
-    elif isinstance(target, ast.Subscript):
-        base, is_deep = target.value, _is_whole(target.slice)
-        is_deep = is_deep or isinstance(base, ast.Subscript | ast.Call)
-        # `self.ctrl[0] = x` writes into an array, `rows[0] = x` replaces an entry of a list
-        if is_deep or isinstance(base, ast.Attribute):
-            yield dotted_name(peeled(base))
+def _held(value: ast.AST) -> Iterator[str]:
+    """Yield the dotted names of which an expression may be a part, with what they belong to."""
+    waiting = [value]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Call) and last_name(node.func) in _COPYING:
+            continue
+        if isinstance(node, ast.BinOp | ast.Compare | ast.Constant) and not _joins_lists(node):
+            continue
+        if isinstance(node, ast.Name | ast.Attribute):
+            yield dotted_name(node)
+        waiting += ast.iter_child_nodes(node)
 
 
-def _is_whole(index: ast.AST) -> bool:
-    """Return whether an index is a slice, which writes into an array rather than replacing it."""
-    parts = index.elts if isinstance(index, ast.Tuple) else [index]
-    return any(isinstance(part, ast.Slice) for part in parts)
+def _joins_lists(node: ast.AST) -> bool:
+    """Return whether an expression is a sum with a list, not one of arrays, which is new memory."""
+    terms = (node.left, node.right) if isinstance(node, ast.BinOp) else ()
+    return any(isinstance(term, ast.List | ast.ListComp) for term in terms)
 
 
-def _aliases(tree: ast.Module) -> Iterator[tuple[str, str]]:
-    """Yield names and what they were taken from, such as `v` and `views` of `v = views[0]`."""
-    for target, value in assignments(tree):
-        if name := dotted_name(peeled(value)):
-            yield dotted_name(target), name
-    for node in ast.walk(tree):
-        if isinstance(node, ast.For | ast.comprehension):
-            names = [n for n in ast.walk(node.target) if isinstance(n, ast.Name)]
-            sources = [n for n in ast.walk(node.iter) if isinstance(n, ast.Name | ast.Attribute)]
-            for target in names:
-                yield from ((target.id, dotted_name(source)) for source in sources)
+def _aliases(node: ast.AST, functions: Mapping[str, _Function]) -> Iterator[tuple[str, str]]:
+    """Yield names that a node binds, each with what it may then be a part of."""
+    targets, values = _binding(node, functions)
+    sources = {source for value in values for source in _held(value)} - {""}
+    for name in {name for target in targets for name in _stored(target)}:
+        yield from ((name, source) for source in sources if source != name)
+
+
+def _binding(
+    node: ast.AST, functions: Mapping[str, _Function]
+) -> tuple[Sequence[ast.AST], Sequence[ast.AST]]:
+    """Return what a node binds, and the expressions of whose values that may get a part."""
+    match node:
+        case ast.Assign():
+            return node.targets, [node.value]
+        case ast.AnnAssign(value=ast.expr() as value) | ast.NamedExpr(value=value):
+            return [node.target], [value]
+        case ast.For() | ast.comprehension():
+            return [node.target], [node.iter]
+        case ast.withitem(optional_vars=ast.expr() as target):
+            return [target], [node.context_expr]
+        case ast.Match():
+            return [case.pattern for case in node.cases], [node.subject]
+        case ast.arguments():
+            return [node], [value for value in (*node.defaults, *node.kw_defaults) if value]
+        case ast.FunctionDef() | ast.AsyncFunctionDef():
+            ends = (n for n in ast.walk(node) if isinstance(n, ast.Return | ast.Yield))
+            return [ast.Name(node.name, ast.Store())], [end.value for end in ends if end.value]
+        case ast.Call():
+            values = [*node.args, *(keyword.value for keyword in node.keywords)]
+            function = functions.get(last_name(node.func))
+            if function is not None:
+                return [function.args], values
+            # `map(lambda v: …, views)`, `views.update(q=q)` and `setattr(self, "views", views)`
+            owners = [a.args for a in node.args if isinstance(a, ast.Lambda)]
+            if isinstance(node.func, ast.Attribute):
+                return [*owners, ast.Subscript(node.func.value, node, ast.Store())], values
+            match values:
+                case [owner, ast.Constant(value=str(name)), _] if last_name(node.func) == "setattr":
+                    return [ast.Attribute(owner, name, ast.Store())], values
+            return owners, values
+    return [], []
+
+
+def _stored(target: ast.AST) -> Iterator[str]:
+    """Yield the dotted names that a target, a pattern or parameters bind, or store something in."""
+    if isinstance(target, ast.Attribute | ast.Subscript):
+        yield dotted_name(peeled(target))
+        return
+    yield from bound_by(target)
+    for child in ast.iter_child_nodes(target):
+        yield from _stored(child)

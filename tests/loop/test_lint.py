@@ -262,7 +262,7 @@ def test_an_element_of_a_named_view_is_a_number(tmp_path: Path) -> None:
             def reset_model(self):
                 mujoco.mj_step(self.model, self.data)
                 self.height = self.data.geom("box").xpos[2]
-                self.corner = self.data.geom("box").xpos[:2]
+                self.init_corner = self.data.geom("box").xpos[:2]
         """,
     )
     assert [(f.line, f.code) for f in results] == [(6, "MJB001")]

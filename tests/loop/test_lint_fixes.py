@@ -14,6 +14,8 @@ from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
 from mjbench.loop.script_files import UncheckedFile
 
 LOOP = "for i in range(9):\n    mj_step(model, data)\n    {line}\n"
+# What makes `log.append(data.qpos)` in the loop a log that can be corrected.
+LOG = "import numpy as np\nfrom mujoco import MjData, mj_step\nlog, data = [], MjData(model)\n"
 # A loop out of which `data.joint('a')` can be hoisted.
 ACCESS = """\
 from mujoco import MjData, mj_step
@@ -47,7 +49,7 @@ def fixed(file: Path, content: bytes) -> bytes:
 def test_a_stored_view_gets_a_copy_and_nothing_else_changes(
     tmp_path: Path, line: str, after: str
 ) -> None:
-    text, expected = LOOP.format(line=line), LOOP.format(line=after)
+    text, expected = LOG + LOOP.format(line=line), LOG + LOOP.format(line=after)
     assert fixed(tmp_path / "script.py", text.encode()).decode() == expected
     remaining = lint.check(str(tmp_path / "script.py"))
     assert all(finding.code != STORED_VIEW for finding in remaining)
@@ -56,7 +58,8 @@ def test_a_stored_view_gets_a_copy_and_nothing_else_changes(
 @pytest.mark.parametrize("end", ["\r\n", "\r", "\n"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
 def test_encoding_and_line_ends_stay(tmp_path: Path, end: str, encoding: str) -> None:
-    declared = f"# coding: {encoding}\nname = 'ö'\n" + LOOP.format(line="log.append(data.qpos)")
+    loop = LOOP.format(line="log.append(data.qpos)")
+    declared = f"# coding: {encoding}\nname = 'ö'\n{LOG}{loop}"
     content = declared.replace("\n", end).encode(encoding)
     expected = content.replace(b"data.qpos)", b"data.qpos.copy())")
     assert fixed(tmp_path / "script.py", content) == expected
@@ -123,7 +126,7 @@ def notebook(*sources: str | list[str], **layout: Any) -> bytes:
 def test_a_notebook_changes_in_its_loop_alone(
     tmp_path: Path, layout: dict[str, Any], line_end: bytes, as_lines: bool
 ) -> None:
-    setup, loop = "%pip install ö\n", ACCESS.replace("print(", "log.append(")
+    setup, loop = "%pip install ö\n", "log = []\n" + ACCESS.replace("print(", "log.append(")
     after = loop.replace("data.joint('a').qpos", "a_joint.qpos.copy()").replace(
         "for", "a_joint = data.joint('a')\nfor"
     )
@@ -191,7 +194,7 @@ def test_a_diff_is_one_that_patch_understands(tmp_path: Path) -> None:
 
 def test_a_link_stays_a_link_and_permissions_stay(tmp_path: Path) -> None:
     file, link = tmp_path / "script.py", tmp_path / "link.py"
-    file.write_text(LOOP.format(line="log.append(data.qpos)"))
+    file.write_text(LOG + LOOP.format(line="log.append(data.qpos)"))
     file.chmod(0o640)
     link.symlink_to(file)
     result = lint_fixes.fix(str(link))
@@ -204,7 +207,7 @@ def test_a_link_stays_a_link_and_permissions_stay(tmp_path: Path) -> None:
 
 def test_rules_that_are_not_checked_change_nothing(tmp_path: Path) -> None:
     file = tmp_path / "script.py"
-    file.write_text(ACCESS + LOOP.format(line="log.append(data.qpos)"))
+    file.write_text(f"log = []\n{ACCESS}" + LOOP.format(line="log.append(data.qpos)"))
     assert lint_fixes.fix(str(file), ["MJB003"]).fixed == 0
     assert lint_fixes.fix(str(file), [STORED_VIEW]).fixed == 1
     assert lint_fixes.fix(str(file), [NAMED_ACCESS]).fixed == 1

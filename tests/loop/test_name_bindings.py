@@ -64,7 +64,7 @@ def test_a_name_that_nothing_binds_again_stays() -> None:
         ("x = 0\ndef f(x):\n  x = 1\n  for i in j: x\n", ""),
         ("x = 0\ndef g():\n  global x\ndef f():\n  for i in j: x\n", "a global or nonlocal"),
         ("x = 0\nvars()\ndef f():\n  for i in j: x\n", "exec, setattr"),
-        ("vars()\ndef f(x):\n  for i in j: x\n", ""),
+        ("vars()\ndef f(x):\n  for i in j: x\n", "exec, setattr"),
         ("class C:\n  x = 0\n  def f(self):\n    for i in j: x\n", "where x gets its value"),
         ("def f(x):\n  def g():\n    for i in j: x\n", ""),
         ("def f(x):\n  def g(y=(x := 1)):\n    for i in j: x\n", ""),
@@ -76,6 +76,32 @@ def test_a_name_of_another_scope_stays_if_it_is_bound_once(text: str, reason: st
     actual = names.rebinding("x", loop_in(tree))
     assert actual.startswith(reason)
     assert bool(actual) == bool(reason)
+
+
+@pytest.mark.parametrize(
+    ("before", "is_bound"),
+    [
+        ("x = 0", True),
+        ("x, y = 0, None", False),
+        ("x = None", False),
+        ("x = 0 if y else None", False),
+        ("x = y or None", False),
+        ("if y: x = 0", False),
+        ("try: x = 0\nexcept E: pass", False),
+        ("for x in y: pass", False),
+        ("with y as x: pass", True),
+        ("import x", True),
+        ("x = load(y or 0)", True),
+    ],
+)
+def test_a_name_has_a_value_where_no_branch_passes_by(before: str, is_bound: bool) -> None:
+    tree, names = bindings(f"if z:\n pass\n{before}\nwhile x: y = x\n")
+    loop = next(node for node in ast.walk(tree) if isinstance(node, ast.While))
+    assert names.is_certainly_bound("x", loop) == is_bound
+    inside, names = bindings("if z:\n  x = 0\n  while x: y = x\n")
+    loop = next(node for node in ast.walk(inside) if isinstance(node, ast.While))
+    assert names.is_certainly_bound("x", loop)
+    assert not names.is_certainly_bound("unknown", loop)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,229 @@
+"""Which stored views can get `.copy()`, and why others cannot.
+
+A copy changes nothing but what a log shows if
+
+- the log is a list or a dict that one statement binds, empty, outside the loop that steps, to a
+  name of the same function or of the module;
+- every iteration of the loop stores the view there, by `log.append(data.qpos)` or
+  `log[i] = data.qpos`, of what is certainly one MjData;
+- all else that the script does with that name is to read and copy the values, after the loop, or to
+  print, save, count or clear them.
+"""
+
+import ast
+from collections.abc import Iterator
+
+from mjbench.loop.certain_names import DATA, CertainNames, Loop
+from mjbench.loop.python_source import Program
+from mjbench.loop.script_names import dotted_name, last_name
+from mjbench.loop.stepping_script import SteppingScript
+from mjbench.loop.stored_views import StoredViews
+
+_APPENDING = {"append", "appendleft"}
+# Functions that return or write copies of all values; those that compute with them; built-in ones.
+_SAVING = {"numpy.save", "numpy.savetxt", "numpy.savez", "numpy.savez_compressed", "pickle.dump"}
+_READING = {
+    f"numpy.{function}"
+    for function in (
+        *("array", "concatenate", "hstack", "max", "mean", "median", "min", "stack", "std", "sum"),
+        *("var", "vstack"),
+    )
+}
+_SHOWING = {"len", "print", "repr", "str"}
+
+
+class Copying:
+    """What is known of a script for copying views."""
+
+    def __init__(self, program: Program, script: SteppingScript, names: CertainNames):
+        """Look at a script.
+
+        Args:
+          program: the script.
+          script: what follows from its syntax.
+          names: what is known of its names.
+        """
+        self._program = program
+        self._script = script
+        self._names = names
+        self._bindings = names.bindings
+        self._parents = script.parents
+        self._stored = StoredViews(script)
+
+    def refusal(self, view: ast.expr) -> str:
+        """Return why a view that a loop stores cannot be copied there; empty if it can."""
+        loop = self._stored.loop_around(view)
+        log = self._log(view)
+        if loop is None or log is None:
+            return "only what is appended, or assigned to a key of a dict, of a name is copied"
+        return (
+            self._passing(view, loop.node)
+            or self._binding(log, loop.node)
+            or self._use(log, view, loop.node)
+            or self._variation(view, loop.node)
+        )
+
+    def _log(self, view: ast.expr) -> ast.Name | None:
+        """Return the name in which a view is stored, itself or in a tuple, a list or a dict."""
+        above = self._parents[view]
+        while isinstance(above, ast.Tuple | ast.List | ast.Dict):
+            above = self._parents[above]
+        return self._stored_in(above)
+
+    def _stored_in(self, node: ast.AST | None) -> ast.Name | None:
+        """Return the name in which a node stores something; None where it is not just that."""
+        place: ast.AST | None = None
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            is_statement = isinstance(self._parents[node], ast.Expr)
+            if is_statement and node.func.attr in _APPENDING and len(node.args) == 1:
+                place = node.func.value
+        elif isinstance(node, ast.Assign) and len(node.targets) == 1:
+            (target,) = node.targets
+            if isinstance(target, ast.Subscript) and not isinstance(target.slice, ast.Slice):
+                place = target.value
+        return place if isinstance(place, ast.Name) else None
+
+    def _passing(self, view: ast.expr, loop: Loop) -> str:
+        """Return why not every iteration of a loop stores a view, or not one in so many."""
+        child: ast.AST = view
+        for node in self._above(view):
+            if isinstance(child, ast.stmt):
+                is_periodic = isinstance(node, ast.If) and any(
+                    isinstance(n, ast.Mod) for n in ast.walk(node.test)
+                )
+                is_certain = is_periodic or node is loop or isinstance(node, ast.For | ast.With)
+                if not is_certain or child not in node.body:  # type: ignore[attr-defined]
+                    return "not every step stores it"
+            if node is loop:
+                break
+            child = node
+        return ""
+
+    def _binding(self, log: ast.Name, loop: Loop) -> str:
+        """Return why a name may not be that of a log alone; empty if it is."""
+        name, scope = log.id, self._bindings.scope_of(loop)
+        if isinstance(scope, ast.ClassDef) or self._bindings.owner(name, log) is not scope:
+            return f"{name} is not of the same function as the loop"
+        if name in self._bindings.declared or self._bindings.reaches_names:
+            return f"a global statement, setattr, globals or the like could reach {name}"
+        nodes = self._bindings.bindings(name, scope)
+        values = self._script.assigned(log)
+        around = set(self._above(nodes[0]))
+        if len(nodes) > 1 or not self._is_empty(values[0]) or loop in around:
+            return f"{name} is not certain to be a list or a dict that is empty before the loop"
+        return f"a command of IPython names {name}" if self._names.is_in_command(name) else ""
+
+    def _is_empty(self, value: ast.AST | None) -> bool:
+        """Return whether an expression makes an empty list or dict, or a deque of several."""
+        if isinstance(value, ast.List):
+            return not value.elts
+        if isinstance(value, ast.Dict):
+            return not value.keys
+        if not isinstance(value, ast.Call) or value.args:
+            return False
+        name = dotted_name(value.func)
+        if name in ("list", "dict") and self._bindings.owner(name, value) is None:
+            return not value.keywords
+        lengths = [keyword.value for keyword in value.keywords]
+        is_long = all(
+            isinstance(n, ast.Constant) and isinstance(n.value, int) and n.value > 1
+            for n in lengths
+        )
+        return self._bindings.origin(name) == "collections.deque" and is_long
+
+    def _use(self, log: ast.Name, view: ast.expr, loop: Loop) -> str:
+        """Return where a log may be used for more than to store, or to read and copy."""
+        scope = self._bindings.scope_of(loop)
+        is_list_of_views = isinstance(self._parents[view], ast.Call)  # `log.append(data.qpos)`
+        for node in ast.walk(scope):
+            if not isinstance(node, ast.Name) or node.id != log.id:
+                continue
+            if isinstance(node.ctx, ast.Store) or self._bindings.owner(log.id, node) is not scope:
+                continue
+            if self._is_store(node) or self._shows(node):
+                continue
+            if is_list_of_views and self._reads(node) and self._is_after(node, loop):
+                continue
+            line = self._program.line_of(node)
+            cell = f"cell {line.cell}, " if line.cell else ""
+            return f"{cell}line {line.number} may do more with {log.id} than read and copy it"
+        return ""
+
+    def _is_store(self, log: ast.Name) -> bool:
+        """Return whether something is stored in a log."""
+        return self._stored_in(self._parents.get(self._parents[log])) is log
+
+    def _is_after(self, node: ast.AST, loop: Loop) -> bool:
+        """Return whether a node runs when a loop has ended, and not in another one that steps."""
+        around = self._stored.loop_around(node)
+        is_of_episode = around is None or around.node in self._above(loop)
+        return is_of_episode and self._bindings.scope_of(node) is self._bindings.scope_of(loop)
+
+    def _shows(self, log: ast.Name) -> bool:
+        """Return whether a log is printed, saved, counted or cleared."""
+        above = self._parents[log]
+        if isinstance(above, ast.FormattedValue):
+            return True
+        if isinstance(above, ast.Attribute):
+            call = self._parents[above]
+            return above.attr == "clear" and isinstance(call, ast.Call)
+        if isinstance(above, ast.keyword):
+            above = self._parents[above]
+        if not isinstance(above, ast.Call) or log is above.func:
+            return False
+        name = dotted_name(above.func)
+        is_built_in = name in _SHOWING and self._bindings.owner(name, above) is None
+        return is_built_in or self._bindings.origin(name) in _SAVING
+
+    def _reads(self, log: ast.Name) -> bool:
+        """Return whether NumPy makes a new array of all values of a log."""
+        call = self._parents[log]
+        if not isinstance(call, ast.Call) or call.args[:1] != [log]:
+            return False
+        has_others = any(keyword.arg != "axis" for keyword in call.keywords)  # such as `dtype`
+        is_of_numpy = self._bindings.origin(dotted_name(call.func)) in _READING
+        is_plain = all(isinstance(argument, ast.Constant) for argument in call.args[1:2])
+        return is_of_numpy and is_plain and len(call.args) < 3 and not has_others
+
+    def _variation(self, view: ast.AST, loop: Loop) -> str:
+        """Return why a view may not be one of a single MjData of mujoco; empty if it is."""
+        root = self._root(view)
+        if root is None:
+            return "its MjData is not a plain name"
+        names = [n.id for n in ast.walk(view) if isinstance(n, ast.Name)]
+        values: list[ast.AST | None] = []
+        if not self._script.is_data(root):  # a name for a view, or for a part of an MjData
+            values = self._script.assigned(root)
+            names.remove(root.id)
+            if self._bindings.owner(root.id, root) is not self._bindings.scope_of(loop):
+                return f"{root.id} belongs to another scope"
+            if not values or None in values:
+                return "its MjData is not a plain name"
+        elif not self._names.is_certainly(root.id, DATA, loop):
+            return f"{root.id} is not certain to be an MjData of mujoco"
+        reasons = [self._names.rebinding(name, loop) for name in names]
+        reasons += [self._variation(value, loop) for value in values if value]
+        return next(filter(None, reasons), "")
+
+    def _root(self, view: ast.AST) -> ast.Name | None:
+        """Return the name of the MjData of a view, or else the name that the view begins with."""
+        node: ast.AST = view
+        while not isinstance(node, ast.Name):
+            if self._script.is_data(node):
+                return None
+            if isinstance(node, ast.Attribute | ast.Subscript):
+                node = node.value
+            elif not isinstance(node, ast.Call):
+                return None
+            elif last_name(node.func) == "asarray":
+                node = node.args[0]
+            elif isinstance(node.func, ast.Attribute):
+                node = node.func.value
+            else:
+                return None
+        return node
+
+    def _above(self, node: ast.AST) -> Iterator[ast.AST]:
+        while node in self._parents:
+            node = self._parents[node]
+            yield node
