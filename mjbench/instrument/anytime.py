@@ -20,6 +20,8 @@ PRIOR = 1.0
 DISTURBED = 5.0
 # Probability at which so few launches on one side of the median could be one of two equal modes.
 SECOND_MODE = 0.001
+# Launches beyond these change little of how many may be left out, and take long to count.
+MOST_LAUNCHES = 1000
 
 
 @dataclass(frozen=True)
@@ -187,12 +189,13 @@ def most_disturbed(count: int) -> int:
     """Return how many of `count` launches can be disturbed, rather than one of two equal modes.
 
     Of launches in two equal modes, no more than that many are in the smaller one with a
-    probability of at most SECOND_MODE (the critical value of the two-sided sign test).
+    probability of at most SECOND_MODE (the critical value of the two-sided sign test). More than
+    `MOST_LAUNCHES` count as that many.
     """
-    total = 0
+    total, count = 0, min(count, MOST_LAUNCHES)
     for number in range(count):
         total += math.comb(count, number)
-        if 2 * total > SECOND_MODE * 2**count:
+        if 2 * total / 2**count > SECOND_MODE:
             return max(number - 1, 0)
     return 0
 

@@ -4,7 +4,8 @@ The bounds are upheld where msgspec reads a file. Where it is missing, as in the
 releases, no file is read, and they are annotations alone.
 """
 
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from mjbench.status import Status
 
@@ -20,6 +21,7 @@ else:
             return tuple(bounds.items())
 
 
+_Item = TypeVar("_Item")
 # So large that nothing derived from two of them overflows.
 _LARGEST_INT, _LARGEST_FLOAT = 10**15, 1e12
 
@@ -36,8 +38,17 @@ AnyFloat = Annotated[float, Meta(ge=-_LARGEST_FLOAT, le=_LARGEST_FLOAT)]
 Share = Annotated[float, Meta(ge=-10, le=10)]
 # So short that it cannot decompress to more than about 64 MiB.
 CompressedText = Annotated[str, Meta(max_length=2**16)]
+# The old and the new, or the baseline and the candidate.
+Pair = Annotated[Sequence[_Item], Meta(min_length=2, max_length=2)]
 # A release of MuJoCo: pages and files are named after it.
-Version = Annotated[str, Meta(pattern=r"^[0-9]+\.[0-9][0-9A-Za-z.!+-]*$", max_length=64)]
+Version = Annotated[
+    str,
+    Meta(
+        pattern=r"^[0-9]+(\.[0-9]+)+([-.]?(a|b|c|rc|alpha|beta|pre|dev|post)[-.]?[0-9]*)*"
+        r"(\+[0-9A-Za-z]+([-_.][0-9]+)*)?$",
+        max_length=64,
+    ),
+]
 # No two targets differ by more than e to the power of this.
 LogRatio = Annotated[float, Meta(ge=-50, le=50)]
 

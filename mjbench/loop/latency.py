@@ -255,6 +255,9 @@ def histogram_quantiles(encoded: str, quantiles: Sequence[float]) -> list[float]
         histogram = HdrHistogram.decode(encoded)
     except Exception as error:  # whatever its parser raises of a damaged text
         raise InputError(f"not an HdrHistogram: {one_line(error)}") from error
+    limits = histogram.highest_trackable_value, histogram.significant_figures
+    if limits != (LARGEST_NS, DIGITS):  # one with others may take minutes to read
+        raise InputError("not a histogram of mjbench: its range or precision is another")
     return [float(histogram.get_value_at_percentile(100 * q)) for q in quantiles]
 
 

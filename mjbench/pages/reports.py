@@ -10,6 +10,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
+from mjbench.errors import printable
 from mjbench.instrument import run_set
 from mjbench.instrument.machine import Machine
 from mjbench.instrument.machine_identity import MachineIdentity
@@ -329,4 +330,11 @@ def _machine_cells(named: NamedRun) -> tuple[str | int, ...]:
     machine: Machine = named.run.header.machine
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     cpu = f"{machine.cpu} (virtual)" if machine.hypervisor else machine.cpu
-    return named.file.name, cpu, machine.usable_cores, machine.system, machine.python, versions
+    return (
+        printable(named.file.name),
+        cpu,
+        machine.usable_cores,
+        machine.system,
+        machine.python,
+        versions,
+    )

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from mjbench.instrument.bounds import (
     NonNegativeFloat,
     NonNegativeInt,
+    Pair,
     PositiveFloat,
     PositiveInt,
 )
@@ -155,7 +156,7 @@ class VerdictRow:
     path: str
     old: str
     new: str
-    sides: Sequence[TargetRow]
+    sides: Pair[TargetRow]
     metric: Metric = Metric.TIME
     status: Status
     detail: str = ""

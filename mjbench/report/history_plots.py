@@ -3,6 +3,7 @@
 Each plot is a Vega-Lite specification (see `vega`).
 """
 
+import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -44,9 +45,23 @@ def draw(history: SpeedHistory, folder: Path) -> None:
             file.write_text(svg, encoding="utf-8")
 
 
+# Names that Windows keeps for devices.
+_DEVICES = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{kind}{n}" for kind in ("COM", "LPT") for n in range(10)),
+}
+
+
 def file_name(series: SpeedSeries) -> str:
     """Return the name of a model's plot; a name of one's own may hold any characters."""
-    return re.sub(r"[^\w.-]+", "-", series.name) + ".svg"
+    name = re.sub(r"[^\w.-]+", "-", series.name)[:80]
+    if name != series.name or name.upper() in _DEVICES:
+        digest = hashlib.blake2b(series.name.encode(errors="replace"), digest_size=4)
+        name = f"{name}-{digest.hexdigest()}"
+    return f"{name}.svg"
 
 
 def specification(history: SpeedHistory, series: SpeedSeries) -> Spec:

@@ -33,7 +33,10 @@ def finding_line(finding: Finding) -> str:
 def finding_place(finding: Finding) -> str:
     """Return `FILE:LINE:COLUMN`; in a notebook, `FILE:cell CELL:LINE:COLUMN`."""
     cell = f"cell {finding.cell}:" if finding.cell else ""
-    return f"{printable(finding.file)}:{cell}{finding.line}:{finding.col}"
+    file = printable(finding.file)
+    # a runner of GitHub takes a line that begins with two colons for a command
+    place = f"./{file}" if file.startswith("::") else file
+    return f"{place}:{cell}{finding.line}:{finding.col}"
 
 
 def as_github(document: LintDocument) -> str:

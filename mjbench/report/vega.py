@@ -19,6 +19,10 @@ SKY, PINK, GREY = "#56b4e9", "#cc79a7", "#8a8a8a"
 Spec = dict[str, Any]
 
 
+# Characters of a text in a chart.
+_MOST_TEXT = 300
+
+
 def svg(specification: Mapping[str, Any]) -> str:
     """Return a chart as SVG.
 
@@ -32,4 +36,15 @@ def svg(specification: Mapping[str, Any]) -> str:
             f"charts need vl-convert-python: {extras.install_command('report')}; or leave them out"
             " (report --markdown, history without --plots)"
         ) from error
-    return str(vl_convert.vegalite_to_svg(dict(specification), vl_version=VERSION))
+    return str(vl_convert.vegalite_to_svg(_shortened(specification), vl_version=VERSION))
+
+
+def _shortened(part: Any) -> Any:
+    """Return a specification whose texts are short; laying out one of a megabyte takes minutes."""
+    if isinstance(part, Mapping):
+        return {key: _shortened(value) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_shortened(value) for value in part]
+    if isinstance(part, str) and len(part) > _MOST_TEXT:
+        return f"{part[:_MOST_TEXT]}…"
+    return part

@@ -39,3 +39,18 @@ def load(stream: BinaryIO, name: str, fields: frozenset[str] | None = None) -> o
             )
     stream.seek(0)
     return np.load(stream, allow_pickle=False)
+
+
+def floats(values: np.ndarray, name: str) -> np.ndarray:
+    """Return numbers as float64, in which small integers take eight times their space.
+
+    Args:
+      values: of any numeric type.
+      name: of the file, for messages.
+
+    Raises:
+      InputError: they would be too large.
+    """
+    if values.size * np.dtype(float).itemsize > MOST_BYTES:
+        raise InputError(f"{name} has {values.size:,} numbers, which is too many: save fewer rows")
+    return values.astype(float)

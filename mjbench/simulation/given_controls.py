@@ -95,7 +95,7 @@ def read(file: Path, model: mujoco.MjModel) -> GivenControls:
         )
     if values.size == 0:
         raise InputError(f"{name} holds no controls")
-    sequences = values.reshape(-1, *values.shape[-2:]).astype(float)
+    sequences = array_files.floats(values.reshape(-1, *values.shape[-2:]), name)
     if not np.isfinite(sequences).all():
         raise InputError(f"{name} holds controls that are not finite")
     return GivenControls(sequences, name)

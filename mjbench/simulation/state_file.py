@@ -198,7 +198,8 @@ def _read_arrays(
             arrays: Any = array_files.load(stream, name, frozenset(fields))
             if isinstance(arrays, np.ndarray):
                 raise InputError(f"{name} holds one array: save named ones by numpy.savez")
-            recorded = {key: arrays[key] for key in arrays.files if key in fields}
+            # NumPy gives a member that is no array as bytes
+            recorded = {key: np.asarray(arrays[key]) for key in arrays.files if key in fields}
             return recorded, [key for key in arrays.files if key not in fields]
     except InputError:
         raise
@@ -222,7 +223,7 @@ def _rows(name: str, field: str, values: np.ndarray, place: slice) -> np.ndarray
     width = values.size // len(values)
     if width != size:
         raise InputError(f"{name}: the model's {field} has {size} numbers, the file's {width}")
-    rows = values.reshape(len(values), size).astype(float)
+    rows = array_files.floats(values.reshape(len(values), size), name)
     if not np.isfinite(rows).all():
         raise InputError(f"{name}: {field} holds numbers that are not finite")
     return rows

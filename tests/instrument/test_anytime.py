@@ -108,6 +108,10 @@ def test_no_residue_loses_so_many_launches_that_the_others_could_be_the_disturbe
     assert anytime.fit(cells).left_out[0] == 0
 
 
+def test_any_number_of_launches_can_be_judged() -> None:
+    assert anytime.most_disturbed(10**9) == anytime.most_disturbed(anytime.MOST_LAUNCHES) > 400
+
+
 @pytest.mark.parametrize(("count", "most"), [(8, 0), (14, 0), (15, 1), (18, 1), (19, 2), (40, 9)])
 def test_disturbed_launches_are_fewer_than_those_of_a_second_mode(count: int, most: int) -> None:
     assert anytime.most_disturbed(count) == most

@@ -129,6 +129,12 @@ def test_quantiles_are_read_back_from_the_histogram() -> None:
         latency.histogram_quantiles("damaged", [0.5])
 
 
+def test_a_histogram_that_would_take_minutes_to_read_is_refused() -> None:
+    encoded = "HISTFAAAACF4nJNpmSzMwMDAygABMJrRAcqw/wCh//8/z8oEAFglBZU="
+    with pytest.raises(InputError, match="range or precision"):
+        latency.histogram_quantiles(encoded, [0.5])
+
+
 def test_a_model_that_cannot_be_loaded_is_one_line(tmp_path: Path) -> None:
     done = mjbench("latency", "nothing.xml", cwd=tmp_path)
     assert done.returncode == 2

@@ -60,9 +60,7 @@ def test_a_rate_that_was_asked_for_stays(tmp_path, monkeypatch):
         (0, Sampling(has_native=True), [(10, True)]),
     ],
 )
-def test_of_many_processes_samples_are_fewer(
-    tmp_path, monkeypatch, children, sampling, started
-):
+def test_of_many_processes_samples_are_fewer(tmp_path, monkeypatch, children, sampling, started):
     samplers = []
 
     def start(pid, folder, rate_hz, native, seconds=None):

@@ -1,5 +1,6 @@
 """Files of arrays that expand to more than can be read."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,22 @@ def test_states_and_controls_that_expand_too_far_are_not_read(tmp_path: Path) ->
         state_file.read(file, CARTPOLE)
     with pytest.raises(InputError, match="save fewer rows"):
         given_controls.read(file, CARTPOLE)
+
+
+@pytest.mark.usefixtures("small_limit")
+def test_small_integers_that_are_too_large_as_numbers_are_not_read(tmp_path: Path) -> None:
+    file = tmp_path / "bytes.npz"
+    np.savez(file, qpos=np.zeros((2000, 2), np.int8))
+    with pytest.raises(InputError, match="4,000 numbers, which is too many"):
+        state_file.read(file, CARTPOLE)
+
+
+def test_a_member_that_is_no_array_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "raw.npz"
+    with zipfile.ZipFile(file, "w") as members:
+        members.writestr("qpos", b"hello")
+    with pytest.raises(InputError, match="qpos"):
+        state_file.read(file, CARTPOLE)
 
 
 @pytest.mark.usefixtures("small_limit")
