@@ -5,6 +5,7 @@
 
 import contextlib
 import json
+import struct
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -128,7 +129,7 @@ def read_all(folder: Path, headers: Mapping[int, Header]) -> ProgramCalls:
     incidents: list[Incident] = []
     growth: list[int] = []
     for file in sorted(folder.glob("*.calls")):
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, struct.error):
             of_process = _read(file, headers.get(int(file.stem)), names)
             calls += of_process.calls
             incidents += of_process.incidents

@@ -4,15 +4,20 @@ from dataclasses import replace
 
 import pytest
 
-from mjbench.program import confirm, remedies
+from mjbench.loop.lint import Finding
+from mjbench.program import confirm, remedies, source_loops
 from mjbench.program.activities import Activity, Place
 from mjbench.program.attribution import LineTime, LoopTime
+from mjbench.program.calls import CallTime, Incident, ProgramCalls
+from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
-from mjbench.program.remedies import Confirmed, Remedy, RemedyKind
+from mjbench.program.remedies import Basis, Confirmed, Remedy, RemedyKind
+from mjbench.program.replacements import Measured, Question, TimeRatio, Trial
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
 
-PHYSICS, PYTHON, BINDINGS = Activity.PHYSICS, Activity.PYTHON, Activity.BINDINGS
+PHYSICS, PYTHON, NUMPY = Activity.PHYSICS, Activity.PYTHON, Activity.NUMPY
+BINDINGS = Activity.BINDINGS
 
 
 def line(number, activities, function="main", package=""):
@@ -58,58 +63,236 @@ def steps(**values):
     )
 
 
+def call(callee, number=15, calls=100, seconds=2.0, **more):
+    """Return calls from a line of the loop, which takes 10 seconds."""
+    values = {"steps": 0.0, "all_steps": 0.0, **more}
+    place = Place("train.py", number, "main", "text")
+    whole = SourceLoop("train.py", 10, 20)
+    return CallTime(callee, 1, 1, place, whole, calls, seconds, 0, 10**10, **values)
+
+
+def step(seconds=5.0, calls=1000, **more):
+    return call("mj_step", 12, calls, seconds, steps=calls, all_steps=calls, **more)
+
+
+def loop_of(*calls):
+    total = sum(call.seconds for call in calls) / 10
+    return replace(loop(activities={PHYSICS: total, PYTHON: 1 - total}), calls=calls)
+
+
+def finding(code, number=15, message="do otherwise", **more):
+    return Finding("train.py", number, 1, code, message, None, None, **more)
+
+
+def ratio(estimate, saved_s=0.0):
+    return TimeRatio(estimate, estimate, estimate, saved_s)
+
+
 def test_the_largest_saving_comes_first_with_its_error():
-    time = loop(line(12, {PHYSICS: 0.6, BINDINGS: 0.1}), line(13, {PYTHON: 0.3}))
-    first, second = remedies.remedies(time, [])
+    time = loop(line(12, {PHYSICS: 0.6, NUMPY: 0.1}), line(13, {PYTHON: 0.3}))
+    first, second = remedies.remedies(time)
     assert (first.place.line, first.activity, first.gain) == (13, PYTHON, 0.3)
     assert first.gain_error == pytest.approx((0.3 * 0.7 / 400) ** 0.5)
+    assert first.basis == Basis.BOUND
     assert (second.place.line, second.gain) == (12, pytest.approx(0.1))
-    assert "nstep" in second.text
 
 
 def test_physics_alone_needs_no_remedy():
-    assert remedies.remedies(loop(line(12, {PHYSICS: 1.0})), []) == []
+    assert remedies.remedies(loop(line(12, {PHYSICS: 1.0}))) == []
 
 
-def test_small_shares_are_left_out():
-    time = loop(line(12, {PHYSICS: 0.995, PYTHON: 0.005}), engine_clock=0.004)
-    assert remedies.remedies(time, []) == []
+def test_gains_below_three_percent_are_left_out():
+    time = loop(line(12, {PHYSICS: 0.972, PYTHON: 0.028}), engine_clock=0.029)
+    assert remedies.remedies(time) == []
+
+
+def test_of_few_samples_no_line_is_named():
+    time = loop(line(12, {PHYSICS: 0.6}), line(13, {PYTHON: 0.4}))
+    assert remedies.remedies(replace(time, samples=29)) == []
 
 
 def test_a_function_without_a_slow_line_is_named_as_a_whole():
     inner = [line(100 + i, {PYTHON: 0.1}, "observe") for i in range(4)]
-    (first, *_) = remedies.remedies(loop(line(12, {PHYSICS: 0.6}), *inner), [])
+    (first, *_) = remedies.remedies(loop(line(12, {PHYSICS: 0.6}), *inner))
     assert first.gain == pytest.approx(0.4)
     assert first.text.startswith("observe() as a whole")
 
 
 def test_a_line_that_calls_a_package_names_it():
     time = loop(line(12, {PHYSICS: 0.5, PYTHON: 0.5}, package="gymnasium"))
-    assert "gymnasium" in remedies.remedies(time, [])[0].text
+    assert "gymnasium" in remedies.remedies(time)[0].text
 
 
-def test_the_timer_of_the_python_package_is_a_remedy_from_three_percent_on():
-    assert remedies.remedies(loop(line(12, {PHYSICS: 1.0}), engine_clock=0.029), []) == []
-    (remedy,) = remedies.remedies(loop(line(12, {PHYSICS: 1.0}), engine_clock=0.2), [])
-    assert (remedy.kind, remedy.gain) == (RemedyKind.CLOCK, 0.2)
+def test_lines_that_neither_look_up_names_nor_take_views_are_not_told_to():
+    views = replace(line(12, {BINDINGS: 0.5}).place, text="x = data.qpos[0]")
+    calls = replace(views, line=13, text="mujoco.mj_fullM(model, full, matrix)")
+    lines = [LineTime(place, 0.5, {BINDINGS: 0.5}) for place in (views, calls)]
+    texts = {remedy.place.line: remedy.text for remedy in remedies.remedies(loop(*lines))}
+    assert "before the loop" in texts[12]
+    assert "before the loop" not in texts[13]
 
 
-def test_collections_that_samples_cannot_see_come_from_the_step_clock():
-    (remedy,) = remedies.remedies(loop(line(12, {PHYSICS: 1.0})), [steps(collections_s=2.0)])
-    assert (remedy.kind, remedy.gain) == (RemedyKind.COLLECTION, pytest.approx(0.2))
+@pytest.mark.parametrize("remedy", remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
+def test_each_call_in_a_loop_has_its_remedy(remedy):
+    codes = [finding(remedy.codes[0])] if remedy.needs_finding else []
+    for callee in remedy.callees:
+        time = loop_of(step(), call(callee))
+        question = remedies.questions([time], codes)
+        measured = Measured({each: ratio(0.5) for each in question})
+        (listed,) = [r for r in remedies.remedies(time, codes, measured) if r.kind == "call"]
+        assert listed.place.line == 15
+        assert listed.share == pytest.approx(0.2)
+        assert 0.05 < listed.gain <= 0.2 or remedy.trial == Trial.FUNCTIONS
+        assert "{count}" not in listed.text
 
 
-def test_lint_findings_are_merged_by_line(tmp_path, monkeypatch):
+@pytest.mark.parametrize("remedy", remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
+def test_a_call_that_is_made_once_or_twice_is_set_up(remedy):
+    time = loop_of(step(), call(remedy.callees[0], calls=2))
+    assert [each for each in remedies.remedies(time) if each.kind == "call"] == []
+
+
+def test_a_call_that_leaves_the_loop_saves_its_time_but_for_one():
+    time = loop_of(step(), call("Renderer", calls=4, seconds=4.0))
+    (remedy,) = remedies.remedies(time)
+    assert remedy.basis == Basis.TIMED
+    assert remedy.gain == pytest.approx(0.3)
+
+
+def test_what_replaces_a_call_is_subtracted():
+    time = loop_of(step(), call("MjData", seconds=4.0))
+    (question,) = [q for q in remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
+    (remedy,) = remedies.remedies(time, [], Measured({question: ratio(0.25)}))
+    assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.3))
+    (bound,) = remedies.remedies(time)
+    assert (bound.basis, bound.gain) == (Basis.BOUND, pytest.approx(0.4))
+
+
+def test_a_finding_of_lint_gives_its_message_and_its_code():
+    time = loop_of(step(), call("MjData"))
+    (remedy,) = remedies.remedies(time, [finding("MJB005")])
+    assert (remedy.code, remedy.text) == ("MJB005", "do otherwise")
+    assert Question(Trial.NEW_DATA_OR_RESET) in remedies.questions([time], [finding("MJB005")])
+
+
+def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
+    """1,000 steps of 5 ms, each with a call of 4 ms; the pair takes 2/3 with what is enough."""
+    found = finding("MJB007", instead=("mj_kinematics",))
+    time = loop_of(step(seconds=5.0), call("mj_forward", calls=1000, seconds=4.0))
+    measured = Measured({Question(Trial.FUNCTIONS, ("mj_kinematics",)): ratio(2 / 3)})
+    (remedy,) = remedies.remedies(time, [found], measured)
+    assert remedy.gain == pytest.approx(0.3)
+    assert remedies.remedies(time) == [], "only lint knows what is read afterwards"
+
+
+def test_a_function_that_jax_compiles_again_is_named_where_lint_finds_it():
+    time = loop_of(call(call_clock.COMPILE, number=16, calls=10, seconds=9.0))
+    (remedy,) = remedies.remedies(time, [finding("MJB013", number=15)])
+    assert remedy.place.line == 15
+    assert remedy.gain == pytest.approx(0.81)
+
+
+def test_named_access_saves_what_was_measured_not_the_share_of_its_line():
+    lines = [line(12, {PHYSICS: 0.5}), line(15, {NUMPY: 0.4, PYTHON: 0.1})]
+    time = replace(loop(*lines), calls=[step(calls=1000)])
+    found = replace(finding("MJB002"), ns_per_step=900.0)
+    measured = Measured({Question(Trial.NAMED_ACCESS): ratio(0.3, saved_s=0.001)})
+    by_code = {remedy.code: remedy for remedy in remedies.remedies(time, [found], measured)}
+    assert by_code["MJB002"].gain == pytest.approx(0.1)
+    assert by_code[""].gain == pytest.approx(0.4), "the rest of the line"
+
+
+def test_the_timer_of_the_python_package_is_measured_on_the_model():
+    time = loop_of(step(seconds=5.0))
+    measured = Measured({Question(Trial.NO_TIMER): ratio(0.8)})
+    (remedy,) = remedies.remedies(time, [], measured)
+    assert (remedy.kind, remedy.gain) == (RemedyKind.CLOCK, pytest.approx(0.1))
+    assert remedies.remedies(time, [], Measured({Question(Trial.NO_TIMER): ratio(0.95)})) == []
+
+
+def test_steps_with_nothing_between_them_are_one_call(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("for _ in range(9):\n    mj_step(model, data)\n    # and no more\n")
+    bare = replace(step(), place=Place(str(file), 2, "main"))
+    time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 3))
+    measured = Measured({Question(Trial.ONE_CALL): ratio(0.8)})
+    (remedy,) = remedies.remedies(time, [], measured)
+    assert remedy.gain == pytest.approx(0.1)
+    file.write_text("for _ in range(9):\n    mj_step(model, data)\n    policy(data)\n")
+    source_loops.loop_is_one_call.cache_clear()
+    source_loops._text.cache_clear()
+    assert remedies.remedies(time, [], measured) == []
+
+
+def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
+    time = loop_of(step())
+    incident = Incident(call_clock.IN_TURN, step().place, 8)
+    question = Question(Trial.BATCH, simulations=8)
+    assert question in remedies.questions([time], [], [incident])
+    (remedy,) = remedies.remedies(time, [], Measured({question: ratio(0.4)}), [incident])
+    assert remedy.gain == pytest.approx(0.3)
+    assert remedies.remedies(time, [], Measured({question: ratio(1.2)}), [incident]) == []
+
+
+def test_rendering_by_the_processor_is_said():
+    time = loop_of(step(), call("Renderer"))
+    (remedy,) = remedies.remedies(
+        time, [], None, [Incident(call_clock.SOFTWARE_GL, step().place, 1)]
+    )
+    assert "the processor draws" in remedy.text
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        (call_clock.SHARED_DATA, "its own"),
+        (call_clock.HALVES, "Runge-Kutta"),
+        ("BADQACC", "diverged"),
+        ("CONTACTFULL", "memory"),
+        ("ANEWONE", "warned"),
+    ],
+)
+def test_what_a_run_shows_to_be_wrong_is_named_at_its_line(name, text):
+    incident = Incident(name, Place("train.py", 12, "main"), 3)
+    (remedy,) = remedies.wrong_results([], ProgramCalls([], [incident]))
+    assert remedy.kind == RemedyKind.RESULT
+    assert remedy.place.line == 12
+    assert text in remedy.text
+
+
+def test_wrong_results_are_those_of_lint_and_of_the_run_each_once():
+    halves = Incident(call_clock.HALVES, Place("train.py", 12, "main"), 1)
+    in_turn = Incident(call_clock.IN_TURN, Place("train.py", 12, "main"), 4)
+    found = [
+        finding("MJB001", is_wrong_result=True),
+        finding("MJB008", is_wrong_result=True),
+        finding("MJB003"),
+    ]
+    listed = remedies.wrong_results(found, ProgramCalls([], [halves, in_turn]))
+    assert [remedy.code for remedy in listed] == ["", "MJB001"]
+
+
+def test_forces_that_nothing_computes_are_wrong_where_they_are_read(tmp_path):
+    file = tmp_path / "train.py"
+    file.write_text("x = data.qpos\ny = data.cfrc_ext[1]\nz = data.cfrc_ext[2]\n")
+    files = [str(file)]
+    (remedy,) = remedies.wrong_results([], ProgramCalls(), files, computes_forces=False)
+    assert remedy.place.line == 2
+    assert "mj_rnePostConstraint" in remedy.text
+    assert remedies.wrong_results([], ProgramCalls(), files, computes_forces=True) == []
+    called = ProgramCalls([call("mj_rnePostConstraint")])
+    assert remedies.wrong_results([], called, files, computes_forces=False) == []
+
+
+def test_files_that_lint_cannot_check_have_no_findings(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "train.py").write_text(
         "import mujoco\nmodel = mujoco.MjModel.from_xml_path('x')\ndata = mujoco.MjData(model)\n"
         "log = []\nfor _ in range(9):\n    mujoco.mj_step(model, data)\n"
         "    x = data.body('torso').xpos[2]\n    log.append(data.qpos)\n"
     )
-    time = loop(line(6, {PHYSICS: 0.9}), line(7, {BINDINGS: 0.1}))
-    wrong, named = remedies.remedies(replace(time, own_files=["train.py", "missing.py"]), [])
-    assert (wrong.kind, wrong.place.line, wrong.gain) == (RemedyKind.RESULT, 8, None)
-    assert (named.place.line, named.code, named.gain) == (7, "MJB002", 0.1)
+    codes = {each.code for each in remedies.findings_of(["train.py", "missing.py"])}
+    assert codes == {"MJB001", "MJB002"}
 
 
 def remedy(kind, gain=0.2, **more):

@@ -331,13 +331,15 @@ class CallClock:
             self.look_for_warnings(args[1], frame, now_ns)
             self._keep_state(args[0], args[1])
 
-    def look_for_halves(self, args: Sequence[Any], frame: FrameType | None) -> None:
-        """Note that halves of a step run a model whose integrator is Runge-Kutta."""
+    def look_for_halves(self, args: Sequence[Any], frame: FrameType | None) -> bool:
+        """Note, and return, whether halves of a step run a model that asks for Runge-Kutta."""
         with contextlib.suppress(Exception):
             module = sys.modules["mujoco"]
             if args[0].opt.integrator == int(module.mjtIntegrator.mjINT_RK4):
                 now_ns = self._now_ns()
                 self.add(HALVES, frame, now_ns, now_ns)
+                return True
+        return False
 
     def look_for_warnings(self, data: Any, frame: FrameType | None, now_ns: int) -> None:
         """Count warnings of a simulation since the last look, at the line that steps it."""

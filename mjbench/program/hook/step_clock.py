@@ -175,6 +175,7 @@ class StepClock:
         self._burst_timers: list[float] | None = None
         self._latest_args: Sequence[Any] = (None, None)  # of the step before
         self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
+        self._halves_seen = False
         self._is_away = self._was_away = self._has_ended = False
         self._collections = self._collections_ns = self._longest_collection_ns = 0
         self._collection_begin_ns = 0
@@ -262,10 +263,10 @@ class StepClock:
             frame = get_frame(1)
             if not self._burst_calls:
                 self._begin_burst(args)
-                if is_half:
-                    calls.look_for_halves(args, frame)
             elif len(args) > 1 and args[1] is not self._latest_args[1]:
                 self._change_simulation(args, frame)
+            if is_half and not self._halves_seen:
+                self._halves_seen = calls.look_for_halves(args, frame)
             self._latest_args = args
             has_threads = count_threads() and len(args) > 1
             begin_ns = now_ns()

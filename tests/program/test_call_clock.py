@@ -1,0 +1,250 @@
+"""The call clock counts calls by the line that makes them, and changes nothing of what is called."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mjbench.program import calls, recorded_models, step_times
+from mjbench.program.activities import Activity
+from mjbench.program.hook import call_clock
+
+HOOK = Path(call_clock.__file__).parent
+
+
+class Clock:
+    """A clock that moves by a microsecond each time it is read."""
+
+    def __init__(self):
+        self.now_ns = 0
+
+    def __call__(self):
+        self.now_ns += 1000
+        return self.now_ns
+
+
+@pytest.fixture
+def clock(tmp_path):
+    return call_clock.CallClock(str(tmp_path), Clock())
+
+
+def read(folder):
+    return calls.read_all(folder, step_times.read_headers(folder))
+
+
+def test_a_slow_call_is_counted_by_its_line_with_what_it_took(clock, tmp_path):
+    timed = clock.slow(lambda value: value + 1, "MjData")
+    assert [timed(i) for i in range(3)] == [1, 2, 3]
+    (call,) = read(tmp_path).calls
+    assert (call.callee, call.calls, call.seconds) == ("MjData", 3, pytest.approx(3e-6))
+    assert call.activity == Activity.COPYING
+    assert call.place.file.endswith("test_call_clock.py")
+    assert "timed(i) for i" in call.place.text
+    assert call.loop is not None
+
+
+def test_a_call_inside_another_is_part_of_it(clock, tmp_path):
+    inner = clock.slow(lambda: None, "MjData")
+    outer = clock.slow(lambda: inner(), "compile")
+    outer()
+    assert [call.callee for call in read(tmp_path).calls] == ["compile"]
+
+
+def test_an_exception_passes_and_its_call_counts(clock, tmp_path):
+    def fail():
+        raise KeyError("x")
+
+    with pytest.raises(KeyError, match="x"):
+        clock.slow(fail, "compile")()
+    assert read(tmp_path).calls[0].calls == 1
+
+
+def test_the_file_holds_what_was_counted_at_any_moment(clock, tmp_path):
+    """A program that is killed leaves it: nothing is written at the end."""
+    timed = clock.slow(lambda: None, "Renderer")
+    timed()
+    raw = (tmp_path / f"{os.getpid()}.calls").read_bytes()
+    assert call_clock.SLOT.unpack_from(raw, call_clock.SLOT.size)[0] == 1
+
+
+def test_more_lines_than_slots_share_the_last_one(clock, tmp_path, monkeypatch):
+    monkeypatch.setattr(call_clock, "MAX_SLOTS", 2)
+    frame = sys._getframe()
+    for name in ("a", "b", "c"):
+        clock.add(name, frame, 0, 10)
+    assert [call.callee for call in read(tmp_path).calls] == ["a"]
+
+
+def test_two_threads_in_one_simulation_are_an_incident(clock, tmp_path):
+    frame = sys._getframe()
+    clock.enter(7, frame, 1)
+    clock.enter(7, frame, 2)
+    other = threading.Thread(target=lambda: clock.enter(7, frame, 3))
+    other.start()
+    other.join()
+    assert [(each.name, each.count) for each in read(tmp_path).incidents] == [
+        (call_clock.SHARED_DATA, 1)
+    ]
+
+
+def test_a_simulation_that_one_thread_leaves_another_may_step(clock, tmp_path):
+    frame = sys._getframe()
+    clock.enter(7, frame, 1)
+    clock.leave(7)
+    other = threading.Thread(target=lambda: clock.enter(7, frame, 3))
+    other.start()
+    other.join()
+    assert read(tmp_path).incidents == []
+
+
+def test_warnings_count_from_the_last_look_on(clock, tmp_path):
+    (tmp_path / "engine.json").write_text('{"warnings": {"0": "INERTIA", "1": "BADQACC"}}')
+    frame = sys._getframe()
+    data = SimpleNamespace(warning=SimpleNamespace(number=np.array([0, 2])))
+    clock.look_for_warnings(data, frame, 1)
+    clock.look_for_warnings(data, frame, 2)
+    data.warning.number[:] = 0, 1  # reset, and one more
+    clock.look_for_warnings(data, frame, 3)
+    incidents = read(tmp_path).incidents
+    assert {each.name for each in incidents} == {"BADQACC"}
+    assert sum(each.count for each in incidents) == 3
+
+
+def test_what_jax_compiles_inside_another_function_counts_once(clock, tmp_path):
+    *trace, compiled = call_clock._JAX_EVENTS
+    clock._now_ns = iter((10_000_000, 12_000_000, 20_000_000)).__next__
+    clock.note_jax(trace[0], 0.004)  # from 6 to 10 ms, inside the next
+    clock.note_jax(trace[0], 0.010)  # from 2 to 12 ms
+    clock.note_jax(compiled, 0.005)
+    clock.note_jax("/jax/another/event", 9.0)
+    found = read(tmp_path).calls
+    assert sum(call.seconds for call in found) == pytest.approx(0.015)
+    assert sum(call.calls for call in found) == 1
+
+
+def test_rollout_counts_steps_of_all_simulations(clock, tmp_path):
+    module = ModuleType("rollout")
+    module.rollout = lambda model, data, state: (np.zeros((8, 5, 3)), None)
+    clock.install_rollout(module)
+    model, data = object(), object()
+    module.rollout(model, data, None)
+    module.rollout(model, data=[data, data], state=None)
+    single, threaded = read(tmp_path).calls
+    assert (single.callee, threaded.callee) == ("rollout", call_clock.THREADED_ROLLOUT)
+    assert (single.steps, single.all_steps) == (5, 40)
+    assert single.is_step
+
+
+def test_a_batch_counts_the_simulations_that_it_steps(clock, tmp_path):
+    class Batch:
+        nsim = 16
+
+        def step(self, ids=None, nstep=1):
+            return None
+
+        def rollout(self, nstep, control=None):
+            return {}
+
+    module = ModuleType("batch")
+    module.Batch = Batch
+    clock.install_batch(module)
+    batch = Batch()
+    batch.step()
+    batch.step([1, 2], nstep=3)
+    batch.rollout(10)
+    counts = {(call.callee, call.all_steps) for call in read(tmp_path).calls}
+    assert counts == {("Batch.step", 16), ("Batch.step", 6), ("Batch.rollout", 160)}
+
+
+def test_a_damaged_file_is_left_out(tmp_path):
+    (tmp_path / "1.calls").write_bytes(b"short")
+    (tmp_path / "1.sites").write_text("{")
+    assert read(tmp_path).calls == []
+
+
+PROGRAM = """
+import mujoco
+model = mujoco.MjModel.from_xml_string('''
+<mujoco>
+  <option integrator="RK4"/>
+  <worldbody><body><joint axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></worldbody>
+</mujoco>''')
+def control(model, data):
+    pass
+mujoco.set_mjcb_control(control)
+simulations = [mujoco.MjData(model) for _ in range(3)]
+for i in range(300):
+    for data in simulations:
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+mujoco.set_mjcb_control(None)
+for i in range(250):
+    mujoco.mj_step1(model, data)
+    mujoco.mj_step2(model, data)
+data.qpos[0] = float("nan")
+mujoco.mj_step(model, data)
+print(isinstance(data, mujoco.MjData), mujoco.mj_forward.__name__)
+"""
+
+
+@pytest.fixture(scope="module")
+def observed(tmp_path_factory):
+    """Run one program under the clocks; return what it printed and the folder of their files."""
+    folder = tmp_path_factory.mktemp("clock")
+    file = tmp_path_factory.mktemp("program") / "program.py"
+    file.write_text(PROGRAM)
+    inherited = filter(None, [os.environ.get("PYTHONPATH")])
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(file)],
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(HOOK), *inherited]),
+            "MJBENCH_STEP_CLOCK": str(folder),
+        },
+        cwd=file.parent,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done, folder
+
+
+def test_the_program_runs_as_without_the_clock(observed):
+    done, _ = observed
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "True mj_forward"
+
+
+def test_calls_of_a_program_are_known_by_line(observed):
+    _, folder = observed
+    counts = {}
+    for call in read(folder).calls:
+        counts[call.callee] = counts.get(call.callee, 0) + round(call.calls)
+    assert counts["from_xml_string"] == 1
+    assert counts["MjData"] == 3
+    assert counts["mj_step"] == pytest.approx(901, rel=0.05)
+    assert counts["mj_forward"] == pytest.approx(300, rel=0.05)
+    assert counts["mj_step2"] == pytest.approx(250, rel=0.05)
+    assert counts["callback mjcb_control"] >= 3 * 4 * 200
+
+
+def test_what_only_a_run_shows_is_seen(observed):
+    _, folder = observed
+    incidents = {each.name: each for each in read(folder).incidents}
+    assert incidents[call_clock.IN_TURN].count == 3
+    assert not incidents[call_clock.IN_TURN].is_wrong
+    assert incidents[call_clock.HALVES].place.text == "mujoco.mj_step2(model, data)"
+    assert incidents["BADQPOS"].count == 1
+
+
+def test_models_and_states_are_written_for_later(observed):
+    _, folder = observed
+    (model,) = recorded_models.read_all(folder)
+    assert len(model.mjb) > 1000
+    assert 1 <= len(model.states) <= call_clock.MAX_STATES
+    assert np.isfinite(model.states).all()
