@@ -21,7 +21,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench.loop.lint_rules import NAMED_ACCESS
-from mjbench.loop.name_bindings import NameBindings
 from mjbench.loop.python_source import Program
 from mjbench.loop.script_names import dotted_name, last_name, nodes_inside
 from mjbench.loop.stepping_script import SteppingScript
@@ -93,7 +92,7 @@ class Hoisting:
         """
         self._script = script
         self._parents = script.parents
-        self._bindings = NameBindings(program.tree, script.parents)
+        self._bindings = script.bindings
         self._lines = [line.text for line in program.lines]
         # of IPython, each on its line; the other lines are empty
         self._commands = [n.text if n.text != n.python else "" for n in program.lines]

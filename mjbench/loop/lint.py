@@ -12,7 +12,8 @@ from functools import cache
 from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.loop.lint_rules import RULES, Match, Rule
+from mjbench.loop.lint_match import Match
+from mjbench.loop.lint_rules import RULES, Rule
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
@@ -27,9 +28,13 @@ class Finding:
       line: from 1; of the cell, in a notebook.
       col: from 1, in characters.
       code: of the rule.
-      message: of the rule.
+      message: what is wrong, and what to write instead.
       ns_per_step: about what it costs in each step; None where the rule is not about time.
       cell: of a notebook, from 1; None in a Python file.
+      callee: what is called there, such as "mj_forward"; empty where the rule is not about a call.
+      instead: functions of the engine, called with the model and the MjData, that do enough in the
+        place of the callee; none where the call moves out of the loop or is deleted.
+      is_wrong_result: whether the program computes or records something else than it says.
     """
 
     file: str
@@ -39,6 +44,9 @@ class Finding:
     message: str
     ns_per_step: float | None
     cell: int | None
+    callee: str = ""
+    instead: tuple[str, ...] = ()
+    is_wrong_result: bool = False
 
 
 ALL_CODES = tuple(rule.code for rule in RULES)
@@ -128,9 +136,12 @@ def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Fin
             line=line.number,
             col=line.column(match.node.col_offset),
             code=rule.code,
-            message=rule.message,
+            message=match.message or rule.message,
             ns_per_step=costs_ns().get(match.habit),
             cell=line.cell,
+            callee=match.callee,
+            instead=match.instead,
+            is_wrong_result=rule.is_wrong_result,
         )
         for rule, match in matches(program, script, codes)
         for line in [program.line_of(match.node)]

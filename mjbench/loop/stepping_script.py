@@ -12,7 +12,10 @@ import ast
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
+from mjbench.loop.name_bindings import NameBindings
+from mjbench.loop.script_functions import ScriptFunctions
 from mjbench.loop.script_names import (
     FUNCTIONS,
     assignments,
@@ -44,7 +47,7 @@ _MODEL_ACCESSORS = _DATA_ACCESSORS | {
 _NUMBERS_AND_NAMES = {"id", "name"}
 # Methods of an array that return a view of it, and methods of a container that store an argument.
 _VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
-_STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
+STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
 _NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
 _FIELDS = re.compile(
@@ -101,9 +104,13 @@ class SteppingScript:
       episode_loops: those of them, all `for`, that have another one inside.
       comprehensions: list comprehensions and generators that step.
       parents: the node above each node.
+      tree: the script.
+      calls: of functions and methods, everywhere in it.
     """
 
     def __init__(self, tree: ast.Module):
+        self.tree = tree
+        self.calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         self.parents: Mapping[ast.AST, ast.AST] = {
             child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
         }
@@ -125,7 +132,7 @@ class SteppingScript:
         self._writes = WritesThrough(tree)
         steps = (n for n in ast.walk(tree) if is_step(n) or self._steps_environment(n))
         # the innermost loop around each call that steps
-        self._step_loops = {next(self._loops_around(node), None) for node in steps}
+        self._step_loops = {next(self.loops_around(node), None) for node in steps}
         loops = [node for node in ast.walk(tree) if isinstance(node, ast.For | ast.While)]
         self.loops = self._stepping_loops(loops)
         self.environment_loops = self._environment_loops(loops)
@@ -133,17 +140,25 @@ class SteppingScript:
         self.methods = self._methods(tree)
         self.comprehensions = self._comprehensions(tree)
 
+    @cached_property
+    def bindings(self) -> NameBindings:
+        """The bindings of its names."""
+        return NameBindings(self.tree, self.parents)
+
+    @cached_property
+    def functions(self) -> ScriptFunctions:
+        """Its functions."""
+        return ScriptFunctions(self.bindings, self.parents, self.calls)
+
     def _stepping_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
-        return [
-            SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self._steps_inside(loop)
-        ]
+        return [SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self.steps_inside(loop)]
 
     def _environment_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
         stepping = {loop.node for loop in self.loops}
         return [
             SteppingLoop(loop, nodes_inside(loop))
             for loop in loops
-            if loop not in stepping and self._steps_environment_inside(loop)
+            if loop not in stepping and self.steps_environment_inside(loop)
         ]
 
     def _episode_loops(self) -> list[SteppingLoop]:
@@ -160,7 +175,7 @@ class SteppingScript:
             for node in ast.walk(tree)
             if isinstance(node, FUNCTIONS)
             and isinstance(self.parents.get(node), ast.ClassDef)
-            and (self._steps_inside(node) or self._steps_environment_inside(node))
+            and (self.steps_inside(node) or self.steps_environment_inside(node))
         ]
 
     def _comprehensions(self, tree: ast.Module) -> list[ast.ListComp | ast.GeneratorExp]:
@@ -168,7 +183,7 @@ class SteppingScript:
             node
             for node in ast.walk(tree)
             if isinstance(node, ast.ListComp | ast.GeneratorExp)
-            and (self._steps_inside(node) or self._steps_environment_inside(node))
+            and (self.steps_inside(node) or self.steps_environment_inside(node))
         ]
 
     def is_view(self, node: ast.AST) -> bool:
@@ -178,7 +193,7 @@ class SteppingScript:
                 return self.is_view(node.value)
             if self._is_named_part(node.value):
                 return node.attr not in _NUMBERS_AND_NAMES
-            return self._is_data(node.value) and bool(_FIELDS.match(node.attr))
+            return self.is_data(node.value) and bool(_FIELDS.match(node.attr))
         if isinstance(node, ast.Subscript):
             is_row = isinstance(node.value, ast.Attribute) and self._is_named_part(node.value.value)
             return self.is_view(node.value) and _index_gives_view(node, is_row)
@@ -195,44 +210,70 @@ class SteppingScript:
         Views of inputs, such as `ctrl`, are left out: a program may store them to write through
         them. So is what is stored where the script writes through it.
         """
-        place = _place_of_storage(node)
-        if place is None or self._writes.through(place):
-            return
-        for view in self._storage(node):
-            if not self._is_input(view) and not self._is_of_new_data(view):
-                yield view
+        for stored in self.stored_in(node):
+            for view in self.views_in(stored):
+                if not self.is_input(view) and not self.is_of_new_data(view, node):
+                    yield view
 
-    def _is_input(self, view: ast.expr) -> bool:
+    def is_input(self, view: ast.expr) -> bool:
         """Return whether a view is one of an input of a step."""
         attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
         return any(map(_INPUTS.match, attributes))
 
-    def _is_of_new_data(self, view: ast.expr) -> bool:
-        """Return whether the MjData of a view is created in the same iteration of a loop."""
+    def is_of_new_data(self, view: ast.AST, node: ast.AST) -> bool:
+        """Return whether the MjData of a view is new in each iteration that stores it.
+
+        Args:
+          view: an expression with the name of the MjData.
+          node: what stores it.
+        """
         names = {dotted_name(n) for n in ast.walk(view) if isinstance(n, ast.Attribute | ast.Name)}
         return any(
             isinstance(n, ast.Assign)
             and isinstance(n.value, ast.Call)
             and last_name(n.value.func) in ("MjData", "copy", "deepcopy")
             and names.intersection(map(dotted_name, n.targets))
-            for loop in self._loops_around(view)
+            for loop in self._storing_loops(node)
             for n in nodes_inside(loop)
         )
 
-    def _storage(self, node: ast.AST) -> Iterator[ast.expr]:
-        """Yield the views that a statement or a call stores."""
+    def _storing_loops(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
+        """Yield the loops in which a node stores once per iteration, up to the first that steps."""
+        for loop in self.loops_around(node):
+            yield loop
+            steps = self.steps_inside(loop) or self.steps_environment_inside(loop)
+            if steps and not self._ends_loop(node, loop):
+                return
+
+    def _ends_loop(self, node: ast.AST, loop: ast.For | ast.While) -> bool:
+        """Return whether a loop ends after a node."""
+        while node is not loop:
+            parent = self.parents[node]
+            if leaves_after(node, parent):
+                return True
+            node = parent
+        return False
+
+    def stored_in(self, node: ast.AST) -> Iterator[ast.expr]:
+        """Yield what a statement or a call stores, unless the script writes through it."""
+        place = _place_of_storage(node)
+        if place is None or self.writes_through(place):
+            return
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            if node.func.attr in _STORING_METHODS and not self.is_numpy_call(node):
-                for argument in node.args:
-                    yield from self._views_in(argument)
+            if node.func.attr in STORING_METHODS and not self.is_numpy_call(node):
+                yield from node.args
         elif isinstance(node, ast.Assign):
             for target in node.targets:
-                in_attribute = isinstance(target, ast.Attribute) and not self._is_data(target.value)
+                in_attribute = isinstance(target, ast.Attribute) and not self.is_data(target.value)
                 in_container = isinstance(target, ast.Subscript) and self._is_container_name(
                     target.value
                 )
                 if in_attribute or in_container:
-                    yield from self._views_in(node.value)
+                    yield node.value
+
+    def writes_through(self, name: str) -> bool:
+        """Return whether the script writes into an array through a name."""
+        return self._writes.through(name)
 
     def attribute_of_self(self, node: ast.AST) -> bool:
         """Return whether a statement or a call stores something in an attribute of `self`."""
@@ -244,7 +285,7 @@ class SteppingScript:
 
     def is_named_access(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)`, `model.body(…)` or the like."""
-        return self._is_access_to_data(node) or (
+        return self.is_access_to_data(node) or (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
             and node.func.attr in _MODEL_ACCESSORS
@@ -253,7 +294,7 @@ class SteppingScript:
 
     def step_loop_around(self, node: ast.AST) -> ast.For | ast.While | None:
         """Return the innermost loop around a node that calls `mj_step` itself; None without one."""
-        return next((n for n in self._loops_around(node) if n in self._step_loops), None)
+        return next((n for n in self.loops_around(node) if n in self._step_loops), None)
 
     def is_numpy_call(self, node: ast.Call) -> bool:
         """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
@@ -283,7 +324,7 @@ class SteppingScript:
         """Return whether a node is a `for` loop that calls `mj_step` itself."""
         return isinstance(node, ast.For) and any(is_step(n) for n in nodes_inside(node))
 
-    def _steps_inside(self, node: ast.AST) -> bool:
+    def steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
         return any(
             is_step(n)
@@ -291,7 +332,7 @@ class SteppingScript:
             for n in nodes_inside(node)
         )
 
-    def _steps_environment_inside(self, node: ast.AST) -> bool:
+    def steps_environment_inside(self, node: ast.AST) -> bool:
         """Return whether an environment is stepped inside a node, there or in a function."""
         return any(
             self._steps_environment(n)
@@ -311,23 +352,23 @@ class SteppingScript:
         parts = owner.split(".")
         return bool(_ENVIRONMENTS.intersection(parts)) or owner in self._environment_names
 
-    def _is_data(self, node: ast.AST) -> bool:
+    def is_data(self, node: ast.AST) -> bool:
         """Return whether an expression is an MjData."""
         name = dotted_name(node)
         return name in self._data_names or name.rpartition(".")[2] in ("data", "mjdata")
 
-    def _is_access_to_data(self, node: ast.AST) -> bool:
+    def is_access_to_data(self, node: ast.AST) -> bool:
         """Return whether a node is `data.joint(…)` or the like."""
         return (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
             and node.func.attr in _DATA_ACCESSORS
-            and self._is_data(node.func.value)
+            and self.is_data(node.func.value)
         )
 
     def _is_named_part(self, node: ast.AST) -> bool:
         """Return whether a node is the part of an MjData that belongs to a named element."""
-        return self._is_access_to_data(node) or dotted_name(node) in self._accessor_names
+        return self.is_access_to_data(node) or dotted_name(node) in self._accessor_names
 
     def _names_of_accessors(self, tree: ast.Module) -> set[str]:
         """Return the dotted names that nothing but parts of an MjData were assigned to."""
@@ -337,28 +378,28 @@ class SteppingScript:
         return {
             name
             for name, assigned in values.items()
-            if name and all(map(self._is_access_to_data, assigned))
+            if name and all(map(self.is_access_to_data, assigned))
         }
 
-    def _views_in(self, node: ast.AST) -> Iterator[ast.expr]:
+    def views_in(self, node: ast.AST) -> Iterator[ast.expr]:
         """Yield the view that an expression is, or those in the tuple, list or dict it creates."""
         if isinstance(node, ast.expr) and self.is_view(node):
             yield node
         elif isinstance(node, ast.Tuple | ast.List):
             for element in node.elts:
-                yield from self._views_in(element)
+                yield from self.views_in(element)
         elif isinstance(node, ast.Dict):
             for value in node.values:
-                yield from self._views_in(value)
+                yield from self.views_in(value)
         elif isinstance(node, ast.Call) and last_name(node.func) == "dict":
             for keyword in node.keywords:
-                yield from self._views_in(keyword.value)
+                yield from self.views_in(keyword.value)
 
     def _is_container_name(self, node: ast.AST) -> bool:
         """Return whether a name was assigned a list or a dict; an array copies what is put in."""
         return dotted_name(node) in self._container_names
 
-    def _loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
+    def loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
         child, parent = node, self.parents.get(node)
         while parent is not None:
@@ -367,6 +408,15 @@ class SteppingScript:
                 if not (is_iterable or child in parent.orelse):  # these are evaluated once
                     yield parent
             child, parent = parent, self.parents.get(parent)
+
+
+def leaves_after(child: ast.AST, parent: ast.AST) -> bool:
+    """Return whether a statement that follows a child in its block ends the loop around both."""
+    for block in (getattr(parent, name, None) for name in ("body", "orelse", "finalbody")):
+        if isinstance(block, list) and child in block:
+            rest = block[block.index(child) + 1 :]
+            return any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
+    return False
 
 
 def _place_of_storage(node: ast.AST) -> str | None:

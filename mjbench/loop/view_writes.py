@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from mjbench.loop.script_names import assignments, dotted_name
 
 # Methods of an array that write to it, and functions of NumPy that write to their first argument.
-_WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
-_WRITING_FUNCTIONS = {"copyto", "fill_diagonal", "place", "put", "put_along_axis", "putmask"}
+WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
+WRITING_FUNCTIONS = {"copyto", "fill_diagonal", "place", "put", "put_along_axis", "putmask"}
 
 
 def peeled(node: ast.AST) -> ast.AST:
@@ -57,9 +57,9 @@ def _written(node: ast.AST) -> Iterator[str]:
     elif isinstance(node, ast.Call):
         yield from (dotted_name(peeled(k.value)) for k in node.keywords if k.arg == "out")
         if isinstance(node.func, ast.Attribute):
-            if node.func.attr in _WRITING_METHODS:
+            if node.func.attr in WRITING_METHODS:
                 yield dotted_name(peeled(node.func.value))
-            if node.func.attr in _WRITING_FUNCTIONS and node.args:
+            if node.func.attr in WRITING_FUNCTIONS and node.args:
                 yield dotted_name(peeled(node.args[0]))
 
 
