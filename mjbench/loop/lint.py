@@ -14,6 +14,7 @@ from pathlib import Path
 from mjbench.errors import InputError
 from mjbench.loop.lint_match import Match
 from mjbench.loop.lint_rules import RULES, Rule
+from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
@@ -49,33 +50,6 @@ class Finding:
     is_wrong_result: bool = False
 
 
-ALL_CODES = tuple(rule.code for rule in RULES)
-
-
-def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
-    """Return the codes of the rules to check.
-
-    Args:
-      select: codes, or how they begin; none for all.
-      ignore: likewise; they take precedence.
-
-    Raises:
-      InputError: no rule has such a code.
-    """
-    selected = _matching(select) if select else set(ALL_CODES)
-    return sorted(selected - _matching(ignore))
-
-
-def _matching(beginnings: Iterable[str]) -> set[str]:
-    matching = set()
-    for beginning in beginnings:
-        of_beginning = {code for code in ALL_CODES if code.startswith(beginning.upper())}
-        if not beginning or not of_beginning:
-            raise InputError(f"no rule {beginning!r}; there are {', '.join(ALL_CODES)}")
-        matching |= of_beginning
-    return matching
-
-
 def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
     """Return the findings of a Python file or a notebook, in the order of its lines.
 
@@ -102,15 +76,15 @@ def refusing_deep_nesting(file: str) -> Iterator[None]:
 
 
 def check_all(
-    files: Iterable[str | UncheckedFile], codes: Collection[str] = ALL_CODES
+    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[Finding | UncheckedFile]:
     """Yield the findings of all files in turn; in place of a file's, why it has none.
 
     Args:
       files: their names, and those that cannot be checked.
-      codes: of the rules to check.
+      choice: of rules.
     """
-    return each_checked(files, lambda file: check(file, codes))
+    return each_checked(files, lambda file: check(file, choice.codes_for(file)))
 
 
 @cache

@@ -6,27 +6,26 @@ package, is a use that is not known.
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mjbench.loop.name_bindings import Scope
 from mjbench.loop.script_names import assignments, last_name
 from mjbench.loop.stepping_script import SteppingScript
 
-# Fields of MjData by those of its named parts.
-_FRAME = {
-    name: name for name in ("xpos", "xquat", "xmat", "xipos", "ximat", "subtree_com", "cinert")
-}
-_STATE = {name: name for name in ("qpos", "qvel", "xanchor", "xaxis", "cdof")}
-_PART_FIELDS: Mapping[str, Mapping[str, str]] = {
-    "body": _FRAME,
-    **dict.fromkeys(("jnt", "joint"), _STATE),
-    "geom": {"xpos": "geom_xpos", "xmat": "geom_xmat"},
-    "site": {"xpos": "site_xpos", "xmat": "site_xmat"},
-    **dict.fromkeys(("cam", "camera"), {"xpos": "cam_xpos", "xmat": "cam_xmat"}),
-    "light": {"xpos": "light_xpos", "xdir": "light_xdir"},
-    "actuator": {"ctrl": "ctrl"},
-    **dict.fromkeys(("ten", "tendon"), {"length": "ten_length", "J": "ten_J"}),
+# How the fields of MjData begin whose rest is the field of a named part.
+_PREFIXES = {
+    "body": "",
+    "joint": "",
+    "jnt": "",
+    "actuator": "",
+    "geom": "geom_",
+    "site": "site_",
+    "cam": "cam_",
+    "camera": "cam_",
+    "light": "light_",
+    "ten": "ten_",
+    "tendon": "ten_",
 }
 _COPIES = {"copy", "deepcopy"}
 
@@ -176,7 +175,7 @@ class _Following:
     def _of_part(self, call: ast.Call, accessor: str) -> None:
         """Count what is read of `data.site("tip")` or the like."""
         parent = self._script.parents.get(call)
-        if accessor not in _PART_FIELDS:
+        if accessor not in _PREFIXES:
             self._is_known = False
         elif isinstance(parent, ast.Attribute):
             self._add_part_field(accessor, parent.attr)
@@ -200,4 +199,4 @@ class _Following:
 
     def _add_part_field(self, accessor: str, attribute: str) -> None:
         if attribute not in ("id", "name"):
-            self._fields.add(_PART_FIELDS[accessor].get(attribute, f"{accessor}.{attribute}"))
+            self._fields.add(_PREFIXES[accessor] + attribute)

@@ -1,10 +1,10 @@
 """What `mjbench lint --explain` prints of each rule."""
 
 STORED_VIEW = """\
-`data.qpos` is a view: an array that shows the memory of the MjData. Storing it stores no values, so
-every entry shows the state of the last step, and `np.array(log)` has the same row everywhere. This
-holds for the fields of an MjData, for their slices and reshapes, and for those of named parts; also
-where a function of the script returns or yields the view.
+`data.qpos` is a view: an array that shows the memory of the MjData. Storing it stores no
+values, so every entry shows the state of the last step, and `np.array(log)` has the same row
+everywhere. This holds for the fields of an MjData, for their slices and reshapes, and for those
+of named parts; also where a function of the script returns or yields the view.
 
     mujoco.mj_step(model, data)
     log.append(data.qpos)           # write: log.append(data.qpos.copy())
@@ -29,7 +29,8 @@ Results: none change. A wrong name raises before the loop.
 """
 
 NEW_ARRAY = """\
-Each call allocates an array and fills it; in a small model this costs as much as part of a step.
+Each call allocates an array and fills it; in a small model this costs as much as part of a
+step.
 
     observation = np.concatenate([data.qpos, data.qvel])
 
@@ -56,8 +57,8 @@ Results: none change, unless the program keeps the MjData of earlier episodes, o
 
 SERIAL_SIMULATIONS = """\
 Simulations that do not depend on each other run one after another, on one core, and Python runs
-between the steps. `mujoco.rollout`, from MuJoCo 3.2.7 on, and `mujoco.batch` step them on threads, and
-`mjbench compare` says which is fastest for a model.
+between the steps. `mujoco.rollout`, from MuJoCo 3.2.7 on, and `mujoco.batch` step them on
+threads, and `mjbench compare` says which is fastest for a model.
 
     for plan in plans:
         mujoco.mj_resetData(model, data)
@@ -72,26 +73,28 @@ Results: none change where the controls are known before the steps.
 
 FORWARD_AFTER_STEP = """\
 `mj_step` computes positions, contacts and forces from the state before it, and then integrates.
-`mj_forward` after it computes all of that for the new state, and the next `mj_step` does so again.
-Stepping does not need it. `qpos`, `qvel`, `act` and `time` are those of the new state without it.
-Where positions of the new state are read, `mj_kinematics` computes them; with `mj_comPos`, centres of
-mass and what Jacobians need; with `mj_camlight`, cameras and lights; with `mj_tendon`, lengths of tendons.
+`mj_forward` after it computes all of that for the new state, and the next `mj_step` does so
+again. Stepping does not need it. `qpos`, `qvel`, `act` and `time` are those of the new state
+without it. Where positions of the new state are read, `mj_kinematics` computes them; with
+`mj_comPos`, centres of mass and what Jacobians need; with `mj_camlight`, cameras and lights;
+with `mj_tendon`, lengths of tendons.
 
     mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)  # write: mujoco.mj_kinematics(model, data)
     height = data.body("torso").xpos[2]
 
-There is no finding where the script reads anything else, such as contacts or sensors, or gives the
-MjData to code that is not in the file.
+There is no finding where the script reads anything else, such as contacts or sensors, or gives
+the MjData to code that is not in the file.
 
-Results in MuJoCo 4.0.0: none change, bit for bit. In 2.3.7, `mj_forward` also leaves its solution as
-the start of the next step's solver and normalizes the quaternions in `qpos`. So without it, later states
-differ within the solver's tolerance, and with no call at all `qpos` differs in the last bits.
+Results in MuJoCo 4.0.0: none change, bit for bit. In 2.3.7, `mj_forward` also leaves its
+solution as the start of the next step's solver, so without it later states differ, by the
+solver's tolerance at first; and it normalizes the quaternions in `qpos`, whose last bits differ
+if no call takes its place.
 """
 
 HALVES_OF_RUNGE_KUTTA = """\
-`mj_step` with `integrator="RK4"` computes four stages. `mj_step1` and `mj_step2` cannot: `mj_step2`
-integrates by Euler, without a warning, so states differ from those of `mj_step`.
+`mj_step` with `integrator="RK4"` computes four stages. `mj_step1` and `mj_step2` cannot:
+`mj_step2` integrates by Euler, without a warning, so states differ from those of `mj_step`.
 
     mujoco.mj_step1(model, data)
     data.ctrl[:] = policy(data)
@@ -106,9 +109,9 @@ Results: the states become those of the integrator that the model asks for.
 """
 
 SHARED_DATA = """\
-An MjData holds one state and all that is computed from it. `mj_step` releases Python's lock, so threads
-that step one MjData write to the same memory at the same time: states are wrong, differ from run to
-run, and the program may crash.
+An MjData holds one state and all that is computed from it. `mj_step` releases Python's lock, so
+threads that step one MjData write to the same memory at the same time: states are wrong, differ
+from run to run, and the program may crash.
 
     for _ in range(4):
         threading.Thread(target=simulate, args=(model, data)).start()
@@ -122,9 +125,10 @@ Results: each thread simulates its own state.
 """
 
 COPIED_DATA = """\
-`copy.copy(data)`, `copy.deepcopy(data)` and `MjData(model)` allocate all memory of a simulation. One
-MjData from before the loop takes the state instead: `mj_copyData` copies everything; `mj_setState`
-with `mjSTATE_INTEGRATION` the state, inputs and warm start, from which a step computes the rest.
+`copy.copy(data)`, `copy.deepcopy(data)` and `MjData(model)` allocate all memory of a
+simulation. One MjData from before the loop takes the state instead: `mj_copyData` copies
+everything; `mj_setState` with `mjSTATE_INTEGRATION` the state, inputs and warm start, from
+which a step computes the rest.
 
     for plan in plans:
         cost = follow(copy.deepcopy(data), plan)
@@ -140,8 +144,8 @@ Results: none change.
 """
 
 COMPILED_MODEL = """\
-Loading XML, `MjSpec.compile` and PyMJCF's `Physics.from_mjcf_model` parse and compile the whole model,
-which takes as long as many steps.
+Loading XML, `MjSpec.compile` and PyMJCF's `Physics.from_mjcf_model` parse and compile the whole
+model, which takes as long as many steps.
 
     for episode in range(100):
         model = mujoco.MjModel.from_xml_string(scene())
@@ -150,16 +154,16 @@ which takes as long as many steps.
     for episode in range(100):
         model.geom_friction[:, 0] = rng.uniform(0.5, 1)
 
-Masses, sizes, friction, colours and positions can be changed in the compiled model; `mj_setConst`
-recomputes what follows from masses and `qpos0`. If the number of bodies varies, compile all of them,
-and move those that are not used away.
+Masses, sizes, friction, colours and positions can be changed in the compiled model;
+`mj_setConst` recomputes what follows from masses and `qpos0`. If the number of bodies varies,
+compile all of them, and move those that are not used away.
 
 Results: depend on what is changed; bodies that are moved away still cost time in each step.
 """
 
 NEW_RENDERER = """\
-Each Renderer creates an OpenGL context and uploads all meshes and textures of the model. One that is
-never closed keeps them.
+Each Renderer creates an OpenGL context and uploads all meshes and textures of the model. One
+that is never closed keeps them.
 
     for step in range(1000):
         mujoco.mj_step(model, data)
@@ -175,8 +179,8 @@ Results: none change; `update_scene` sets the whole scene.
 
 NEW_JITTED_FUNCTION = """\
 `jax.jit` keeps what it compiled for each function object. A lambda, a local function or a
-`functools.partial` that an iteration creates is a new object, so JAX traces and compiles it again. With
-`mjx.step`, that takes seconds to minutes.
+`functools.partial` that an iteration creates is a new object, so JAX traces and compiles it
+again. With `mjx.step`, that takes seconds to minutes.
 
     for gain in gains:
         move = jax.jit(lambda d: mjx.step(mx, d.replace(ctrl=-gain * d.qpos)))
@@ -193,8 +197,8 @@ Results: up to rounding the same; as an argument, `gain` is no constant of the c
 """
 
 NEW_ROLLOUT_POOL = """\
-`rollout.rollout` with several MjData starts threads, and stops them when it is done. An object keeps
-them between calls.
+`rollout.rollout` with several MjData starts threads, and stops them when it is done. An object
+keeps them between calls.
 
     for _ in range(100):
         states, sensors = rollout.rollout(model, datas, starts, plans)

@@ -7,7 +7,7 @@ tests/loop/test_lint_forward.py checks that the functions named here give what `
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 
 from mjbench.loop.lint_data_uses import DataUses, uses_of
 from mjbench.loop.lint_match import Match
@@ -17,17 +17,19 @@ from mjbench.loop.stepping_script import SteppingScript
 
 _RECOMPUTES = ("mj_forward", "mj_step1", "mj_fwdPosition")
 # Fields of the state and the inputs, which no such function changes.
-STATE = frozenset(
-    "qpos qvel act time ctrl qfrc_applied xfrc_applied mocap_pos mocap_quat userdata eq_active".split()
-)
-# Fields that other functions compute, by the function that comes last; each needs those before it.
-COMPUTED: Mapping[str, frozenset[str]] = {
-    "mj_kinematics": frozenset(
-        "xpos xquat xmat xipos ximat xanchor xaxis geom_xpos geom_xmat site_xpos site_xmat".split()
-    ),
-    "mj_comPos": frozenset(("subtree_com", "cinert", "cdof")),
-    "mj_camlight": frozenset(("cam_xpos", "cam_xmat", "light_xpos", "light_xdir")),
-    "mj_tendon": frozenset(("ten_length", "ten_J")),
+STATE = {
+    *("qpos", "qvel", "act", "time", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos"),
+    *("mocap_quat", "userdata", "eq_active"),
+}
+# Fields that other functions compute; `mj_camlight` and `mj_tendon` need both of the others.
+COMPUTED: Mapping[str, Set[str]] = {
+    "mj_kinematics": {
+        *("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis"),
+        *("geom_xpos", "geom_xmat", "site_xpos", "site_xmat"),
+    },
+    "mj_comPos": {"subtree_com", "cinert", "cdof"},
+    "mj_camlight": {"cam_xpos", "cam_xmat", "light_xpos", "light_xdir"},
+    "mj_tendon": {"ten_length", "ten_J"},
 }
 # Functions of the engine that read only the state, or compute what they read.
 _INDEPENDENT = {
@@ -42,12 +44,12 @@ _JACOBIANS = {
 
 def forward_after_step(script: SteppingScript) -> Iterator[Match]:
     """Yield calls of mj_forward after mj_step of which a script reads nothing, or positions."""
-    if any("set_mjcb" in name for name in script.bindings.identifiers):
-        return  # mj_forward calls what the script installed
     for call in script.calls:
         name = last_name(call.func)
         if name not in _RECOMPUTES or not _follows_step(script, call):
             continue
+        if any("set_mjcb" in each for each in script.bindings.identifiers):
+            return  # mj_forward calls what the script installs
         data = call.args[1]
         if isinstance(data, ast.Name) and any(_steps(script, call)):
             instead = _enough(uses_of(script, data))

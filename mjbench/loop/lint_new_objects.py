@@ -48,8 +48,7 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
 def new_renderers(script: SteppingScript) -> Iterator[Match]:
     """Yield each Renderer that a loop which steps creates in every iteration."""
     for call in script.calls:
-        name = dotted_name(call.func)
-        if name not in _RENDERERS and script.bindings.origin(name) not in _RENDERERS:
+        if last_name(call.func) != "Renderer" or not _is_engine_renderer(script, call):
             continue
         each = _innermost(script, call)
         if each is None or _has_new_model(script, each, call) or _varies(script, each):
@@ -75,7 +74,7 @@ def new_jitted_functions(script: SteppingScript) -> Iterator[Match]:
 def new_rollout_pools(script: SteppingScript) -> Iterator[Match]:
     """Yield each call of rollout in a loop that starts threads for itself."""
     for call in script.calls:
-        if script.bindings.origin(dotted_name(call.func)) != "mujoco.rollout.rollout":
+        if last_name(call.func) != "rollout" or not _is_module_function(script, call):
             continue
         is_plain = all(k.arg not in (None, "persistent_pool") for k in call.keywords)
         if is_plain and _has_threads(script, call) and any(iterations(script, call)):
@@ -103,7 +102,7 @@ def _varies(script: SteppingScript, each: Iteration) -> bool:
 
 
 def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> bool:
-    """Return whether a call gets a model that is new in each iteration, or that the loop chooses."""
+    """Return whether a call gets a model that is new in each iteration, or that it chooses."""
     creates = any(
         isinstance(n, ast.Call) and last_name(n.func) in CREATES_MODEL for n in ast.walk(call)
     )
@@ -148,6 +147,15 @@ def _is_stored(script: SteppingScript, call: ast.Call) -> bool:
     return isinstance(parent, ast.Tuple | ast.List | ast.Dict | ast.ListComp | ast.DictComp)
 
 
+def _is_engine_renderer(script: SteppingScript, call: ast.Call) -> bool:
+    name = dotted_name(call.func)
+    return not _RENDERERS.isdisjoint((name, script.bindings.origin(name)))
+
+
+def _is_module_function(script: SteppingScript, call: ast.Call) -> bool:
+    return script.bindings.origin(dotted_name(call.func)) == "mujoco.rollout.rollout"
+
+
 def _spec_names(script: SteppingScript) -> set[str]:
     """Return the names that an MjSpec was assigned to."""
     return {
@@ -169,7 +177,7 @@ def _compiles(call: ast.Call, specs: set[str]) -> bool:
 
 def _is_jit(script: SteppingScript, function: ast.AST) -> bool:
     name = dotted_name(function)
-    return "jax.jit" in (name, script.bindings.origin(name))
+    return last_name(function) == "jit" and "jax.jit" in (name, script.bindings.origin(name))
 
 
 def _is_partial_jit(script: SteppingScript, decorator: ast.AST) -> bool:
@@ -206,7 +214,8 @@ def _if_constant(
         body = _new_function(function, each)
         if body is None:
             return
-        varying = each.varying_names(script)
+        parameters = {n.arg for n in ast.walk(body) if isinstance(n, ast.arg)}
+        varying = each.varying_names(script) - parameters
         if all(_is_number(script, n) for n in ast.walk(body) if _is_one_of(n, varying)):
             yield Match(node, callee="jit")
             return

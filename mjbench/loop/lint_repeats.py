@@ -104,6 +104,8 @@ def _may_run_once(
             return True
         if isinstance(parent, ast.Try) and child in parent.orelse:
             return True
+        if isinstance(parent, ast.With) and _expects_error(parent):
+            return True
         is_branch = isinstance(parent, ast.If | ast.IfExp) and child is not parent.test
         if is_branch and not _is_regular(parent, limit):
             return True
@@ -114,6 +116,13 @@ def _may_run_once(
         child = parent
     leaves = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
     return any(isinstance(n, leaves) and n.lineno < node.lineno for n in nodes_inside(limit))
+
+
+def _expects_error(node: ast.With) -> bool:
+    """Return whether a test expects that a block raises."""
+    contexts = (item.context_expr for item in node.items)
+    calls = (c.func for c in contexts if isinstance(c, ast.Call))
+    return any("raises" in last_name(function).lower() for function in calls)
 
 
 def _is_regular(branch: ast.AST, limit: Loop | ast.FunctionDef) -> bool:

@@ -163,7 +163,7 @@ RULES = (
     ),
     Rule(
         "MJB007",
-        "mj_forward after mj_step computes another step's worth, of which little or nothing is read",
+        "mj_forward after mj_step computes another step's worth, of which little is read",
         forward_after_step,
         explanations.FORWARD_AFTER_STEP,
     ),

@@ -150,6 +150,28 @@ class SteppingScript:
         """Its functions."""
         return ScriptFunctions(self.bindings, self.parents, self.calls)
 
+    @cached_property
+    def _indirect_functions(self) -> set[ast.FunctionDef]:
+        """The functions that call, through others of the script, one that calls `mj_step`."""
+        if not self._stepping_functions:
+            return set()
+        named = [n for n in ast.walk(self.tree) if isinstance(n, ast.FunctionDef)]
+        waiting = [function for function in named if function.name in self._stepping_functions]
+        indirect: set[ast.FunctionDef] = set()
+        while waiting:
+            for call in self.functions.calls_of(waiting.pop()):
+                caller = self._function_around(call)
+                if caller is not None and caller not in indirect:
+                    indirect.add(caller)
+                    waiting.append(caller)
+        return indirect
+
+    def _function_around(self, node: ast.AST) -> ast.FunctionDef | None:
+        above = self.parents.get(node)
+        while above is not None and not isinstance(above, FUNCTIONS | ast.Lambda):
+            above = self.parents.get(above)
+        return above if isinstance(above, ast.FunctionDef) else None
+
     def _stepping_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
         return [SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self.steps_inside(loop)]
 
@@ -326,10 +348,14 @@ class SteppingScript:
 
     def steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
-        return any(
-            is_step(n)
-            or (isinstance(n, ast.Call) and last_name(n.func) in self._stepping_functions)
-            for n in nodes_inside(node)
+        return any(isinstance(n, ast.Call) and self._steps(n) for n in nodes_inside(node))
+
+    def _steps(self, call: ast.Call) -> bool:
+        """Return whether a call is `mj_step`, or leads to it."""
+        return (
+            is_step(call)
+            or last_name(call.func) in self._stepping_functions
+            or not self._indirect_functions.isdisjoint(self.functions.called(call))
         )
 
     def steps_environment_inside(self, node: ast.AST) -> bool:
