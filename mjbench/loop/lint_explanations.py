@@ -126,9 +126,9 @@ Results: each thread simulates its own state.
 
 COPIED_DATA = """\
 `copy.copy(data)`, `copy.deepcopy(data)` and `MjData(model)` allocate all memory of a
-simulation. One MjData from before the loop takes the state instead: `mj_copyData` copies
-everything; `mj_setState` with `mjSTATE_INTEGRATION` the state, inputs and warm start, from
-which a step computes the rest.
+simulation. One MjData from before the loop takes the state instead: `mj_copyData`, in Python
+from MuJoCo 3.5 on, copies everything; `mj_setState` with `mjSTATE_INTEGRATION` the state, the
+inputs and the warm start, from which a step computes the rest.
 
     for plan in plans:
         cost = follow(copy.deepcopy(data), plan)

@@ -56,8 +56,9 @@ def _text_of(values: list[tuple[ast.AST, ast.AST]], model: ast.AST) -> str:
 
 def shared_data(script: SteppingScript) -> Iterator[Match]:
     """Yield where a loop hands one MjData to several threads, each of which steps it."""
-    executors = _executor_names(script)
-    for call in script.calls:
+    starts = [c for c in script.calls if last_name(c.func) in ("Thread", "submit", "map")]
+    executors = _executor_names(script) if starts else set()
+    for call in starts:
         work = _work(call, executors)
         function = script.functions.named(work[0]) if work else None
         if function is None or _is_locked(function):

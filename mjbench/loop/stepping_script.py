@@ -352,11 +352,10 @@ class SteppingScript:
 
     def _steps(self, call: ast.Call) -> bool:
         """Return whether a call is `mj_step`, or leads to it."""
-        return (
-            is_step(call)
-            or last_name(call.func) in self._stepping_functions
-            or not self._indirect_functions.isdisjoint(self.functions.called(call))
-        )
+        if is_step(call) or last_name(call.func) in self._stepping_functions:
+            return True
+        indirect = self._indirect_functions
+        return bool(indirect) and not indirect.isdisjoint(self.functions.called(call))
 
     def steps_environment_inside(self, node: ast.AST) -> bool:
         """Return whether an environment is stepped inside a node, there or in a function."""

@@ -256,5 +256,7 @@ def test_an_mjdata_that_comes_from_elsewhere_is_no_finding(tmp_path: Path) -> No
         changed = text.replace("mujoco.MjData(model)", elsewhere)
         assert findings(tmp_path, changed, "MJB007") == []
     method = "class Env:\n    def run(self, model, data):\n        while True:\n"
-    method += "            mujoco.mj_step(model, data)\n            mujoco.mj_forward(model, data)\n"
+    method += (
+        "            mujoco.mj_step(model, data)\n            mujoco.mj_forward(model, data)\n"
+    )
     assert findings(tmp_path, method, "MJB007") == []

@@ -37,9 +37,7 @@ PAIR = "return data.time, data.qpos"
         ("return [data.qpos]", "log.append(look(data))"),
     ],
 )
-def test_a_view_of_a_helper_is_found_in_the_helper(
-    tmp_path: Path, helper: str, store: str
-) -> None:
+def test_a_view_of_a_helper_is_found_in_the_helper(tmp_path: Path, helper: str, store: str) -> None:
     text = SCRIPT.format(helper=helper, store=store)
     assert places(tmp_path, text, "MJB001") == [("MJB001", helper)]
 

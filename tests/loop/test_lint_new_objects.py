@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 from linted import findings, places
 
-STEPS = "\n        for _ in range(9): mujoco.mj_step(model, data)"
 SETUP = """
 model = mujoco.MjModel.from_xml_string(XML)
 data = mujoco.MjData(model)
@@ -176,7 +175,7 @@ JIT = "import jax\nfrom functools import partial\n"
         "for _ in range(9):\n    for f in moves:\n        d = jax.jit(lambda d: g(d))(d)",
         "while True:\n    @jax.jit\n    def move(d):\n        return d + 1\n    d = move(d)",
         "for _ in range(9):\n    def move(d):\n        return d + 1\n    d = jax.jit(move)(d)",
-        "for _ in x:\n    @partial(jax.jit, static_argnums=0)\n    def f(d):\n        return d\n    f(1)",
+        "while x:\n    @partial(jax.jit, inline=True)\n    def f(d):\n        return d\n    f(1)",
     ],
 )
 def test_a_function_that_is_compiled_in_every_iteration_is_found(tmp_path: Path, text: str) -> None:
@@ -193,7 +192,7 @@ def test_a_function_that_is_compiled_in_every_iteration_is_found(tmp_path: Path,
         "for n in sizes:\n    d = jax.jit(lambda d: scan(f, d, length=n))(d)",
         "moves = [jax.jit(partial(f, gain)) for gain in gains]",
         "for name in names:\n    moves[name] = jax.jit(partial(f, name))",
-        "for _ in range(9):\n    if move is None:\n        move = jax.jit(lambda d: d)\n    move(d)",
+        "while x:\n    if move is None:\n        move = jax.jit(lambda d: d)\n    move(d)",
         "for _ in range(9):\n    d = other.jit(lambda d: d)(d)",
     ],
 )

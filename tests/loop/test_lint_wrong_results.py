@@ -51,7 +51,9 @@ def test_halves_of_other_or_unknown_integrators_are_no_finding(
 
 
 def test_whole_steps_of_runge_kutta_are_no_finding(tmp_path: Path) -> None:
-    text = RK4 + HALVES.format(line="").replace("mj_step1", "mj_step").replace("mj_step2", "mj_step")
+    text = RK4 + HALVES.format(line="").replace("mj_step1", "mj_step").replace(
+        "mj_step2", "mj_step"
+    )
     assert findings(tmp_path, text, "MJB008") == []
 
 
@@ -102,7 +104,7 @@ def test_one_mjdata_in_several_threads_is_a_wrong_result(
         "for d in datas: threading.Thread(target=given, args=(model, d)).start()",
         "for i in x: threading.Thread(target=given, args=(model, mujoco.MjData(model))).start()",
         "for i in x:\n    data = mujoco.MjData(model)\n    pool.submit(given, model, data)",
-        "for i in x:\n    t = threading.Thread(target=outer, args=(i,))\n    t.start()\n    t.join()",
+        "for i in x:\n    t = threading.Thread(target=outer, args=x)\n    t.start()\n    t.join()",
         "for i in x: pool.submit(given, model, data).result()",
         "pool.map(own, x)",
         "pool.map(locked, x)",
