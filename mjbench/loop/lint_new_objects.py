@@ -41,7 +41,7 @@ def compiled_models(script: SteppingScript) -> Iterator[Match]:
     for call in script.calls:
         if _compiles(call, specs) and not _is_stored(script, call):
             each = _innermost(script, call, or_resets=True)
-            if each is not None and not _varies(script, each):
+            if each is not None and not (_varies(script, each) or _takes_data(script, each)):
                 yield Match(call, callee=last_name(call.func))
 
 
@@ -99,6 +99,12 @@ def _resets_inside(loop: ast.AST) -> bool:
 def _varies(script: SteppingScript, each: Iteration) -> bool:
     """Return whether what runs depends on what its loop runs over."""
     return not names_in(each.inside).isdisjoint(each.varying_names(script))
+
+
+def _takes_data(script: SteppingScript, each: Iteration) -> bool:
+    """Return whether a function gets an MjData: what it compiles may follow from the state."""
+    is_call = bool(each.functions) and isinstance(each.inside, ast.Call)
+    return is_call and any(script.is_data(n) for n in ast.walk(each.inside))
 
 
 def _has_new_model(script: SteppingScript, each: Iteration, call: ast.Call) -> bool:
@@ -214,8 +220,7 @@ def _if_constant(
         body = _new_function(function, each)
         if body is None:
             return
-        parameters = {n.arg for n in ast.walk(body) if isinstance(n, ast.arg)}
-        varying = each.varying_names(script) - parameters
+        varying = _varying_inside(body, each.varying_names(script))
         if all(_is_number(script, n) for n in ast.walk(body) if _is_one_of(n, varying)):
             yield Match(node, callee="jit")
             return
@@ -233,13 +238,33 @@ def _new_function(function: ast.AST, each: Iteration) -> ast.AST | None:
     return None
 
 
+def _varying_inside(function: ast.AST, varying: set[str]) -> set[str]:
+    """Return the names that vary inside a function: its parameters do if their defaults do."""
+    for arguments in (n for n in ast.walk(function) if isinstance(n, ast.arguments)):
+        plain = [*arguments.posonlyargs, *arguments.args]
+        defaults = dict(zip(reversed(plain), reversed(arguments.defaults), strict=False))
+        defaults |= {
+            argument: default
+            for argument, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+            if default is not None
+        }
+        for argument in (*plain, *arguments.kwonlyargs):
+            default = defaults.get(argument)
+            changes = default is not None and not names_in(default).isdisjoint(varying)
+            varying = varying | {argument.arg} if changes else varying - {argument.arg}
+    return varying
+
+
 def _is_one_of(node: ast.AST, names: set[str]) -> bool:
     return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in names
 
 
 def _is_number(script: SteppingScript, name: ast.AST) -> bool:
-    """Return whether a name is an operand of arithmetic: such a value can be an argument."""
-    return isinstance(script.parents[name], ast.BinOp | ast.UnaryOp)
+    """Return whether a name is an operand of arithmetic, or a default for a parameter.
+
+    Such a value can be an argument.
+    """
+    return isinstance(script.parents[name], ast.BinOp | ast.UnaryOp | ast.arguments)
 
 
 def _has_threads(script: SteppingScript, call: ast.Call) -> bool:

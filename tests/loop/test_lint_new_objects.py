@@ -115,6 +115,19 @@ def test_a_function_that_loads_once_is_no_finding(tmp_path: Path) -> None:
     assert len(findings(tmp_path, early.replace("if known", "while known") + loop)) == 0
 
 
+def test_a_model_that_follows_from_the_state_is_no_finding(tmp_path: Path) -> None:
+    text = """
+    def fitted(model, data):
+        spec = mujoco.MjSpec()
+        spec.worldbody.add_geom(size=data.xpos[1])
+        return spec.compile()
+    for _ in range(9):
+        mujoco.mj_step(model, data)
+        fitted(model, data)
+    """
+    assert findings(tmp_path, text, "MJB011") == []
+
+
 def test_a_loop_that_resets_compiles_anew_as_well(tmp_path: Path) -> None:
     text = """
     while True:
@@ -172,6 +185,7 @@ JIT = "import jax\nfrom functools import partial\n"
         "for _ in range(9):\n    move = jax.jit(lambda d: mjx.step(mx, d))\n    d = move(d)",
         "for _ in range(9):\n    d = jax.jit(partial(move, mx))(d)",
         "for gain in gains:\n    move = jax.jit(lambda d: f(d, -gain * d))\n    d = move(d)",
+        "for gain in gains:\n    move = jax.jit(lambda d, g=gain: g * d)\n    d = move(d)",
         "for _ in range(9):\n    for f in moves:\n        d = jax.jit(lambda d: g(d))(d)",
         "while True:\n    @jax.jit\n    def move(d):\n        return d + 1\n    d = move(d)",
         "for _ in range(9):\n    def move(d):\n        return d + 1\n    d = jax.jit(move)(d)",
@@ -188,6 +202,8 @@ def test_a_function_that_is_compiled_in_every_iteration_is_found(tmp_path: Path,
         "move = jax.jit(lambda d: d + 1)\nfor _ in range(9):\n    d = move(d)",
         "for _ in range(9):\n    d = jax.jit(move)(d)",
         "for f in functions:\n    d = jax.jit(lambda d: f(d))(d)",
+        "for f in functions:\n    move = jax.jit(lambda d, f=f: f(d))\n    d = move(d)",
+        "for f in functions:\n    move = jax.jit(lambda d, g=f: g(d))\n    d = move(d)",
         "for model in models:\n    move = jax.jit(lambda d: mjx.step(model, d))\n    d = move(d)",
         "for n in sizes:\n    d = jax.jit(lambda d: scan(f, d, length=n))(d)",
         "moves = [jax.jit(partial(f, gain)) for gain in gains]",
