@@ -11,7 +11,13 @@ from dataclasses import dataclass
 
 from mjbench.loop.name_bindings import Scope
 from mjbench.loop.script_names import assignments, last_name
-from mjbench.loop.stepping_script import SteppingScript
+from mjbench.loop.stepping_script import (
+    FIELDS,
+    STORING_METHODS,
+    VIEW_METHODS,
+    SteppingScript,
+    index_gives_view,
+)
 
 # How the fields of MjData begin whose rest is the field of a named part.
 _PREFIXES = {
@@ -38,11 +44,13 @@ class DataUses:
       fields: that it names, those of named parts by the name of the whole array.
       functions: of the engine that get it, and `copy` and `deepcopy`.
       is_known: whether this is all that happens to it.
+      is_kept: whether a view of it is stored, named or returned, and so keeps its memory.
     """
 
     fields: frozenset[str]
     functions: frozenset[str]
     is_known: bool
+    is_kept: bool = False
 
 
 def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses:
@@ -75,6 +83,7 @@ class _Following:
         self._fields: set[str] = set()
         self._functions: set[str] = set()
         self._is_known = True
+        self._is_kept = False
         self._names: dict[str, list[ast.Name]] = {}
         for node in ast.walk(script.tree):
             if isinstance(node, ast.Name):
@@ -88,7 +97,8 @@ class _Following:
             if place not in followed:
                 followed.add(place)
                 waiting += self._from(*place)
-        return DataUses(frozenset(self._fields), frozenset(self._functions), self._is_known)
+        fields, functions = frozenset(self._fields), frozenset(self._functions)
+        return DataUses(fields, functions, self._is_known, self._is_kept)
 
     def _from(self, scope: Scope, name: str) -> Iterator[tuple[Scope, str]]:
         """Count the uses of a name, and yield the other names of the same MjData."""
@@ -149,6 +159,7 @@ class _Following:
                 self._of_part(above, parent.attr)
             else:
                 self._fields.add(parent.attr)
+                self._is_kept |= _is_kept(self._script, parent, is_row=False)
         elif isinstance(parent, ast.Assign) and len(parent.targets) == 1:
             target = parent.targets[0]
             if isinstance(target, ast.Name):
@@ -178,7 +189,7 @@ class _Following:
         if accessor not in _PREFIXES:
             self._is_known = False
         elif isinstance(parent, ast.Attribute):
-            self._add_part_field(accessor, parent.attr)
+            self._add_part_field(accessor, parent)
         elif isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
             self._of_part_name(parent.targets[0], accessor)
         else:
@@ -193,10 +204,50 @@ class _Following:
                 continue
             parent = self._script.parents[node]
             if isinstance(parent, ast.Attribute):
-                self._add_part_field(accessor, parent.attr)
+                self._add_part_field(accessor, parent)
             else:
                 self._is_known = False
 
-    def _add_part_field(self, accessor: str, attribute: str) -> None:
-        if attribute not in ("id", "name"):
-            self._fields.add(_PREFIXES[accessor] + attribute)
+    def _add_part_field(self, accessor: str, attribute: ast.Attribute) -> None:
+        if attribute.attr not in ("id", "name"):
+            self._fields.add(_PREFIXES[accessor] + attribute.attr)
+            self._is_kept |= _is_kept(self._script, attribute, is_row=True)
+
+
+def _is_kept(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
+    """Return whether a view that begins with a field outlives the expression it stands in.
+
+    Args:
+      script: the script.
+      field: such as `data.xpos`.
+      is_row: whether it is the row of a named part.
+    """
+    if not FIELDS.match(field.attr):
+        return False
+    node: ast.expr = field
+    while True:
+        parent = script.parents[node]
+        above = script.parents.get(parent)
+        if isinstance(parent, ast.Subscript) and parent.value is node:
+            if not index_gives_view(parent, is_row):
+                return False
+            node = parent
+        elif isinstance(parent, ast.Attribute):
+            if not (isinstance(above, ast.Call) and parent.attr in VIEW_METHODS):
+                return False
+            node = above
+        else:
+            break
+    if not isinstance(getattr(node, "ctx", ast.Load()), ast.Load):
+        return False
+    if isinstance(parent, ast.Assign):
+        copies = (
+            isinstance(target, ast.Subscript) and not script.is_container_name(target.value)
+            for target in parent.targets
+        )
+        return not all(copies)
+    if isinstance(parent, ast.Call):
+        is_method = isinstance(parent.func, ast.Attribute) and not script.is_numpy_call(parent)
+        return is_method and last_name(parent.func) in STORING_METHODS
+    containers = ast.Return | ast.Yield | ast.Tuple | ast.List | ast.Dict | ast.keyword
+    return isinstance(parent, containers | ast.ListComp | ast.GeneratorExp | ast.DictComp)

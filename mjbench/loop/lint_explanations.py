@@ -86,10 +86,10 @@ with `mj_tendon`, lengths of tendons.
 There is no finding where the script reads anything else, such as contacts or sensors, or gives
 the MjData to code that is not in the file.
 
-Results in MuJoCo 4.0.0: none change, bit for bit. In 2.3.7, `mj_forward` also leaves its
-solution as the start of the next step's solver, so without it later states differ, by the
-solver's tolerance at first; and it normalizes the quaternions in `qpos`, whose last bits differ
-if no call takes its place.
+Results in MuJoCo 4.0.0: none change, bit for bit, as in all releases that were tried from 3.10.0
+on. In 3.3.1 and before, `mj_forward` also leaves its solution as the start of the next step's
+solver, so without it later states differ, by the solver's tolerance at first. In 2.3.7, it
+normalizes the quaternions in `qpos`, too, whose last bits differ if no call takes its place.
 """
 
 HALVES_OF_RUNGE_KUTTA = """\

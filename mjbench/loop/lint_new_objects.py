@@ -127,11 +127,15 @@ def _is_dropped(script: SteppingScript, call: ast.Call) -> bool:
     parent = script.parents[call]
     if isinstance(parent, ast.Assign) and len(parent.targets) == 1:
         target = parent.targets[0]
-        return isinstance(target, ast.Name) and uses_of(script, target, False).is_known
+        return isinstance(target, ast.Name) and _drops(uses_of(script, target, False))
     if isinstance(parent, ast.Call) and call in parent.args:
         given = list(_given(script, parent, call))
-        return bool(given) and all(uses.is_known for uses in given)
+        return bool(given) and all(map(_drops, given))
     return False
+
+
+def _drops(uses: DataUses) -> bool:
+    return uses.is_known and not uses.is_kept
 
 
 def _given(script: SteppingScript, call: ast.Call, argument: ast.expr) -> Iterator[DataUses]:

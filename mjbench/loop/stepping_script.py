@@ -46,11 +46,11 @@ _MODEL_ACCESSORS = _DATA_ACCESSORS | {
 # What such a part has that is not an array.
 _NUMBERS_AND_NAMES = {"id", "name"}
 # Methods of an array that return a view of it, and methods of a container that store an argument.
-_VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
+VIEW_METHODS = {"ravel", "reshape", "view", "transpose", "squeeze", "swapaxes"}
 STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
 _NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
-_FIELDS = re.compile(
+FIELDS = re.compile(
     r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
     r"|qacc_warmstart|qfrc_\w+|xfrc_\w+|xpos|xquat|xmat|xipos|ximat|xanchor|xaxis"
     r"|geom_x\w+|site_x\w+|cam_x\w+|light_x\w+|subtree_\w+|cdof\w*|cinert|crb|cvel|cacc|cfrc_\w+"
@@ -215,12 +215,12 @@ class SteppingScript:
                 return self.is_view(node.value)
             if self._is_named_part(node.value):
                 return node.attr not in _NUMBERS_AND_NAMES
-            return self.is_data(node.value) and bool(_FIELDS.match(node.attr))
+            return self.is_data(node.value) and bool(FIELDS.match(node.attr))
         if isinstance(node, ast.Subscript):
             is_row = isinstance(node.value, ast.Attribute) and self._is_named_part(node.value.value)
-            return self.is_view(node.value) and _index_gives_view(node, is_row)
+            return self.is_view(node.value) and index_gives_view(node, is_row)
         if isinstance(node, ast.Call):
-            if isinstance(node.func, ast.Attribute) and node.func.attr in _VIEW_METHODS:
+            if isinstance(node.func, ast.Attribute) and node.func.attr in VIEW_METHODS:
                 return self.is_view(node.func.value)
             is_asarray = last_name(node.func) == "asarray"
             return is_asarray and bool(node.args) and self.is_view(node.args[0])
@@ -287,7 +287,7 @@ class SteppingScript:
         elif isinstance(node, ast.Assign):
             for target in node.targets:
                 in_attribute = isinstance(target, ast.Attribute) and not self.is_data(target.value)
-                in_container = isinstance(target, ast.Subscript) and self._is_container_name(
+                in_container = isinstance(target, ast.Subscript) and self.is_container_name(
                     target.value
                 )
                 if in_attribute or in_container:
@@ -420,7 +420,7 @@ class SteppingScript:
             for keyword in node.keywords:
                 yield from self.views_in(keyword.value)
 
-    def _is_container_name(self, node: ast.AST) -> bool:
+    def is_container_name(self, node: ast.AST) -> bool:
         """Return whether a name was assigned a list or a dict; an array copies what is put in."""
         return dotted_name(node) in self._container_names
 
@@ -453,7 +453,7 @@ def _place_of_storage(node: ast.AST) -> str | None:
     return dotted_name(peeled(node.targets[0]))
 
 
-def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
+def index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
 
     Args:

@@ -22,6 +22,8 @@ def advance(data, plan):
         "costs = [advance(copy.deepcopy(data), plan) for plan in plans]",
         "for plan in plans:\n    advance(copy.copy(data), plan)",
         "for plan in plans:\n    scratch = mujoco.MjData(model)\n    advance(scratch, plan)",
+        "for plan in plans:\n    last = copy.copy(data)\n    advance(last, plan)\n"
+        "    kept.append(last.qpos.copy())\n    table[0] = last.qvel\n    log.append(last.qpos[0])",
         "while True:\n    before = copy.copy(data)\n    mujoco.mj_step(model, data)\n"
         "    moved = data.qpos - before.qpos",
         "def cost(plan):\n    scratch = mujoco.MjData(model)\n    return advance(scratch, plan)\n"
@@ -42,6 +44,12 @@ def test_a_new_mjdata_in_every_iteration_is_found(tmp_path: Path, text: str) -> 
         "for plan in plans:\n    advance(data, plan)\n    nodes[plan] = Node(copy.copy(data))",
         "for plan in plans:\n    if advance(data, plan) > best:\n        best = copy.copy(data)",
         "datas = [mujoco.MjData(model) for _ in range(9)]",
+        "for plan in plans:\n    last = copy.copy(data)\n    advance(last, plan)\n"
+        "    kept.append(last.qpos)",
+        "for plan in plans:\n    last = copy.copy(data)\n    advance(last, plan)\n"
+        "    end = last.body('hand').xpos[:2]\n    kept.append(end)",
+        "def end(data, plan):\n    advance(data, plan)\n    return data.time, data.xpos[1]\n"
+        "ends = [end(copy.copy(data), plan) for plan in plans]",
         "for plan in plans:\n    values = copy.copy(plan)\n    advance(data, values)",
         "for m in models:\n    other = mujoco.MjData(m)\n    advance(other, plan)",
         "def cost(model, plan):\n    scratch = mujoco.MjData(model)\n    advance(scratch, plan)\n"
