@@ -67,22 +67,31 @@ class Rule:
     is_wrong_result: bool = False
 
 
+def _returned(view: ast.expr) -> Match:
+    """Return the match of a view in the function that returns or yields it."""
+    return Match(
+        view,
+        message="a view is returned, and the caller stores it: every entry will show the last"
+        " state; add .copy()",
+    )
+
+
 def _stored_views(script: SteppingScript) -> Iterator[Match]:
     """Yield views that outlive the iteration in which they were taken."""
     for loop in (*script.loops, *script.environment_loops):
         for node in loop.inner:
             yield from map(Match, script.stored_views(node))
-            yield from map(Match, stored_helper_views(script, node))
+            yield from map(_returned, stored_helper_views(script, node))
     for method in script.methods:
         for node in method.inner:
             if script.attribute_of_self(node):
                 yield from map(Match, script.stored_views(node))
-                yield from map(Match, stored_helper_views(script, node))
+                yield from map(_returned, stored_helper_views(script, node))
     for comprehension in script.comprehensions:
         element = comprehension.elt
         elements = element.elts if isinstance(element, ast.Tuple) else [element]
         yield from (Match(e) for e in elements if script.is_view(e))
-        yield from map(Match, helper_views_in(script, element, comprehension))
+        yield from map(_returned, helper_views_in(script, element, comprehension))
 
 
 def _named_access(script: SteppingScript) -> Iterator[Match]:

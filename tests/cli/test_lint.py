@@ -163,6 +163,7 @@ def test_findings_become_sarif(tmp_path: Path) -> None:
     rules = {rule["id"] for rule in run["tool"]["driver"]["rules"]}
     first, second = run["results"]
     assert first["ruleId"] in rules
+    assert first["level"] == "error"  # a wrong result
     place = first["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"] == "a%20b.py"
     assert place["region"] == {"startLine": 8, "startColumn": 16}

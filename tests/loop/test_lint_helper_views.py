@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from linted import places
+from linted import findings, places
 
 from mjbench.loop import lint_fixes
 
@@ -99,6 +99,12 @@ def test_what_is_not_stored_of_a_generator_is_no_finding(tmp_path: Path) -> None
         "log = [q.copy() for _, q in steps(model, data)]",
     ):
         assert places(tmp_path, GENERATOR.format(caller=caller), "MJB001") == []
+
+
+def test_the_message_says_that_the_caller_stores_it(tmp_path: Path) -> None:
+    text = SCRIPT.format(helper="return data.qpos", store="log.append(look(data))")
+    (finding,) = findings(tmp_path, text, "MJB001")
+    assert finding.message.startswith("a view is returned, and the caller stores it")
 
 
 def test_fix_copies_in_the_helper(tmp_path: Path) -> None:
