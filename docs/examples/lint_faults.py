@@ -2,10 +2,14 @@
 
     python lint_faults.py [CODE …]
 
-Needs mujoco and NumPy only. Each line has the fault first, then what to write instead.
+Needs mujoco and NumPy only, and jax for MJB013. Each line has the fault first, then what to write
+instead.
 """
 
+import copy
+import subprocess
 import sys
+import threading
 import timeit
 
 import mujoco
@@ -18,6 +22,27 @@ PENDULUM = """
       <joint name="hinge" axis="0 1 0"/>
       <geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.05"/>
     </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+# The argument with which the program lets threads share an MjData.
+SHARE = "share-data"
+
+# Boxes that fall on a plane, one of them with a site.
+BOXES = """
+<mujoco>
+  <option integrator="{integrator}"/>
+  <worldbody>
+    <geom type="plane" size="5 5 0.1"/>
+    <body name="box" pos="0 0 0.3">
+      <freejoint/>
+      <geom type="box" size="0.1 0.1 0.1"/>
+      <site name="corner" pos="0.1 0.1 0.1"/>
+    </body>
+    <body pos="0.05 0 0.6"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
+    <body pos="0 0.05 0.9"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
   </worldbody>
 </mujoco>
 """
@@ -107,12 +132,207 @@ def one_after_another() -> str:
     return f"ms for 64 runs of 100 steps: {one / 1e6:.1f} in a loop, {all_ / 1e6:.1f} by rollout"
 
 
+def forward_after_step() -> str:
+    """MJB007: mj_forward computes a step's worth; mj_kinematics computes the same positions."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    data = mujoco.MjData(model)
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+        other = copy.copy(data)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_kinematics(model, other)
+        for field in ("xpos", "xmat", "geom_xpos", "site_xpos"):
+            assert np.array_equal(getattr(data, field), getattr(other, field)), field
+    forward = _ns(lambda: mujoco.mj_forward(model, data), 200)
+    positions = _ns(lambda: mujoco.mj_kinematics(model, data), 200)
+    return f"ns after a step: {forward:.0f} mj_forward, {positions:.0f} mj_kinematics"
+
+
+def halves_of_runge_kutta() -> str:
+    """MJB008: with RK4, two halves of a step are one of Euler."""
+    ends = {}
+    for integrator in ("RK4", "Euler"):
+        model = mujoco.MjModel.from_xml_string(PENDULUM)
+        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+        for name in ("halves", "whole"):
+            data = mujoco.MjData(model)
+            for _ in range(500):
+                if name == "halves":
+                    mujoco.mj_step1(model, data)
+                    mujoco.mj_step2(model, data)
+                else:
+                    mujoco.mj_step(model, data)
+            ends[integrator, name] = data.qpos[0]
+    assert ends["RK4", "halves"] == ends["Euler", "whole"] != ends["RK4", "whole"]
+    halves, whole = ends["RK4", "halves"], ends["RK4", "whole"]
+    return f"angle after 500 steps of RK4: {halves:.6f} by halves, as by Euler, {whole:.6f} whole"
+
+
+def shared_data() -> str:
+    """MJB009: threads that step one MjData crash or compute nonsense; each needs its own."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    alone, *own = (mujoco.MjData(model) for _ in range(5))
+    _step_in_threads(model, [alone])
+    _step_in_threads(model, own)
+    assert all(np.array_equal(data.qpos, alone.qpos) for data in own)
+    command = [sys.executable, __file__, SHARE]  # a process, which may crash
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    ends = {data.qpos.tobytes() for data in own}
+    shared = f"crash ({done.returncode})" if done.returncode else done.stdout.strip()
+    return f"4 threads: {shared} with one MjData, {len(ends)} state with four"
+
+
+def _step_in_threads(model: mujoco.MjModel, datas: list[mujoco.MjData]) -> None:
+    def work(data: mujoco.MjData) -> None:
+        for _ in range(2000):
+            mujoco.mj_step(model, data)
+
+    threads = [threading.Thread(target=work, args=(data,)) for data in datas]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def _share_data() -> str:
+    """Let threads step one MjData, and return how far its state is from that of as many steps."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    shared, right = mujoco.MjData(model), mujoco.MjData(model)
+    _step_in_threads(model, [shared] * 4)
+    for _ in range(4):
+        _step_in_threads(model, [right])
+    return f"{np.abs(shared.qpos - right.qpos).max():g} from the right qpos"
+
+
+def copied_data() -> str:
+    """MJB010: every sample gets a new MjData; one can take each start."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    data, scratch = mujoco.MjData(model), mujoco.MjData(model)
+    mujoco.mj_step(model, data, 200)
+
+    def end(sample: mujoco.MjData) -> bytes:
+        mujoco.mj_step(model, sample, 20)
+        return bytes(sample.qpos.tobytes())
+
+    integration = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(model, integration))
+
+    def take() -> None:
+        mujoco.mj_getState(model, data, state, integration)
+        mujoco.mj_setState(model, scratch, state, integration)
+
+    take()
+    assert end(copy.deepcopy(data)) == end(scratch)
+    copies, into = _ns(lambda: copy.deepcopy(data), 200), _ns(take, 200)
+    return f"ns a sample: {copies:.0f} for copy.deepcopy(data), {into:.0f} for mj_setState"
+
+
+def compiled_model() -> str:
+    """MJB011: every episode compiles a model; values of the compiled one can be changed."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    model.opt.timestep = 0.001
+    text = PENDULUM.replace("<mujoco>", '<mujoco><option timestep="0.001"/>')
+    ends = []
+    for each in (model, mujoco.MjModel.from_xml_string(text)):
+        data = mujoco.MjData(each)
+        mujoco.mj_step(each, data, 100)
+        ends.append(data.qpos[0])
+    assert ends[0] == ends[1]
+
+    def change() -> None:
+        model.opt.timestep = 0.001
+
+    compiling = _ns(lambda: mujoco.MjModel.from_xml_string(text), 50)
+    return f"ns an episode: {compiling:.0f} to compile, {_ns(change):.0f} to change a value"
+
+
+def new_renderer() -> str:
+    """MJB012: every frame creates a Renderer; one from before draws the same."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+
+    def draw(renderer: mujoco.Renderer) -> np.ndarray:
+        renderer.update_scene(data)
+        return np.asarray(renderer.render())
+
+    def close(renderer: mujoco.Renderer) -> None:
+        if hasattr(renderer, "close"):  # from MuJoCo 3 on
+            renderer.close()
+
+    def anew() -> np.ndarray:
+        renderer = mujoco.Renderer(model, 120, 160)
+        pixels = draw(renderer)
+        close(renderer)
+        return pixels
+
+    try:
+        first = anew()
+    except Exception as error:  # what is raised depends on how OpenGL is missing
+        return f"needs OpenGL, for example by MUJOCO_GL=egl: {error}"
+    once = mujoco.Renderer(model, 120, 160)
+    assert np.array_equal(first, draw(once))
+    news, frames = _ns(anew, 5), _ns(lambda: draw(once), 5)
+    close(once)
+    return f"ms a frame: {news / 1e6:.2f} with a new Renderer, {frames / 1e6:.2f} with one"
+
+
+def new_jitted_function() -> str:
+    """MJB013: a lambda is compiled in every iteration; a function that gets the gain, once."""
+    try:
+        import jax
+    except ImportError:
+        return "needs jax: pip install jax"
+    traces = {"lambda": 0, "function": 0}
+
+    def move(x, gain, name: str):
+        traces[name] += 1  # runs when JAX traces, not when it executes
+        return x - gain * x
+
+    jitted = jax.jit(lambda x, gain: move(x, gain, "function"))
+    for gain in (0.5, 1.0, 2.0, 4.0):
+        anew = jax.jit(lambda x, gain=gain: move(x, gain, "lambda"))(3.0)
+        assert anew == jitted(3.0, gain)
+    new, one = traces["lambda"], traces["function"]
+    return f"compilations for 4 gains: {new} of new lambdas, {one} of one function"
+
+
+def new_rollout_pool() -> str:
+    """MJB014: every call of rollout starts threads; a Rollout keeps them."""
+    try:
+        from mujoco import rollout
+
+        rollout.Rollout  # noqa: B018
+    except (ImportError, AttributeError):
+        return f"the rollout of MuJoCo {mujoco.__version__} has no threads"
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    datas = [mujoco.MjData(model) for _ in range(4)]
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    starts = np.zeros((64, mujoco.mj_stateSize(model, full)))
+    starts[:, 1] = np.linspace(-1, 1, 64)
+    with rollout.Rollout(nthread=len(datas)) as pool:
+        anew, _ = rollout.rollout(model, datas, starts, nstep=5)
+        kept, _ = pool.rollout(model, datas, starts, nstep=5)
+        assert np.array_equal(anew, kept)
+        calls = _ns(lambda: rollout.rollout(model, datas, starts, nstep=5), 50)
+        one = _ns(lambda: pool.rollout(model, datas, starts, nstep=5), 50)
+    return f"ns for 64 runs of 5 steps: {calls:.0f} with new threads, {one:.0f} with kept ones"
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
     "MJB003": new_array,
     "MJB005": new_data,
     "MJB006": one_after_another,
+    "MJB007": forward_after_step,
+    "MJB008": halves_of_runge_kutta,
+    "MJB009": shared_data,
+    "MJB010": copied_data,
+    "MJB011": compiled_model,
+    "MJB012": new_renderer,
+    "MJB013": new_jitted_function,
+    "MJB014": new_rollout_pool,
 }
 
 
@@ -126,5 +346,7 @@ def _ns(call, number: int = 10_000) -> float:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] == [SHARE]:
+        sys.exit(print(_share_data()))
     for code in sys.argv[1:] or FAULTS:
         print(code, FAULTS[code]())

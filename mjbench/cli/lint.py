@@ -16,16 +16,32 @@ if TYPE_CHECKING:
 
     from mjbench.loop.lint import Finding
     from mjbench.loop.lint_fixes import FixedFile
+    from mjbench.loop.lint_settings import RuleChoice
     from mjbench.loop.script_files import UncheckedFile
 
 
+def _explain(context: click.Context, _: click.Parameter, code: str | None) -> None:
+    """Print the explanation of a rule, and end."""
+    if code is None:
+        return
+    from mjbench.loop.lint_rules import RULES
+
+    for rule in RULES:
+        if rule.code == code.upper():
+            kind = "wrong result" if rule.is_wrong_result else "time"
+            click.echo(f"{rule.code} ({kind}): {rule.message}\n\n{rule.explanation}", nl=False)
+            context.exit()
+    raise InputError(f"no rule {code!r}; there are {', '.join(rule.code for rule in RULES)}")
+
+
 @cli.command()
-@click.argument("names", nargs=-1, required=True, metavar="FILE…")
+@click.argument("names", nargs=-1, metavar="FILE…")
 @click.option(
     "--select",
     metavar="CODE,…",
     default="",
-    help="Check only rules with these codes, or codes that begin so  [default: all]",
+    help="Check only rules with these codes, or codes that begin so.  [default: as pyproject.toml"
+    " says, else all]",
 )
 @click.option("--ignore", metavar="CODE,…", default="", help="Leave out rules, likewise.")
 @click.option(
@@ -42,6 +58,17 @@ if TYPE_CHECKING:
     help="Change files: add .copy() to a view that is stored, and take named access out of a loop.",
 )
 @click.option("--diff", is_flag=True, help="Print what --fix would change, and change nothing.")
+@click.option(
+    "--statistics", is_flag=True, help="Print the number of findings of each rule instead."
+)
+@click.option(
+    "--explain",
+    metavar="CODE",
+    callback=_explain,
+    expose_value=False,
+    is_eager=True,
+    help="Print what a rule finds, why, and what to write instead, and end.",
+)
 @JSON
 def lint(
     names: tuple[str, ...],
@@ -50,13 +77,15 @@ def lint(
     form: str,
     fix: bool,
     diff: bool,
+    statistics: bool,
     json_file: str | None,
 ) -> None:
     """Find in a script what makes a stepping loop slow or its log wrong, without executing it.
 
     Findings are FILE:LINE:COLUMN CODE MESSAGE, with roughly what it costs in each step. FILE is a
     Python file, a Jupyter notebook, or a folder, which stands for all of them below it. `# noqa:
-    MJB001` at the end of a line suppresses its finding.
+    MJB001` at the end of a line suppresses its finding. `[tool.mjbench.lint]` in pyproject.toml has
+    `select`, `ignore` and `per-file-ignores`.
 
     --fix changes a file where this is certainly safe, and says on standard error why it leaves
     the others of these findings.
@@ -72,32 +101,43 @@ def lint(
       mjbench lint src --diff
       mjbench lint src --fix
       mjbench lint src --output-format sarif
+      mjbench lint --explain MJB007
     """
-    from mjbench.loop.lint import check_all, codes
+    from mjbench.loop.lint import check_all
+    from mjbench.loop.lint_settings import RuleChoice
     from mjbench.loop.script_files import UncheckedFile, regular_files, script_files
-    from mjbench.report.lint import FORMATS, LintDocument, finding_line
+    from mjbench.report.lint import FORMATS, LintDocument, finding_line, statistics_lines
 
+    if not names:
+        raise InputError("no file or folder is given; for this folder: mjbench lint .")
     if form != "text" and json_file == "-":
         raise InputError(f"--json - and --output-format {form} cannot share standard output")
     if diff and (form != "text" or json_file is not None):
         raise InputError("--diff prints a diff alone: use it without --json and --output-format")
-    chosen = codes(_split(select), _split(ignore))
+    if statistics and (form != "text" or diff):
+        raise InputError("--statistics prints counts alone: use it without --output-format, --diff")
+    choice = RuleChoice(_split(select), _split(ignore))
     files = script_files(names)
+    for file in files:
+        if isinstance(file, str):
+            choice.codes_for(file)  # refuses settings before anything is printed or changed
     if diff:
-        _print_diff(files, chosen)
+        _print_diff(files, choice)
     findings: list[Finding] = []
     unchecked: list[UncheckedFile] = []
     fixes = _Fixes()
     with RunContext("lint", json_file, inputs=regular_files(files)) as run:
-        for result in fixes.apply(files, chosen) if fix else check_all(files, chosen):
+        for result in fixes.apply(files, choice) if fix else check_all(files, choice):
             if isinstance(result, UncheckedFile):
                 unchecked.append(result)
                 report_line(f"{result.file}: {result.detail}")
             else:
                 findings.append(result)
-                if form == "text":
+                if form == "text" and not statistics:
                     run.out.print(finding_line(result), soft_wrap=True)
         document = LintDocument(findings=findings, unchecked=unchecked)
+        for line in statistics_lines(findings) if statistics else ():
+            run.out.print(line, soft_wrap=True)
         if form != "text":
             click.echo(FORMATS[form](document), nl=False)
         run.write(document)
@@ -110,8 +150,8 @@ def lint(
     sys.exit(exit_code(Status.INPUT for _ in unchecked))
 
 
-def _split(text: str) -> list[str]:
-    return [code.strip() for code in text.split(",") if code.strip()]
+def _split(text: str) -> tuple[str, ...]:
+    return tuple(code.strip() for code in text.split(",") if code.strip())
 
 
 class _Fixes:
@@ -127,12 +167,12 @@ class _Fixes:
         self.unwritten = False
 
     def apply(
-        self, files: "Sequence[str | UncheckedFile]", codes: "Sequence[str]"
+        self, files: "Sequence[str | UncheckedFile]", choice: "RuleChoice"
     ) -> "Iterator[Finding | UncheckedFile]":
         """Change files, and yield what is left to find in each, as `check_all` does."""
         from mjbench.loop import lint, lint_fixes
 
-        for result in lint_fixes.fix_all(files, codes):
+        for result in lint_fixes.fix_all(files, choice):
             if not isinstance(result, lint_fixes.FixedFile):
                 yield result
                 continue
@@ -141,6 +181,7 @@ class _Fixes:
             except MachineError as error:
                 report_line(str(error))
                 self.unwritten = True
+                codes = choice.codes_for(result.file)
                 yield from lint.findings_of(result.file, result.before, codes)
                 continue
             self.count += result.fixed
@@ -165,12 +206,12 @@ def _shown(diff: str) -> str:
     return "\n".join(lines)
 
 
-def _print_diff(files: "Sequence[str | UncheckedFile]", codes: "Sequence[str]") -> None:
+def _print_diff(files: "Sequence[str | UncheckedFile]", choice: "RuleChoice") -> None:
     """Print what would change in files, and end with the exit code."""
     from mjbench.loop import lint_fixes
 
     would_fix, unchecked = 0, []
-    for result in lint_fixes.fix_all(files, codes):
+    for result in lint_fixes.fix_all(files, choice):
         if not isinstance(result, lint_fixes.FixedFile):
             unchecked.append(result)
             report_line(f"{result.file}: {result.detail}")

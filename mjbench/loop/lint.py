@@ -12,7 +12,9 @@ from functools import cache
 from pathlib import Path
 
 from mjbench.errors import InputError
-from mjbench.loop.lint_rules import RULES, Match, Rule
+from mjbench.loop.lint_match import Match
+from mjbench.loop.lint_rules import RULES, Rule
+from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_files import UncheckedFile, each_checked
 from mjbench.loop.stepping_script import SteppingScript
@@ -27,9 +29,13 @@ class Finding:
       line: from 1; of the cell, in a notebook.
       col: from 1, in characters.
       code: of the rule.
-      message: of the rule.
+      message: what is wrong, and what to write instead.
       ns_per_step: about what it costs in each step; None where the rule is not about time.
       cell: of a notebook, from 1; None in a Python file.
+      callee: what is called there, such as "mj_forward"; empty where the rule is not about a call.
+      instead: functions of the engine, called with the model and the MjData, that do enough in the
+        place of the callee; none where the call moves out of the loop or is deleted.
+      is_wrong_result: whether the program computes or records something else than it says.
     """
 
     file: str
@@ -42,33 +48,6 @@ class Finding:
     callee: str = ""
     instead: tuple[str, ...] = ()
     is_wrong_result: bool = False
-
-
-ALL_CODES = tuple(rule.code for rule in RULES)
-
-
-def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
-    """Return the codes of the rules to check.
-
-    Args:
-      select: codes, or how they begin; none for all.
-      ignore: likewise; they take precedence.
-
-    Raises:
-      InputError: no rule has such a code.
-    """
-    selected = _matching(select) if select else set(ALL_CODES)
-    return sorted(selected - _matching(ignore))
-
-
-def _matching(beginnings: Iterable[str]) -> set[str]:
-    matching = set()
-    for beginning in beginnings:
-        of_beginning = {code for code in ALL_CODES if code.startswith(beginning.upper())}
-        if not beginning or not of_beginning:
-            raise InputError(f"no rule {beginning!r}; there are {', '.join(ALL_CODES)}")
-        matching |= of_beginning
-    return matching
 
 
 def check(file: str, codes: Collection[str] = ALL_CODES) -> list[Finding]:
@@ -97,15 +76,15 @@ def refusing_deep_nesting(file: str) -> Iterator[None]:
 
 
 def check_all(
-    files: Iterable[str | UncheckedFile], codes: Collection[str] = ALL_CODES
+    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[Finding | UncheckedFile]:
     """Yield the findings of all files in turn; in place of a file's, why it has none.
 
     Args:
       files: their names, and those that cannot be checked.
-      codes: of the rules to check.
+      choice: of rules.
     """
-    return each_checked(files, lambda file: check(file, codes))
+    return each_checked(files, lambda file: check(file, choice.codes_for(file)))
 
 
 @cache
@@ -131,10 +110,12 @@ def findings_of(file: str, program: Program, codes: Collection[str]) -> list[Fin
             line=line.number,
             col=line.column(match.node.col_offset),
             code=rule.code,
-            message=rule.message,
+            message=match.message or rule.message,
             ns_per_step=costs_ns().get(match.habit),
             cell=line.cell,
-            is_wrong_result=rule.code == "MJB001",
+            callee=match.callee,
+            instead=match.instead,
+            is_wrong_result=rule.is_wrong_result,
         )
         for rule, match in matches(program, script, codes)
         for line in [program.line_of(match.node)]

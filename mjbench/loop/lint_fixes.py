@@ -19,6 +19,7 @@ from mjbench.loop.certain_names import CertainNames
 from mjbench.loop.copying import Copying
 from mjbench.loop.hoisting import Hoisting, Refusal
 from mjbench.loop.lint_rules import NAMED_ACCESS, STORED_VIEW
+from mjbench.loop.lint_settings import ALL_CODES, ALL_RULES, RuleChoice
 from mjbench.loop.python_source import Program, read_program
 from mjbench.loop.script_changes import Changes, changed
 from mjbench.loop.script_files import UncheckedFile, each_checked
@@ -92,18 +93,18 @@ class _Plan:
 
 
 def fix_all(
-    files: Iterable[str | UncheckedFile], codes: Collection[str] = lint.ALL_CODES
+    files: Iterable[str | UncheckedFile], choice: RuleChoice = ALL_RULES
 ) -> Iterator[FixedFile | UncheckedFile]:
     """Yield what can be changed in each file; in place of one that cannot be checked, why.
 
     Args:
       files: their names, and those that cannot be checked.
-      codes: of the rules to check.
+      choice: of rules.
     """
-    return each_checked(files, lambda file: [fix(file, codes)])
+    return each_checked(files, lambda file: [fix(file, choice.codes_for(file))])
 
 
-def fix(file: str, codes: Collection[str] = lint.ALL_CODES) -> FixedFile:
+def fix(file: str, codes: Collection[str] = ALL_CODES) -> FixedFile:
     """Return what can be changed in a Python file or a notebook; nothing is written.
 
     Args:

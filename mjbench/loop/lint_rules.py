@@ -7,6 +7,17 @@ import ast
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from mjbench.loop import lint_explanations as explanations
+from mjbench.loop.lint_forward import forward_after_step
+from mjbench.loop.lint_match import Match
+from mjbench.loop.lint_new_objects import (
+    compiled_models,
+    copied_data,
+    new_jitted_functions,
+    new_renderers,
+    new_rollout_pools,
+)
+from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
 from mjbench.loop.script_names import last_name
 from mjbench.loop.stepping_script import SteppingScript
 from mjbench.loop.stored_views import StoredViews
@@ -37,19 +48,6 @@ _EPISODE_STARTS = {"mj_resetData", "mj_resetDataKeyframe", "mj_setState", "MjDat
 
 
 @dataclass(frozen=True)
-class Match:
-    """A node that breaks a rule.
-
-    Attributes:
-      node: where the finding points.
-      habit: that costs about as much in each step; empty where the rule is not about time.
-    """
-
-    node: ast.expr | ast.stmt
-    habit: str = ""
-
-
-@dataclass(frozen=True)
 class Rule:
     """What is looked for.
 
@@ -57,16 +55,31 @@ class Rule:
       code: as in `# noqa: MJB001`.
       message: what is wrong, and what to write instead.
       matches: yields the nodes of a script that break the rule.
+      explanation: what happens, why, what to write instead, and what that changes in results.
+      is_wrong_result: whether the program computes or records something else than it says; the
+        other rules are about time.
     """
 
     code: str
     message: str
     matches: Callable[[SteppingScript], Iterator[Match]]
+    explanation: str
+    is_wrong_result: bool = False
+
+
+def _returned(view: ast.expr) -> Match:
+    """Return the match of a view in the function that returns or yields it."""
+    return Match(
+        view,
+        message="a view is returned, and the caller stores it: every entry will show the last"
+        " state; add .copy()",
+    )
 
 
 def _stored_views(script: SteppingScript) -> Iterator[Match]:
     """Yield views that outlive the iteration in which they were taken."""
-    yield from map(Match, StoredViews(script).all())
+    for stored in StoredViews(script).all():
+        yield _returned(stored.view) if stored.is_returned else Match(stored.view)
 
 
 def _named_access(script: SteppingScript) -> Iterator[Match]:
@@ -117,26 +130,87 @@ RULES = (
         STORED_VIEW,
         "a view is stored: every entry will show the last state; add .copy()",
         _stored_views,
+        explanations.STORED_VIEW,
+        is_wrong_result=True,
     ),
     Rule(
         NAMED_ACCESS,
         "named access inside a stepping loop; hoist it: x = data.joint('x').qpos before the loop",
         _named_access,
+        explanations.NAMED_ACCESS,
     ),
     Rule(
         "MJB003",
         "a new array in every step; create one before the loop and write into its slices (x[:n] =)",
         _allocations,
+        explanations.NEW_ARRAY,
     ),
     Rule(
         "MJB005",
         "a new MjData for every episode; create one and call mj_resetData",
         _new_data_per_episode,
+        explanations.NEW_DATA,
     ),
     Rule(
         "MJB006",
         "a loop over simulations around a loop over steps; mujoco.rollout or mujoco.batch does both"
         " on threads (mjbench compare says which)",
         _serial_simulations,
+        explanations.SERIAL_SIMULATIONS,
+    ),
+    Rule(
+        "MJB007",
+        "mj_forward after mj_step computes another step's worth, of which little is read",
+        forward_after_step,
+        explanations.FORWARD_AFTER_STEP,
+    ),
+    Rule(
+        "MJB008",
+        "mj_step2 integrates by Euler, but the model has the RK4 integrator; call mj_step",
+        halves_of_runge_kutta,
+        explanations.HALVES_OF_RUNGE_KUTTA,
+        is_wrong_result=True,
+    ),
+    Rule(
+        "MJB009",
+        "several threads step one MjData and overwrite its state; create an MjData for each thread"
+        " (they may share the model)",
+        shared_data,
+        explanations.SHARED_DATA,
+        is_wrong_result=True,
+    ),
+    Rule(
+        "MJB010",
+        "a new MjData in every iteration; create one before the loop, and set it by mj_copyData,"
+        " mj_setState or mj_resetData",
+        copied_data,
+        explanations.COPIED_DATA,
+    ),
+    Rule(
+        "MJB011",
+        "a model is compiled in every iteration; compile it once, and change the values of the"
+        " compiled model",
+        compiled_models,
+        explanations.COMPILED_MODEL,
+    ),
+    Rule(
+        "MJB012",
+        "a new Renderer in every iteration; create one before the loop, and close it after",
+        new_renderers,
+        explanations.NEW_RENDERER,
+    ),
+    Rule(
+        "MJB013",
+        "jax.jit of a function that is new in every iteration traces and compiles each time; jit"
+        " one function before the loop, and pass it what varies",
+        new_jitted_functions,
+        explanations.NEW_JITTED_FUNCTION,
+    ),
+    Rule(
+        "MJB014",
+        "rollout starts its threads anew in every iteration; keep a rollout.Rollout(nthread=…)"
+        " open, or pass persistent_pool=True",
+        new_rollout_pools,
+        explanations.NEW_ROLLOUT_POOL,
     ),
 )

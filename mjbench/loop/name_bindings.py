@@ -74,6 +74,10 @@ class NameBindings:
         """Return the nodes that bind a name in a scope."""
         return self._bindings.get((scope, name), [])
 
+    def is_declared(self, name: str) -> bool:
+        """Return whether a `global` or `nonlocal` statement names it."""
+        return name in self.declared
+
     def rebinding(self, name: str, loop: ast.For | ast.While) -> str:
         """Return why a name may change its value during a loop; empty where it cannot."""
         owner = self.owner(name, loop)

@@ -10,6 +10,8 @@ _CREATES_ENVIRONMENT = re.compile(r"(make|make_vec|make_env|load|\w*(Env|VectorE
 _ENVIRONMENT_PACKAGES = {"gym", "gymnasium", "suite", "metaworld", "robosuite"}
 _LOADS_MODEL = re.compile(r"from_(binary_path|xml_path|xml_string)$")
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
+# Inputs of a step, which programs write.
+_INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
 
 
 def last_name(function: ast.AST) -> str:
@@ -94,6 +96,12 @@ def nodes_inside(node: ast.AST) -> list[ast.expr | ast.stmt]:
             inside.append(child)
         waiting += ast.iter_child_nodes(child)
     return inside
+
+
+def is_input(view: ast.expr) -> bool:
+    """Return whether a view is one of an input of a step, which programs write."""
+    attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
+    return any(map(_INPUTS.match, attributes))
 
 
 def creates_container(node: ast.AST | None) -> bool:

@@ -12,11 +12,14 @@ import ast
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from mjbench.loop.name_bindings import NameBindings
+from mjbench.loop.script_functions import ScriptFunctions
 from mjbench.loop.script_names import (
     FUNCTIONS,
     assignments,
+    creates_container,
     data_names,
     dotted_name,
     environment_names,
@@ -42,11 +45,13 @@ _MODEL_ACCESSORS = _DATA_ACCESSORS | {
 # What such a part has that is not an array.
 _NUMBERS_AND_NAMES = {"id", "name"}
 # Methods of an array that return a view of it; those that do so where it is contiguous.
-_VIEW_METHODS = {"view", "transpose", "squeeze", "swapaxes"}
-_RESHAPING_METHODS = {"ravel", "reshape"}
+VIEW_METHODS = {"view", "transpose", "squeeze", "swapaxes", "ravel", "reshape"}
+_RESHAPING = {"ravel", "reshape"}
+# Methods of a container that store an argument.
+STORING_METHODS = {"append", "appendleft", "add", "insert", "put"}
 _NUMPY = {"np", "numpy", "onp"}
 # Array fields of MjData (mjdata.h); nothing else is taken for a view.
-_FIELDS = re.compile(
+FIELDS = re.compile(
     r"(qpos|qvel|act|ctrl|qacc|act_dot|sensordata|userdata|mocap_pos|mocap_quat|eq_active"
     r"|qacc_warmstart|qfrc_\w+|xfrc_\w+|xpos|xquat|xmat|xipos|ximat|xanchor|xaxis"
     r"|geom_x\w+|site_x\w+|cam_x\w+|light_x\w+|subtree_\w+|cdof\w*|cinert|crb|cvel|cacc|cfrc_\w+"
@@ -97,11 +102,12 @@ class SteppingScript:
       comprehensions: list comprehensions that step.
       tree: the syntax.
       parents: the node above each node.
-      bindings: of its names.
+      calls: of functions and methods, everywhere in it.
     """
 
     def __init__(self, tree: ast.Module):
         self.tree = tree
+        self.calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         self.parents: Mapping[ast.AST, ast.AST] = {
             child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)
         }
@@ -118,7 +124,6 @@ class SteppingScript:
         }
         self._data_names = data_names(tree)
         self._model_names = model_names(tree)
-        self.bindings = NameBindings(tree, self.parents)
         self._values = dict(assignments(tree))
         self._values_of_attributes: dict[str, list[ast.AST | None]] = {}
         for target, value in self._values.items():
@@ -133,17 +138,47 @@ class SteppingScript:
         self.methods = self._methods(tree)
         self.comprehensions = self._comprehensions(tree)
 
+    @cached_property
+    def bindings(self) -> NameBindings:
+        """The bindings of its names."""
+        return NameBindings(self.tree, self.parents)
+
+    @cached_property
+    def functions(self) -> ScriptFunctions:
+        """Its functions."""
+        return ScriptFunctions(self.bindings, self.parents, self.calls)
+
+    @cached_property
+    def _indirect_functions(self) -> set[ast.FunctionDef]:
+        """The functions that call, through others of the script, one that calls `mj_step`."""
+        if not self._stepping_functions:
+            return set()
+        named = [n for n in ast.walk(self.tree) if isinstance(n, ast.FunctionDef)]
+        waiting = [function for function in named if function.name in self._stepping_functions]
+        indirect: set[ast.FunctionDef] = set()
+        while waiting:
+            for call in self.functions.calls_of(waiting.pop()):
+                caller = self._function_around(call)
+                if caller is not None and caller not in indirect:
+                    indirect.add(caller)
+                    waiting.append(caller)
+        return indirect
+
+    def _function_around(self, node: ast.AST) -> ast.FunctionDef | None:
+        above = self.parents.get(node)
+        while above is not None and not isinstance(above, FUNCTIONS | ast.Lambda):
+            above = self.parents.get(above)
+        return above if isinstance(above, ast.FunctionDef) else None
+
     def _stepping_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
-        return [
-            SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self._steps_inside(loop)
-        ]
+        return [SteppingLoop(loop, nodes_inside(loop)) for loop in loops if self.steps_inside(loop)]
 
     def _environment_loops(self, loops: Iterable[ast.For | ast.While]) -> list[SteppingLoop]:
         stepping = {loop.node for loop in self.loops}
         return [
             SteppingLoop(loop, nodes_inside(loop))
             for loop in loops
-            if loop not in stepping and self._steps_environment_inside(loop)
+            if loop not in stepping and self.steps_environment_inside(loop)
         ]
 
     def _episode_loops(self) -> list[SteppingLoop]:
@@ -160,7 +195,7 @@ class SteppingScript:
             for node in ast.walk(tree)
             if isinstance(node, FUNCTIONS)
             and isinstance(self.parents.get(node), ast.ClassDef)
-            and (self._steps_inside(node) or self._steps_environment_inside(node))
+            and (self.steps_inside(node) or self.steps_environment_inside(node))
         ]
 
     def _comprehensions(self, tree: ast.Module) -> list[ast.ListComp]:
@@ -168,7 +203,7 @@ class SteppingScript:
             node
             for node in ast.walk(tree)
             if isinstance(node, ast.ListComp)
-            and (self._steps_inside(node) or self._steps_environment_inside(node))
+            and (self.steps_inside(node) or self.steps_environment_inside(node))
         ]
 
     def is_view(self, node: ast.AST) -> bool:
@@ -178,19 +213,17 @@ class SteppingScript:
                 return self.is_view(node.value)
             if self.is_named_part(node.value):
                 return node.attr not in _NUMBERS_AND_NAMES
-            return self.is_data(node.value) and bool(_FIELDS.match(node.attr))
+            return self.is_data(node.value) and bool(FIELDS.match(node.attr))
         if isinstance(node, ast.Subscript):
             is_row = isinstance(node.value, ast.Attribute) and self.is_named_part(node.value.value)
-            return self.is_view(node.value) and _index_gives_view(node, is_row)
+            return self.is_view(node.value) and index_gives_view(node, is_row)
         if isinstance(node, ast.Call):
             if node.keywords:  # `dtype` or `order` may make a copy
                 return False
-            if isinstance(node.func, ast.Attribute) and node.func.attr in _VIEW_METHODS:
-                return self.is_view(node.func.value)
-            if isinstance(node.func, ast.Attribute) and node.func.attr in _RESHAPING_METHODS:
+            if isinstance(node.func, ast.Attribute) and node.func.attr in VIEW_METHODS:
                 array = node.func.value
                 is_whole = isinstance(array, ast.Attribute) and array.attr != "T"
-                return is_whole and self.is_view(array)
+                return self.is_view(array) and (is_whole or node.func.attr not in _RESHAPING)
             is_asarray = self.bindings.origin(dotted_name(node.func)) == "numpy.asarray"
             return is_asarray and len(node.args) == 1 and self.is_view(node.args[0])
         return False
@@ -258,15 +291,18 @@ class SteppingScript:
         """Return whether a node is a `for` loop that calls `mj_step` itself."""
         return isinstance(node, ast.For) and any(is_step(n) for n in nodes_inside(node))
 
-    def _steps_inside(self, node: ast.AST) -> bool:
+    def steps_inside(self, node: ast.AST) -> bool:
         """Return whether `mj_step`, or a function that calls it, is called inside a node."""
-        return any(
-            is_step(n)
-            or (isinstance(n, ast.Call) and last_name(n.func) in self._stepping_functions)
-            for n in nodes_inside(node)
-        )
+        return any(isinstance(n, ast.Call) and self._steps(n) for n in nodes_inside(node))
 
-    def _steps_environment_inside(self, node: ast.AST) -> bool:
+    def _steps(self, call: ast.Call) -> bool:
+        """Return whether a call is `mj_step`, or leads to it."""
+        if is_step(call) or last_name(call.func) in self._stepping_functions:
+            return True
+        indirect = self._indirect_functions
+        return bool(indirect) and not indirect.isdisjoint(self.functions.called(call))
+
+    def steps_environment_inside(self, node: ast.AST) -> bool:
         """Return whether an environment is stepped inside a node, there or in a function."""
         return any(
             self._steps_environment(n)
@@ -306,6 +342,10 @@ class SteppingScript:
         is_name = bool(values) and all(v is not None and self.is_access_to_data(v) for v in values)
         return is_name or self.is_access_to_data(node)
 
+    def is_container_name(self, node: ast.AST) -> bool:
+        """Return whether a name was assigned a list or a dict; an array copies what is put in."""
+        return any(map(creates_container, self.assigned(node)))
+
     def loops_around(self, node: ast.AST) -> Iterator[ast.For | ast.While]:
         """Yield the loops in whose every iteration a node runs, the innermost first."""
         child, parent = node, self.parents.get(node)
@@ -317,7 +357,16 @@ class SteppingScript:
             child, parent = parent, self.parents.get(parent)
 
 
-def _index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
+def leaves_after(child: ast.AST, parent: ast.AST) -> bool:
+    """Return whether a statement that follows a child in its block ends the loop around both."""
+    for block in (getattr(parent, name, None) for name in ("body", "orelse", "finalbody")):
+        if isinstance(block, list) and child in block:
+            rest = block[block.index(child) + 1 :]
+            return any(isinstance(n, ast.Return | ast.Break | ast.Raise) for n in rest)
+    return False
+
+
+def index_gives_view(node: ast.Subscript, is_row: bool) -> bool:
     """Return whether indexing a view of MuJoCo's memory gives a view again, and not a number.
 
     Args:

@@ -12,10 +12,12 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from mjbench.loop.lint_helper_views import HelperViews
 from mjbench.loop.script_names import (
     FUNCTIONS,
     creates_container,
     dotted_name,
+    is_input,
     is_step,
     last_name,
     nodes_inside,
@@ -25,8 +27,6 @@ from mjbench.loop.view_writes import WritesThrough, peeled
 
 # Methods of a list or a deque that store an argument.
 _STORING_METHODS = {"append", "appendleft", "insert"}
-# Inputs of a step, which programs write.
-_INPUTS = re.compile(r"(ctrl|qfrc_applied|xfrc_applied|mocap_\w+|userdata|act|eq_active)$")
 # Names that promise a state of the past, such as `obj_init_pos` and `_last`.
 _PAST = re.compile(
     r"(^|_)(init|initial|start|first|home|prev|previous|last|old|before|saved)(_|$)", re.IGNORECASE
@@ -50,6 +50,19 @@ class _Store:
     values: list[ast.expr]
 
 
+@dataclass(frozen=True)
+class StoredView:
+    """A view that a script stores.
+
+    Attributes:
+      view: the expression.
+      is_returned: whether a function of the script gives it to the caller, which stores it.
+    """
+
+    view: ast.expr
+    is_returned: bool = False
+
+
 class StoredViews:
     """The views that a script stores."""
 
@@ -58,6 +71,7 @@ class StoredViews:
         tree = script.tree
         self._script = script
         self._writes = WritesThrough(tree)
+        self._helpers = HelperViews(script, self._writes, self._views_in)
         self._loops = {loop.node: loop for loop in (*script.loops, *script.environment_loops)}
         self._counted = {
             dotted_name(node.target) for node in ast.walk(tree) if isinstance(node, ast.AugAssign)
@@ -70,7 +84,7 @@ class StoredViews:
             if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
         }
 
-    def all(self) -> Iterator[ast.expr]:
+    def all(self) -> Iterator[StoredView]:
         """Yield them."""
         for loop in self._loops.values():
             for node in loop.inner:
@@ -88,7 +102,7 @@ class StoredViews:
         around = (self._loops.get(loop) for loop in self._script.loops_around(node))
         return next((loop for loop in around if loop is not None), None)
 
-    def _stored(self, node: ast.AST, body: _Body) -> Iterator[ast.expr]:
+    def _stored(self, node: ast.AST, body: _Body) -> Iterator[StoredView]:
         """Yield the views that a node of a loop or a method stores for later, to be read."""
         store = _store(node)
         if store is None or not self._is_log(store, node, body):
@@ -96,18 +110,23 @@ class StoredViews:
         for value in store.values:
             for view in self._views_in(value):
                 if self._is_of_the_one_data(view, body.inner):
-                    yield view
+                    yield StoredView(view)
+            renewed = _bound(body.inner) - _bound_by_inner_loops(body.inner)
+            for view in self._helpers.stored(value, renewed):
+                yield StoredView(view, is_returned=True)
 
-    def _collected(self, comprehension: ast.ListComp) -> Iterator[ast.expr]:
+    def _collected(self, comprehension: ast.ListComp) -> Iterator[StoredView]:
         """Yield the views of which a comprehension that steps makes a list."""
         statement = self._script.parents.get(comprehension)
         names = map(dotted_name, statement.targets) if isinstance(statement, ast.Assign) else ()
         if any(map(self._writes.through_entries, names)):
             return
         inner, element = nodes_inside(comprehension), comprehension.elt
+        for view in self._helpers.stored(element, ()):
+            yield StoredView(view, is_returned=True)
         for view in element.elts if isinstance(element, ast.Tuple) else [element]:
             if self._script.is_view(view) and self._is_of_the_one_data(view, inner):
-                yield view
+                yield StoredView(view)
 
     def _is_log(self, store: _Store, node: ast.AST, body: _Body) -> bool:
         """Return whether every iteration of a body adds an entry to what outlives it."""
@@ -187,7 +206,7 @@ class StoredViews:
         }
         for expression in self._behind(view):
             data = next((n for n in ast.walk(expression) if self._script.is_data(n)), None)
-            if _is_input(view) or _is_input(expression) or data is None or self._is_renewed(data):
+            if is_input(view) or is_input(expression) or data is None or self._is_renewed(data):
                 return False
             if stepped and dotted_name(data) not in stepped:
                 return False
@@ -235,12 +254,6 @@ def _store(node: ast.AST) -> _Store | None:
         if isinstance(target, ast.Subscript) and not isinstance(target.slice, ast.Slice):
             return _Store(target.value, target.slice, [node.value])
     return None
-
-
-def _is_input(view: ast.expr) -> bool:
-    """Return whether a view is one of an input of a step."""
-    attributes = (n.attr for n in ast.walk(view) if isinstance(n, ast.Attribute))
-    return any(map(_INPUTS.match, attributes))
 
 
 def _names(node: ast.AST) -> Iterator[ast.Name]:

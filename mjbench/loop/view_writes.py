@@ -11,8 +11,8 @@ from mjbench.loop.name_bindings import bound_by
 from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name
 
 # Methods of an array that write to it, and functions that write to an argument.
-_WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
-_WRITING_FUNCTIONS = {
+WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
+WRITING_FUNCTIONS = {
     *("at", "copyto", "fill_diagonal", "partial", "place", "put", "put_along_axis", "putmask"),
     *("setitem", "shuffle"),
 }
@@ -56,7 +56,12 @@ class WritesThrough:
         while more := {source for target, source in aliases if target in written} - self._names:
             self._names |= more
             written = indexed | self._names
+        self._written = written
         self._attributes = {name.rpartition(".")[2] for name in written if "." in name}
+
+    def into(self, name: str) -> bool:
+        """Return whether the script may write into what a dotted name holds, or into an entry."""
+        return name in self._written
 
     def through_entries(self, name: str) -> bool:
         """Return whether the script may write into an entry of what a dotted name holds."""
@@ -87,9 +92,9 @@ def _written(node: ast.AST) -> Iterator[str]:
         function = last_name(node.func)
         if isinstance(node.func, ast.Attribute):
             function = node.func.attr
-            if function in _WRITING_METHODS:
+            if function in WRITING_METHODS:
                 yield dotted_name(peeled(node.func.value))
-        if function in _WRITING_FUNCTIONS or function.startswith("mju_"):
+        if function in WRITING_FUNCTIONS or function.startswith("mju_"):
             yield from (name for argument in node.args for name in _held(argument))
         elif dotted_name(node.func).startswith(("np.", "numpy.")) and "save" not in function:
             for argument in node.args[2:]:  # `out`, perhaps

@@ -1,6 +1,7 @@
 """The findings of `mjbench lint`, in each of its formats; imports no engine."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,17 @@ def finding_place(finding: Finding) -> str:
     return f"{place}:{cell}{finding.line}:{finding.col}"
 
 
+def statistics_lines(findings: Sequence[Finding]) -> list[str]:
+    """Return the number of findings of each rule that has any, as lines."""
+    counts = Counter(finding.code for finding in findings)
+    width = max((len(str(count)) for count in counts.values()), default=0)
+    return [
+        f"{counts[rule.code]:{width}} {rule.code} {rule.message}"
+        for rule in RULES
+        if rule.code in counts
+    ]
+
+
 def as_github(document: LintDocument) -> str:
     """Return findings as workflow commands of GitHub Actions, which mark lines of a change."""
     return "".join(f"{line}\n" for line in _github_lines(document))
@@ -72,7 +84,14 @@ def as_json(document: LintDocument) -> str:
 
 def as_sarif(document: LintDocument) -> str:
     """Return findings in the Static Analysis Results Interchange Format (SARIF 2.1.0, OASIS)."""
-    rules = [{"id": rule.code, "shortDescription": {"text": rule.message}} for rule in RULES]
+    rules = [
+        {
+            "id": rule.code,
+            "shortDescription": {"text": rule.message},
+            "fullDescription": {"text": rule.explanation},
+        }
+        for rule in RULES
+    ]
     notifications = [
         {"level": "error", "message": {"text": f"{printable(u.file)}: {u.detail}"}}
         for u in document.unchecked
@@ -104,7 +123,7 @@ def _sarif_result(finding: Finding) -> Mapping[str, Any]:
         place["region"] = {"startLine": finding.line, "startColumn": finding.col}
     return {
         "ruleId": finding.code,
-        "level": "warning",
+        "level": "error" if finding.is_wrong_result else "warning",
         "message": {"text": f"{cell}{finding.message}"},
         "locations": [{"physicalLocation": place}],
     }

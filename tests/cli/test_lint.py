@@ -41,7 +41,8 @@ def test_it_prints_like_a_linter_and_exits_1(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert done.stdout.startswith("bad.py:8:16 MJB001 a view is stored")
     (finding,) = json.loads((tmp_path / "out.json").read_text())["findings"]
-    assert set(finding) == {"file", "line", "col", "code", "message", "ns_per_step", "cell"}
+    keys = {"file", "line", "col", "code", "message", "ns_per_step", "cell"}
+    assert set(finding) == keys | {"callee", "instead", "is_wrong_result"}
 
 
 def test_a_notebook_is_checked_like_a_file(tmp_path: Path) -> None:
@@ -162,6 +163,7 @@ def test_findings_become_sarif(tmp_path: Path) -> None:
     rules = {rule["id"] for rule in run["tool"]["driver"]["rules"]}
     first, second = run["results"]
     assert first["ruleId"] in rules
+    assert first["level"] == "error"  # a wrong result
     place = first["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"] == "a%20b.py"
     assert place["region"] == {"startLine": 8, "startColumn": 16}
@@ -258,3 +260,51 @@ def test_a_file_that_cannot_be_written_keeps_its_findings(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.py", "b.py"]
     assert (tmp_path / "a.py").read_text() == BAD
     assert (tmp_path / "b.py").read_text() == GOOD
+
+
+def test_pyproject_selects_rules_and_the_command_line_others(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD + "    u = np.zeros(3)\n")
+    (tmp_path / "pyproject.toml").write_text('[tool.mjbench.lint]\nselect = ["MJB003"]\n')
+    assert [line.split()[1] for line in lint("a.py").stdout.splitlines()] == ["MJB003"]
+    done = lint("a.py", "--select", "MJB001", "--fix")
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert "data.qpos.copy()" in (tmp_path / "a.py").read_text()
+
+
+@pytest.mark.parametrize("words", [(), ("--fix",), ("--diff",)])
+def test_settings_that_mean_nothing_change_and_print_nothing(
+    tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "a.py").write_text(BAD)
+    (tmp_path / "pyproject.toml").write_text("[tool.mjbench.lint]\nselct = []\n")
+    done = lint("a.py", *words)
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "[tool.mjbench.lint]: no key 'selct'; there are select, ignore" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert (tmp_path / "a.py").read_text() == BAD
+
+
+def test_statistics_count_findings_by_rule(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(BAD + "    u = np.zeros(3)\n" * 10)
+    done = lint("a.py", "--statistics")
+    assert done.exit_code == 1
+    first, second = done.stdout.splitlines()
+    assert first.startswith(" 1 MJB001 a view is stored")
+    assert second.startswith("10 MJB003 a new array in every step")
+    assert "--statistics prints counts alone" in lint("a.py", "--statistics", "--diff").stderr
+
+
+def test_a_rule_is_explained_without_a_file() -> None:
+    done = lint("--explain", "mjb001")
+    assert done.exit_code == 0
+    assert done.stdout.startswith("MJB001 (wrong result): a view is stored")
+    assert "log.append(data.qpos.copy())" in done.stdout
+    done = lint("--explain", "MJB999")
+    assert done.exit_code == 2
+    assert "no rule 'MJB999'; there are MJB001" in done.stderr
+
+
+def test_a_file_or_a_folder_is_asked_for() -> None:
+    done = lint()
+    assert done.exit_code == 2
+    assert "no file or folder is given" in done.stderr

@@ -153,7 +153,7 @@ def test_a_new_mjdata_of_a_new_model_is_not_found(tmp_path: Path) -> None:
                 mujoco.mj_step(model, data)
         """,
     )
-    assert [f.code for f in results] == ["MJB006"]
+    assert [f.code for f in results] == ["MJB006", "MJB011"]
 
 
 def test_costs_come_from_the_stored_table(tmp_path: Path) -> None:
@@ -298,8 +298,36 @@ def test_linting_imports_no_engine() -> None:
     assert done.returncode == 0
 
 
-def test_codes_are_unique() -> None:
+def test_codes_are_unique_and_each_rule_is_explained() -> None:
     assert len({rule.code for rule in RULES}) == len(RULES)
+    for rule in RULES:
+        assert "\nResults" in rule.explanation, rule.code
+        assert "\n\n    " in rule.explanation, rule.code  # an example
+        assert all(len(line) <= 100 for line in rule.explanation.splitlines()), rule.code
+
+
+def test_a_loop_steps_through_functions_that_call_each_other(tmp_path: Path) -> None:
+    results = findings(
+        tmp_path,
+        """
+        def advance(data):
+            mujoco.mj_step(model, data)
+        def episode():
+            advance(data)
+        for i in range(9):
+            episode()
+            log.append(data.qpos)
+        """,
+    )
+    assert [(f.line, f.code) for f in results] == [(8, "MJB001")]
+
+
+def test_wrong_results_are_told_from_lost_time(tmp_path: Path) -> None:
+    stored, access = findings(
+        tmp_path, LOOP.format(line="log.append(data.qpos); data.joint('hinge').qpos")
+    )
+    assert (stored.is_wrong_result, access.is_wrong_result) == (True, False)
+    assert (stored.callee, stored.instead) == ("", ())
 
 
 def test_findings_in_a_notebook_name_the_cell_and_its_line(tmp_path: Path) -> None:

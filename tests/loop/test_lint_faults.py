@@ -36,7 +36,10 @@ def test_stored_views_are_one_state(faults: ModuleType) -> None:
     assert faults.stored_view() == "different states in 100 steps: 1 views, 100 copies"
 
 
-@pytest.mark.parametrize("code", ["MJB002", "MJB003", "MJB005", "MJB006"])
+TIMED = ["MJB002", "MJB003", "MJB005", "MJB006", "MJB007", "MJB010", "MJB011", "MJB014"]
+
+
+@pytest.mark.parametrize("code", TIMED)
 def test_what_to_write_instead_computes_the_same(
     faults: ModuleType, code: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -50,6 +53,32 @@ def test_what_to_write_instead_computes_the_same(
     monkeypatch.setattr(faults, "_ns", ns)
     assert faults.FAULTS[code]()
     assert len(calls) >= 2
+
+
+def test_halves_of_runge_kutta_are_steps_of_euler(faults: ModuleType) -> None:
+    assert "by halves, as by Euler" in faults.halves_of_runge_kutta()
+
+
+def test_threads_that_share_an_mjdata_are_a_fault(faults: ModuleType) -> None:
+    """What happens differs from run to run; that each MjData of its own is right does not."""
+    assert faults.shared_data().endswith("with one MjData, 1 state with four")
+
+
+def test_a_new_renderer_draws_the_same_or_needs_opengl(
+    faults: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(faults, "_ns", lambda call, number: float(call() is not None))
+    assert re.match("needs OpenGL|ms a frame", faults.new_renderer())
+
+
+def test_each_new_function_is_compiled_or_jax_is_missing(
+    faults: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("jax")
+    line = "compilations for 4 gains: 4 of new lambdas, 1 of one function"
+    assert faults.new_jitted_function() == line
+    monkeypatch.setitem(sys.modules, "jax", None)
+    assert faults.new_jitted_function() == "needs jax: pip install jax"
 
 
 def _page() -> str:

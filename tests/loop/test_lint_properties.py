@@ -30,6 +30,9 @@ LEAVES = (
     *("x", "1", "...", "'é'", "data", "self.d", "data.qpos", "data.xpos[2]", "data.contact", "[]"),
     *("mujoco.mj_step(model, data)", "mujoco.mj_step(*arguments)", "advance()", "np.zeros(3)"),
     *("data.joint('a').qpos", "mj_name2id(m, 1, 'b')", "mujoco.MjData(model)", "{}", "data.ctrl"),
+    *("copy.copy(data)", "mujoco.Renderer(model)", "jax.jit(lambda d: d)(x)", "look(data)"),
+    *("mujoco.mj_forward(model, data)", "rollout.rollout(model, [x, x], x)", "[*look(data)]"),
+    *("pool.submit(advance, data)", "MjModel.from_xml_string(x)", "mj_step2(model, data)"),
 )
 # Expressions in which A, B and C are replaced by smaller ones.
 EXPRESSIONS = (

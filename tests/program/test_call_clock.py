@@ -1,4 +1,4 @@
-"""The call clock counts calls by the line that makes them, and changes nothing of what is called."""
+"""The call clock counts calls by the line that makes them, and changes none of them."""
 
 import os
 import subprocess

@@ -1,0 +1,253 @@
+"""What a script does with one MjData: which fields it names, which engine functions get it.
+
+An MjData is followed through names alone: where it is assigned, and into and out of the functions
+of the same file that get it. Anything else, such as an attribute, a list or a class of another
+package, is a use that is not known.
+"""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from mjbench.loop.name_bindings import Scope
+from mjbench.loop.script_names import assignments, last_name
+from mjbench.loop.stepping_script import (
+    FIELDS,
+    STORING_METHODS,
+    VIEW_METHODS,
+    SteppingScript,
+    index_gives_view,
+)
+
+# How the fields of MjData begin whose rest is the field of a named part.
+_PREFIXES = {
+    "body": "",
+    "joint": "",
+    "jnt": "",
+    "actuator": "",
+    "geom": "geom_",
+    "site": "site_",
+    "cam": "cam_",
+    "camera": "cam_",
+    "light": "light_",
+    "ten": "ten_",
+    "tendon": "ten_",
+}
+_COPIES = {"copy", "deepcopy"}
+
+
+@dataclass(frozen=True)
+class DataUses:
+    """What a script does with an MjData.
+
+    Attributes:
+      fields: that it names, those of named parts by the name of the whole array.
+      functions: of the engine that get it, and `copy` and `deepcopy`.
+      is_known: whether this is all that happens to it.
+      is_kept: whether a view of it is stored, named or returned, and so keeps its memory.
+    """
+
+    fields: frozenset[str]
+    functions: frozenset[str]
+    is_known: bool
+    is_kept: bool = False
+
+
+def uses_of(script: SteppingScript, node: ast.Name, with_callers: bool = True) -> DataUses:
+    """Return what a script does with the MjData that a name stands for.
+
+    Args:
+      script: the script.
+      node: the name, where it is used.
+      with_callers: whether to look at what the callers of a function do with its argument, too.
+    """
+    owner = script.bindings.owner(node.id, node)
+    if owner is None:
+        return DataUses(frozenset(), frozenset(), is_known=False)
+    return _Following(script, with_callers).follow(owner, node.id)
+
+
+def uses_of_parameter(
+    script: SteppingScript, function: ast.FunctionDef, parameter: str
+) -> DataUses:
+    """Return what a function does with the MjData that it gets."""
+    return _Following(script, with_callers=False).follow(function, parameter)
+
+
+class _Following:
+    """One MjData, followed from name to name."""
+
+    def __init__(self, script: SteppingScript, with_callers: bool):
+        self._script = script
+        self._with_callers = with_callers
+        self._fields: set[str] = set()
+        self._functions: set[str] = set()
+        self._is_known = True
+        self._is_kept = False
+        self._names: dict[str, list[ast.Name]] = {}
+        for node in ast.walk(script.tree):
+            if isinstance(node, ast.Name):
+                self._names.setdefault(node.id, []).append(node)
+        self._values = {id(target): value for target, value in assignments(script.tree)}
+
+    def follow(self, scope: Scope, name: str) -> DataUses:
+        waiting, followed = [(scope, name)], set()
+        while waiting and self._is_known:
+            place = waiting.pop()
+            if place not in followed:
+                followed.add(place)
+                waiting += self._from(*place)
+        fields, functions = frozenset(self._fields), frozenset(self._functions)
+        return DataUses(fields, functions, self._is_known, self._is_kept)
+
+    def _from(self, scope: Scope, name: str) -> Iterator[tuple[Scope, str]]:
+        """Count the uses of a name, and yield the other names of the same MjData."""
+        bindings = self._script.bindings
+        if bindings.is_declared(name):
+            self._is_known = False
+        for binding in bindings.bindings(name, scope):
+            yield from self._of_binding(binding, scope)
+        for node in self._names.get(name, []):
+            is_read = isinstance(node.ctx, ast.Load) and bindings.owner(name, node) is scope
+            if is_read:
+                yield from self._of_use(node)
+
+    def _of_binding(self, binding: ast.AST, scope: Scope) -> Iterator[tuple[Scope, str]]:
+        value = self._values.get(id(binding))
+        is_fresh = isinstance(value, ast.Call) and last_name(value.func) in {"MjData", *_COPIES}
+        is_alias = isinstance(value, ast.Name) and self._with_callers
+        if is_alias:
+            assert isinstance(value, ast.Name)
+            yield from self._place(value)
+        elif isinstance(binding, ast.arg) and isinstance(scope, ast.FunctionDef):
+            if self._with_callers:
+                yield from self._in_callers(scope, binding.arg)
+        elif not is_fresh and not isinstance(getattr(binding, "ctx", None), ast.Del):
+            self._is_known = False
+
+    def _in_callers(self, function: ast.FunctionDef, parameter: str) -> Iterator[tuple[Scope, str]]:
+        functions = self._script.functions
+        calls = functions.calls_of(function)
+        references = [n for n in self._names.get(function.name, []) if isinstance(n.ctx, ast.Load)]
+        if not calls or len(references) != len(calls):  # also called from elsewhere
+            self._is_known = False
+        for call in calls:
+            given = functions.arguments(call, function)
+            argument = given.get(parameter) if given is not None else None
+            if isinstance(argument, ast.Name):
+                yield from self._place(argument)
+            elif not (isinstance(argument, ast.Call) and last_name(argument.func) in _COPIES):
+                self._is_known = False
+
+    def _place(self, name: ast.Name) -> Iterator[tuple[Scope, str]]:
+        owner = self._script.bindings.owner(name.id, name)
+        if owner is None:
+            self._is_known = False
+        else:
+            yield owner, name.id
+
+    def _of_use(self, node: ast.Name) -> Iterator[tuple[Scope, str]]:
+        parents = self._script.parents
+        parent = parents[node]
+        above = parents.get(parent)
+        if isinstance(parent, ast.keyword) and isinstance(above, ast.Call):
+            yield from self._given(node, above)
+        elif isinstance(parent, ast.Call) and node in parent.args:
+            yield from self._given(node, parent)
+        elif isinstance(parent, ast.Attribute):
+            if isinstance(above, ast.Call) and above.func is parent:
+                self._of_part(above, parent.attr)
+            else:
+                self._fields.add(parent.attr)
+                self._is_kept |= _is_kept(self._script, parent, is_row=False)
+        elif isinstance(parent, ast.Assign) and len(parent.targets) == 1:
+            target = parent.targets[0]
+            if isinstance(target, ast.Name):
+                yield from self._place(target)
+            else:
+                self._is_known = False
+        else:
+            self._is_known = False
+
+    def _given(self, node: ast.Name, call: ast.Call) -> Iterator[tuple[Scope, str]]:
+        name = last_name(call.func)
+        if name.startswith("mj_") or name in _COPIES:
+            self._functions.add(name)
+            return
+        functions = self._script.functions.called(call)
+        self._is_known = self._is_known and bool(functions)
+        for function in functions:
+            given = self._script.functions.arguments(call, function)
+            parameters = [k for k, v in (given or {}).items() if v is node]
+            self._is_known = self._is_known and bool(parameters)
+            for parameter in parameters:
+                yield function, parameter
+
+    def _of_part(self, call: ast.Call, accessor: str) -> None:
+        """Count what is read of `data.site("tip")` or the like."""
+        parent = self._script.parents.get(call)
+        if accessor not in _PREFIXES:
+            self._is_known = False
+        elif isinstance(parent, ast.Attribute):
+            self._add_part_field(accessor, parent)
+        elif isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
+            self._of_part_name(parent.targets[0], accessor)
+        else:
+            self._is_known = False
+
+    def _of_part_name(self, target: ast.Name, accessor: str) -> None:
+        owner = self._script.bindings.owner(target.id, target)
+        for node in self._names[target.id]:
+            if isinstance(node.ctx, ast.Store) or (
+                self._script.bindings.owner(target.id, node) is not owner
+            ):
+                continue
+            parent = self._script.parents[node]
+            if isinstance(parent, ast.Attribute):
+                self._add_part_field(accessor, parent)
+            else:
+                self._is_known = False
+
+    def _add_part_field(self, accessor: str, attribute: ast.Attribute) -> None:
+        if attribute.attr not in ("id", "name"):
+            self._fields.add(_PREFIXES[accessor] + attribute.attr)
+            self._is_kept |= _is_kept(self._script, attribute, is_row=True)
+
+
+def _is_kept(script: SteppingScript, field: ast.Attribute, is_row: bool) -> bool:
+    """Return whether a view that begins with a field outlives the expression it stands in.
+
+    Args:
+      script: the script.
+      field: such as `data.xpos`.
+      is_row: whether it is the row of a named part.
+    """
+    if not FIELDS.match(field.attr):
+        return False
+    node: ast.expr = field
+    while True:
+        parent = script.parents[node]
+        above = script.parents.get(parent)
+        if isinstance(parent, ast.Subscript) and parent.value is node:
+            if not index_gives_view(parent, is_row):
+                return False
+            node = parent
+        elif isinstance(parent, ast.Attribute):
+            if not (isinstance(above, ast.Call) and parent.attr in VIEW_METHODS):
+                return False
+            node = above
+        else:
+            break
+    if not isinstance(getattr(node, "ctx", ast.Load()), ast.Load):
+        return False
+    if isinstance(parent, ast.Assign):
+        copies = (
+            isinstance(target, ast.Subscript) and not script.is_container_name(target.value)
+            for target in parent.targets
+        )
+        return not all(copies)
+    if isinstance(parent, ast.Call):
+        is_method = isinstance(parent.func, ast.Attribute) and not script.is_numpy_call(parent)
+        return is_method and last_name(parent.func) in STORING_METHODS
+    containers = ast.Return | ast.Yield | ast.Tuple | ast.List | ast.Dict | ast.keyword
+    return isinstance(parent, containers | ast.ListComp | ast.GeneratorExp | ast.DictComp)

@@ -1,0 +1,127 @@
+"""mj_forward right after mj_step: what of it a script reads, and which functions compute just that.
+
+`mj_step` computes from the state before it, and then integrates. What is computed belongs to the
+old state until something computes it again. For positions, `mj_kinematics` does; `mj_forward` also
+finds contacts and solves constraints, which the next `mj_step` does once more.
+tests/loop/test_lint_forward.py checks that the functions named here give what `mj_forward` gives.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping, Set
+
+from mjbench.loop.lint_data_uses import DataUses, uses_of
+from mjbench.loop.lint_match import Match
+from mjbench.loop.lint_repeats import iterations, names_in
+from mjbench.loop.script_names import last_name
+from mjbench.loop.stepping_script import SteppingScript
+
+_RECOMPUTES = ("mj_forward", "mj_step1", "mj_fwdPosition")
+# Fields of the state and the inputs, which no such function changes.
+STATE = {
+    *("qpos", "qvel", "act", "time", "ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos"),
+    *("mocap_quat", "userdata", "eq_active"),
+}
+# Fields that other functions compute; `mj_camlight` and `mj_tendon` need both of the others.
+COMPUTED: Mapping[str, Set[str]] = {
+    "mj_kinematics": {
+        *("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis"),
+        *("geom_xpos", "geom_xmat", "site_xpos", "site_xmat"),
+    },
+    "mj_comPos": {"subtree_com", "cinert", "cdof"},
+    "mj_camlight": {"cam_xpos", "cam_xmat", "light_xpos", "light_xdir"},
+    "mj_tendon": {"ten_length", "ten_J"},
+}
+# Functions of the engine that read only the state, or compute what they read.
+_INDEPENDENT = {
+    *("mj_step", "mj_forward", "mj_resetData", "mj_resetDataKeyframe", "mj_kinematics"),
+    *("mj_setState", "mj_getState"),
+}
+# Functions that read what `mj_comPos` computes.
+_JACOBIANS = {
+    *("mj_jacSite", "mj_jacGeom", "mj_jacBody", "mj_jacBodyCom", "mj_jacSubtreeCom", "mj_jac"),
+}
+
+
+def forward_after_step(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls of mj_forward after mj_step of which a script reads nothing, or positions."""
+    for call in script.calls:
+        name = last_name(call.func)
+        if name not in _RECOMPUTES or not _follows_step(script, call):
+            continue
+        if any("set_mjcb" in each for each in script.bindings.identifiers):
+            return  # mj_forward calls what the script installs
+        data = call.args[1]
+        if isinstance(data, ast.Name) and any(_steps(script, call)):
+            instead = _enough(uses_of(script, data))
+            if instead is not None:
+                yield Match(call, "", _message(name, call, instead), name, instead)
+
+
+def _steps(script: SteppingScript, call: ast.Call) -> Iterator[bool]:
+    return (script.steps_inside(each.loop) for each in iterations(script, call))
+
+
+def _follows_step(script: SteppingScript, call: ast.Call) -> bool:
+    """Return whether a call is a statement after mj_step, of the same model and MjData."""
+    statement = script.parents.get(call)
+    if not isinstance(statement, ast.Expr) or len(call.args) != 2:
+        return False
+    for before in reversed(_statements_before(script, statement)):
+        if isinstance(before, ast.For | ast.While) and not before.orelse:
+            before = before.body[-1]  # the last of several steps
+        if _is_step_of(before, call):
+            return True
+        leaves = (ast.Call, ast.Yield, ast.YieldFrom, ast.Return, ast.Break, ast.Continue)
+        if names_in(before) & names_in(call.args[1]) or any(
+            isinstance(n, leaves) for n in ast.walk(before)
+        ):
+            return False
+    return False
+
+
+def _statements_before(script: SteppingScript, statement: ast.stmt) -> list[ast.stmt]:
+    parent = script.parents.get(statement)
+    for name in ("body", "orelse", "finalbody"):
+        block = getattr(parent, name, None)
+        if isinstance(block, list) and statement in block:
+            return block[: block.index(statement)]
+    return []
+
+
+def _is_step_of(statement: ast.stmt, call: ast.Call) -> bool:
+    if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call)):
+        return False
+    step = statement.value
+    return last_name(step.func) == "mj_step" and [ast.dump(a) for a in step.args[:2]] == [
+        ast.dump(a) for a in call.args
+    ]
+
+
+def _enough(uses: DataUses) -> tuple[str, ...] | None:
+    """Return the functions that compute all that is read; None where that is not known."""
+    computed = uses.fields - STATE
+    unknown = computed.difference(*COMPUTED.values())
+    other = uses.functions - _INDEPENDENT - _JACOBIANS - set(_RECOMPUTES)
+    if not uses.is_known or unknown or other:
+        return None
+    needed = {name for name, fields in COMPUTED.items() if computed & fields}
+    if uses.functions & _JACOBIANS:
+        needed.add("mj_comPos")
+    if needed - {"mj_kinematics"}:
+        needed.add("mj_comPos")
+    if needed:
+        needed.add("mj_kinematics")
+    return tuple(name for name in COMPUTED if name in needed)
+
+
+def _message(name: str, call: ast.Call, instead: tuple[str, ...]) -> str:
+    if not instead:
+        return f"{name} after mj_step computes what nothing reads; delete it"
+    arguments = ", ".join(ast.unparse(argument) for argument in call.args)
+    calls = ", ".join(f"{function}({arguments})" for function in instead)
+    kind = "positions are" if instead == ("mj_kinematics",) else "what follows from positions is"
+    verb = "is" if len(instead) == 1 else "are"
+    return (
+        f"{name} after mj_step computes another step's worth; only {kind} read: {calls} {verb}"
+        " enough"
+    )

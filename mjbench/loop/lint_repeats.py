@@ -1,0 +1,210 @@
+"""In the iterations of which loops a part of a script runs, and what varies from one to the next.
+
+A part runs in an iteration where it stands in the loop, or in a function that the loop calls,
+without anything that may let it run once only: a condition on what the loop changes, a `return`
+before it, a `break` after it, an `except`.
+"""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name, nodes_inside
+from mjbench.loop.stepping_script import SteppingScript, leaves_after
+from mjbench.loop.view_writes import peeled
+
+COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+Loop = ast.For | ast.While | COMPREHENSIONS
+# Calls that create a model.
+CREATES_MODEL = {
+    *("from_xml_path", "from_xml_string", "from_binary_path", "from_mjcf_model"),
+    *("compile", "recompile", "load_model"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """A loop in whose every iteration something runs.
+
+    Attributes:
+      loop: the loop or the comprehension.
+      inside: what stands in the loop itself: the part, or the call that leads to it.
+      functions: that the calls lead through, from the loop to the part.
+    """
+
+    loop: Loop
+    inside: ast.expr | ast.stmt
+    functions: tuple[ast.FunctionDef, ...] = ()
+
+    def varying_names(self, script: SteppingScript) -> set[str]:
+        """Return the names whose values follow from what the loop runs over."""
+        return _following(self.loop, script)
+
+    def makes_model(self) -> bool:
+        """Return whether what runs gets a model that is new in the iteration."""
+        used = names_in(self.inside)
+        new = _new_models(self.loop) & used
+        return bool(new) or any(_new_models(function) for function in self.functions)
+
+
+def iterations(script: SteppingScript, node: ast.expr | ast.stmt) -> Iterator[Iteration]:
+    """Yield the loops in whose every iteration a node runs, the innermost of each way first."""
+    yield from _iterations(script, node, ())
+
+
+def _iterations(
+    script: SteppingScript,
+    node: ast.expr | ast.stmt,
+    functions: tuple[ast.FunctionDef, ...],
+) -> Iterator[Iteration]:
+    child: ast.AST = node
+    parent = script.parents.get(node)
+    while parent is not None:
+        if isinstance(parent, ast.Lambda | ast.ClassDef):
+            return
+        if isinstance(parent, Loop) and _is_repeated(child, parent):
+            if _may_run_once(script, node, parent):
+                return
+            yield Iteration(parent, node, functions)
+        elif isinstance(parent, FUNCTIONS):
+            if isinstance(parent, ast.FunctionDef) and parent not in functions:
+                yield from _in_callers(script, node, parent, functions)
+            return
+        child, parent = parent, script.parents.get(parent)
+
+
+def _in_callers(
+    script: SteppingScript,
+    node: ast.expr | ast.stmt,
+    function: ast.FunctionDef,
+    functions: tuple[ast.FunctionDef, ...],
+) -> Iterator[Iteration]:
+    if not _may_run_once(script, node, function):
+        for call in script.functions.calls_of(function):
+            yield from _iterations(script, call, (function, *functions))
+
+
+def _is_repeated(child: ast.AST, loop: Loop) -> bool:
+    """Return whether a part of a loop is evaluated in each of its iterations."""
+    if isinstance(loop, COMPREHENSIONS):
+        return child is not loop.generators[0] or not isinstance(child, ast.comprehension)
+    if isinstance(loop, ast.For) and child in (loop.iter, loop.target):
+        return False
+    return child not in loop.orelse
+
+
+def _may_run_once(
+    script: SteppingScript, node: ast.expr | ast.stmt, limit: Loop | ast.FunctionDef
+) -> bool:
+    """Return whether a node may run in one iteration of a loop, or one call, only."""
+    child: ast.AST = node
+    while child is not limit:
+        parent = script.parents[child]
+        if isinstance(parent, ast.ExceptHandler | ast.match_case):
+            return True
+        if isinstance(parent, ast.Try) and child in parent.orelse:
+            return True
+        if isinstance(parent, ast.With) and _expects_error(parent):
+            return True
+        is_branch = isinstance(parent, ast.If | ast.IfExp) and child is not parent.test
+        if is_branch and not _is_regular(parent, limit):
+            return True
+        if isinstance(parent, ast.BoolOp) and child is not parent.values[0]:
+            return True
+        if not isinstance(limit, ast.FunctionDef) and leaves_after(child, parent):
+            return True
+        child = parent
+    leaves = ast.Return if isinstance(limit, ast.FunctionDef) else ast.Continue
+    return any(isinstance(n, leaves) and n.lineno < node.lineno for n in nodes_inside(limit))
+
+
+def _expects_error(node: ast.With) -> bool:
+    """Return whether a test expects that a block raises."""
+    contexts = (item.context_expr for item in node.items)
+    calls = (c.func for c in contexts if isinstance(c, ast.Call))
+    return any("raises" in last_name(function).lower() for function in calls)
+
+
+def _is_regular(branch: ast.AST, limit: Loop | ast.FunctionDef) -> bool:
+    """Return whether a condition holds in each nth iteration, or in all of them or in none."""
+    assert isinstance(branch, ast.If | ast.IfExp)
+    parts = list(ast.walk(branch.test))
+    if any(isinstance(part, ast.BinOp) and isinstance(part.op, ast.Mod) for part in parts):
+        return True
+    if isinstance(limit, ast.FunctionDef):
+        return False
+    is_plain = all(
+        isinstance(part, ast.Name | ast.Not | ast.UnaryOp | ast.expr_context) for part in parts
+    )
+    bound = {n.id for n in ast.walk(limit) if isinstance(n, ast.Name) and _is_bound(n)}
+    return is_plain and names_in(branch.test).isdisjoint(bound)
+
+
+def _is_bound(name: ast.Name) -> bool:
+    return not isinstance(name.ctx, ast.Load)
+
+
+def names_in(node: ast.AST) -> set[str]:
+    """Return the names that stand in a node."""
+    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+
+
+def _following(loop: Loop, script: SteppingScript) -> set[str]:
+    """Return the names that a loop runs over, and those whose values follow from them."""
+    if isinstance(loop, ast.For):
+        names = names_in(loop.target)
+    elif isinstance(loop, ast.While):
+        names = set()
+    else:
+        names = {name for each in loop.generators for name in names_in(each.target)}
+    flows = [flow for node in ast.walk(loop) for flow in _flows(node)]
+    while more := {
+        name
+        for targets, value in flows
+        if not names_in(value).isdisjoint(names)
+        for name in targets - names
+        if not script.bindings.origin(name)  # a module stays what it is
+    }:
+        names |= more
+    return names
+
+
+def _flows(node: ast.AST) -> Iterator[tuple[set[str], ast.AST]]:
+    """Yield the names that a node gives a value, and the value."""
+    if isinstance(node, ast.Assign):
+        yield {name for target in node.targets for name in _roots(target)}, node.value
+    elif isinstance(node, ast.AugAssign | ast.AnnAssign | ast.NamedExpr) and node.value is not None:
+        yield _roots(node.target), node.value
+    elif isinstance(node, ast.For | ast.comprehension):
+        yield names_in(node.target), node.iter
+    elif isinstance(node, ast.withitem) and node.optional_vars is not None:
+        yield names_in(node.optional_vars), node.context_expr
+    elif isinstance(node, ast.Call):  # a method that changes its object, a function its arguments
+        receivers = [node.func.value] if isinstance(node.func, ast.Attribute) else []
+        yield {name for each in receivers for name in _roots(each)}, node
+    elif isinstance(node, ast.If | ast.While):  # what is assigned under a condition
+        bound = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and _is_bound(n)}
+        yield bound, node.test
+
+
+def _roots(target: ast.AST) -> set[str]:
+    """Return the names of the objects that an assignment changes: `spec` of `spec.option.x`."""
+    elements = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
+    dotted = (dotted_name(peeled(element)) for element in elements)
+    return {name.partition(".")[0] for name in dotted} - {""}
+
+
+def _new_models(scope: Loop | ast.FunctionDef) -> set[str]:
+    """Return the names to which a loop or a function assigns a new model."""
+    return {
+        name
+        for node in ast.walk(scope)
+        if isinstance(node, ast.Assign)
+        and any(
+            isinstance(n, ast.Call)
+            and (last_name(n.func) in CREATES_MODEL or isinstance(node.targets[0], ast.Tuple))
+            for n in ast.walk(node.value)
+        )
+        for target in node.targets
+        for name in names_in(target)
+    }

@@ -1,0 +1,161 @@
+"""Which rules `mjbench lint` checks in a file, by the command line and by pyproject.toml.
+
+The pyproject.toml is that of the file's folder, or of the nearest folder above that has one. On the
+command line, `--select` and `--ignore` replace `select` and `ignore` of its `[tool.mjbench.lint]`;
+`per-file-ignores` always counts.
+"""
+
+import fnmatch
+import tomllib
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from mjbench.errors import InputError, one_line
+from mjbench.loop.lint_rules import RULES
+
+ALL_CODES = tuple(rule.code for rule in RULES)
+_TABLE = "[tool.mjbench.lint]"
+_KEYS = ("select", "ignore", "per-file-ignores")
+
+
+@dataclass(frozen=True)
+class LintSettings:
+    """A table `[tool.mjbench.lint]`; codes are written in full, or as they begin.
+
+    Attributes:
+      select: codes to check; none for all.
+      ignore: codes to leave out.
+      per_file_ignores: codes to leave out by pattern, of names or of paths below `folder`.
+      folder: of the pyproject.toml.
+    """
+
+    select: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    per_file_ignores: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    folder: Path = Path()
+
+    def ignored_in(self, file: Path) -> list[str]:
+        """Return the codes that `per-file-ignores` leaves out in a file."""
+        path = file.relative_to(self.folder).as_posix() if self.per_file_ignores else ""
+        return [
+            code
+            for pattern, codes in self.per_file_ignores.items()
+            if fnmatch.fnmatch(path, pattern) or fnmatch.fnmatch(file.name, pattern)
+            for code in codes
+        ]
+
+
+@dataclass(frozen=True)
+class RuleChoice:
+    """The rules to check, file by file.
+
+    Attributes:
+      select: codes of the command line, or how they begin; none to do as pyproject.toml says.
+      ignore: likewise.
+    """
+
+    select: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+
+    def codes_for(self, file: str) -> list[str]:
+        """Return the codes of the rules to check in a file.
+
+        Raises:
+          InputError: no rule has such a code, or the file's pyproject.toml is not as it should be.
+        """
+        path = Path(file).parent.resolve() / Path(file).name
+        settings = self._settings_of(path.parent)
+        ignore = [*(self.ignore or settings.ignore), *settings.ignored_in(path)]
+        return codes(self.select or settings.select, ignore)
+
+    def _settings_of(self, folder: Path) -> LintSettings:
+        known = self._by_folder
+        if folder not in known:
+            is_root = folder.parent == folder
+            file = folder / "pyproject.toml"
+            if file.is_file():
+                known[folder] = read_settings(file)
+            else:
+                known[folder] = LintSettings() if is_root else self._settings_of(folder.parent)
+        return known[folder]
+
+    @cached_property
+    def _by_folder(self) -> dict[Path, LintSettings]:
+        return {}
+
+
+# Those that pyproject.toml selects; without one, all.
+ALL_RULES = RuleChoice()
+
+
+def codes(select: Iterable[str], ignore: Iterable[str]) -> list[str]:
+    """Return the codes of the rules to check.
+
+    Args:
+      select: codes, or how they begin; none for all.
+      ignore: likewise; they take precedence.
+
+    Raises:
+      InputError: no rule has such a code.
+    """
+    selected = _matching(select) if select else set(ALL_CODES)
+    return sorted(selected - _matching(ignore))
+
+
+def _matching(beginnings: Iterable[str]) -> set[str]:
+    matching = set()
+    for beginning in beginnings:
+        of_beginning = {code for code in ALL_CODES if code.startswith(beginning.upper())}
+        if not beginning or not of_beginning:
+            raise InputError(f"no rule {beginning!r}; there are {', '.join(ALL_CODES)}")
+        matching |= of_beginning
+    return matching
+
+
+def read_settings(file: Path) -> LintSettings:
+    """Return the settings in a pyproject.toml; none where it has no such table.
+
+    Raises:
+      InputError: it cannot be read, is not TOML, or has other keys or values than these.
+    """
+    try:
+        document = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: {one_line(error)}") from error
+    table: Any = document
+    for key in ("tool", "mjbench", "lint"):
+        table = table.get(key, {}) if isinstance(table, dict) else None
+    place = f"{file}: {_TABLE}"
+    if not isinstance(table, dict):
+        raise InputError(f"{place}: not a table")
+    if unknown := sorted(set(table) - set(_KEYS)):
+        raise InputError(f"{place}: no key {unknown[0]!r}; there are {', '.join(_KEYS)}")
+    per_file = table.get("per-file-ignores", {})
+    if not isinstance(per_file, dict):
+        raise InputError(f"{place}: per-file-ignores is not a table of lists of codes")
+    return LintSettings(
+        select=_codes_of(table.get("select", []), f"{place}: select"),
+        ignore=_codes_of(table.get("ignore", []), f"{place}: ignore"),
+        per_file_ignores={
+            pattern: _codes_of(each, f"{place}: per-file-ignores of {pattern!r}")
+            for pattern, each in per_file.items()
+        },
+        folder=file.parent,
+    )
+
+
+def _codes_of(values: Any, place: str) -> tuple[str, ...]:
+    if not (isinstance(values, list) and all(isinstance(value, str) for value in values)):
+        raise InputError(f'{place} is not a list of codes, such as ["MJB001"]')
+    _checked(values, place)
+    return tuple(values)
+
+
+def _checked(beginnings: Collection[str], place: str) -> None:
+    try:
+        _matching(beginnings)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from error

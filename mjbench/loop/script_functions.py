@@ -1,0 +1,102 @@
+"""Which functions of a script its calls mean, and which argument becomes which parameter.
+
+A call means a function where its name is bound once, by a `def` without decorators; where it is
+`self.method(…)` of a class that has one such method; or where its name runs over a tuple of such
+functions, as in `for way in (by_copies, by_state)`. Other calls mean nothing that is known.
+"""
+
+import ast
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+from mjbench.loop.name_bindings import NameBindings
+from mjbench.loop.script_names import FUNCTIONS
+
+
+class ScriptFunctions:
+    """The functions of a script and their calls."""
+
+    def __init__(
+        self,
+        bindings: NameBindings,
+        parents: Mapping[ast.AST, ast.AST],
+        calls: Sequence[ast.Call],
+    ):
+        """Remember the script.
+
+        Args:
+          bindings: of its names.
+          parents: the node above each of its nodes.
+          calls: all its calls.
+        """
+        self._bindings = bindings
+        self._parents = parents
+        self._calls = calls
+
+    def called(self, call: ast.Call) -> Sequence[ast.FunctionDef]:
+        """Return the functions that a call may mean; none where they are not known."""
+        if isinstance(call.func, ast.Name):
+            return self._named(call.func, may_be_loop_variable=True)
+        if isinstance(call.func, ast.Attribute) and isinstance(call.func.value, ast.Name):
+            method = self._method(call.func)
+            return [method] if method and call.func.value.id == "self" else []
+        return []
+
+    def named(self, node: ast.AST) -> ast.FunctionDef | None:
+        """Return the function that a name stands for, as in `Thread(target=work)`."""
+        functions = self._named(node) if isinstance(node, ast.Name) else ()
+        return functions[0] if functions else None
+
+    def calls_of(self, function: ast.FunctionDef) -> Sequence[ast.Call]:
+        """Return the calls that may mean a function."""
+        return self._calls_of.get(function, [])
+
+    def arguments(self, call: ast.Call, function: ast.FunctionDef) -> Mapping[str, ast.expr] | None:
+        """Return what a call gives to the parameters of a function; None if that is not plain."""
+        parameters = [a.arg for a in (*function.args.posonlyargs, *function.args.args)]
+        if isinstance(call.func, ast.Attribute):
+            parameters = parameters[1:]
+        starred = any(isinstance(argument, ast.Starred) for argument in call.args)
+        if starred or len(call.args) > len(parameters) or any(k.arg is None for k in call.keywords):
+            return None
+        given = dict(zip(parameters, call.args, strict=False))
+        given |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
+        return given
+
+    @cached_property
+    def _calls_of(self) -> Mapping[ast.FunctionDef, list[ast.Call]]:
+        calls: defaultdict[ast.FunctionDef, list[ast.Call]] = defaultdict(list)
+        for call in self._calls:
+            for function in self.called(call):
+                calls[function].append(call)
+        return calls
+
+    def _named(
+        self, name: ast.Name, may_be_loop_variable: bool = False
+    ) -> Sequence[ast.FunctionDef]:
+        owner = self._bindings.owner(name.id, name)
+        bindings = self._bindings.bindings(name.id, owner) if owner else ()
+        if len(bindings) != 1:
+            return ()
+        (binding,) = bindings
+        if isinstance(binding, ast.FunctionDef):
+            return () if binding.decorator_list else (binding,)
+        loop = self._parents.get(binding)
+        if may_be_loop_variable and isinstance(loop, ast.For) and loop.target is binding:
+            choices = loop.iter.elts if isinstance(loop.iter, ast.Tuple | ast.List) else []
+            functions = [self.named(choice) for choice in choices]
+            known = [function for function in functions if function is not None]
+            return known if len(known) == len(functions) else ()
+        return ()
+
+    def _method(self, attribute: ast.Attribute) -> ast.FunctionDef | None:
+        above = self._parents.get(attribute)
+        while above is not None and not isinstance(above, ast.ClassDef):
+            above = self._parents.get(above)
+        body = above.body if above is not None else []
+        methods = [n for n in body if isinstance(n, FUNCTIONS) and n.name == attribute.attr]
+        if len(methods) != 1 or methods[0].decorator_list:
+            return None
+        (method,) = methods
+        return method if isinstance(method, ast.FunctionDef) else None
