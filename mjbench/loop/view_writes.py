@@ -8,7 +8,7 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 
 from mjbench.loop.name_bindings import bound_by
-from mjbench.loop.script_names import FUNCTIONS, dotted_name, last_name
+from mjbench.loop.script_names import FUNCTIONS, dotted_name, is_input, last_name
 
 # Methods of an array that write to it, and functions that write to an argument.
 WRITING_METHODS = {"fill", "itemset", "partition", "put", "resize", "setfield", "setflags", "sort"}
@@ -22,6 +22,8 @@ _COPYING = {
     *("norm", "print", "range", "repr", "stack", "std", "str", "sum", "tolist", "vstack"),
 }
 _WHOLE = {"T", "flat"}
+# State that programs write, beside the inputs of a step.
+_STATE = {"qpos", "qvel", "qacc_warmstart"}
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -135,7 +137,7 @@ def _binding(
     """Return what a node binds, and the expressions of whose values that may get a part."""
     match node:
         case ast.Assign():
-            return node.targets, [node.value]
+            return [t for t in node.targets if not _is_part_of_state(t)], [node.value]
         case ast.AnnAssign(value=ast.expr() as value) | ast.NamedExpr(value=value):
             return [node.target], [value]
         case ast.For() | ast.comprehension():
@@ -163,6 +165,12 @@ def _binding(
                     return [ast.Attribute(owner, name, ast.Store())], values
             return owners, values
     return [], []
+
+
+def _is_part_of_state(target: ast.AST) -> bool:
+    """Return whether a target is an entry or a slice of an array of MjData, which copies values."""
+    base = target.value if isinstance(target, ast.Subscript) else None
+    return isinstance(base, ast.Attribute) and (base.attr in _STATE or is_input(base))
 
 
 def _stored(target: ast.AST) -> Iterator[str]:

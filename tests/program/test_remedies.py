@@ -76,8 +76,8 @@ def step(seconds=5.0, calls=1000, **more):
 
 
 def loop_of(*calls):
-    total = sum(call.seconds for call in calls) / 10
-    return replace(loop(activities={PHYSICS: total, PYTHON: 1 - total}), calls=calls)
+    """Return the loop with calls; what else it does is nothing to be changed."""
+    return replace(loop(activities={PHYSICS: 1.0}), calls=calls)
 
 
 def finding(code, number=15, message="do otherwise", **more):
