@@ -248,6 +248,8 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
 }
+# A line that is a call of the engine.
+_ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")
 # A line that looks up names, or takes views of the engine's arrays.
 _READS_VIEWS = re.compile(
     r"\b(data|d)\.(q|x|c|act|sensor|site|geom|body|joint|ten|subtree|mocap)\w*|\.(joint|body|geom|site)\("
@@ -699,6 +701,8 @@ def _of_line(
 ) -> Iterator[Remedy]:
     """Yield what to do about a line: what lint says of it, and about what that leaves."""
     activity, share = _main_cost([line]), _avoidable(line)
+    if _ENGINE_CALL.match(line.place.text) and any(c.place == line.place for c in loop.calls):
+        return  # what samples saw there beside the call is what Python does to make it
     if finding is not None:
         remedy = _remedy(loop, RemedyKind.LINE, activity, line.place, finding.message, share)
         remedy = replace(remedy, code=finding.code, effect="nothing")

@@ -61,7 +61,7 @@ def test_the_planted_cause_comes_first(tmp_path, program, arguments, activity, c
 def test_a_stored_view_comes_first_since_it_is_a_wrong_result(tmp_path):
     done, row = run(tmp_path, "--rate", "100", PLANTED / "stored_views.py", HUMANOID, "40000")
     assert done.stdout == "40000\n"
-    assert row["loops"][0]["remedies"][0]["code"] == "MJB001"
+    assert row["wrong"][0]["code"] == "MJB001"
     assert "correct a wrong result" in done.stderr
 
 

@@ -3,8 +3,11 @@
 import pytest
 
 from mjbench.program import activities, attribution
-from mjbench.program.activities import Activity
+from mjbench.program.activities import Activity, Place
+from mjbench.program.calls import CallTime
+from mjbench.program.hook.call_clock import COMPILE
 from mjbench.program.samples import Frame, Thread, ThreadSamples
+from mjbench.program.source_loops import SourceLoop
 
 SOURCE = """\
 def observe():
@@ -127,6 +130,85 @@ def test_samples_at_several_rates_count_for_their_time(file):
     (time,) = attribution.loop_times([dense, sparse], 1)
     assert time.activities[Activity.PYTHON] == pytest.approx(0.25)
     assert time.samples == round(0.8**2 / (6 * 0.1**2 + 0.2**2))
+
+
+def call(callee, line, seconds, begin_s=0.0, end_s=1.0, calls=10, **more):
+    """Return calls that were timed from a line of the loop."""
+    values = {"pid": 1, "thread": 1, "steps": 0, "all_steps": 0, **more}
+    return CallTime(
+        callee,
+        place=Place("program.py", line, "main"),
+        loop=SourceLoop("program.py", 7, 9),
+        calls=calls,
+        seconds=seconds,
+        first_ns=round(1e9 * begin_s),
+        last_ns=round(1e9 * end_s),
+        **values,
+    )
+
+
+STEP = {"steps": 10, "all_steps": 10}
+
+
+def test_what_calls_take_is_known_and_samples_divide_the_rest(file):
+    """20 of 40 samples are physics; the calls took 0.6 of the 4 seconds."""
+    of = stacks(file)
+    seen = [of["step"]] * 20 + [of["observe"]] * 20
+    timed = [call("mj_step", 8, 0.6, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
+    assert time.activities == pytest.approx({Activity.PHYSICS: 0.15, Activity.PYTHON: 0.85})
+    assert {line.place.line: line.share for line in time.lines} == pytest.approx({2: 0.85, 8: 0.15})
+    assert time.is_timed(Activity.PHYSICS)
+    assert not time.is_timed(Activity.PYTHON)
+    assert time.packages == pytest.approx({"": 0.85})
+
+
+def test_a_loop_of_which_there_are_no_samples_has_its_calls(file):
+    timed = [call("mj_step", 8, 0.5, **STEP), call("MjData", 9, 0.25)]
+    (time,) = attribution.loop_times([], 1, calls=timed)
+    assert (time.samples, time.seconds, time.in_main) == (0, pytest.approx(1.0), True)
+    assert time.activities == pytest.approx(
+        {Activity.PHYSICS: 0.5, Activity.COPYING: 0.25, Activity.REST: 0.25}
+    )
+
+
+def test_samples_on_the_line_of_a_slow_call_are_of_the_call(file):
+    of = stacks(file)
+    seen = [of["step"]] * 30 + [of["observe"]] * 10
+    timed = [call("Renderer", 8, 3.0, 0, 4), call("mj_step", 9, 0.4, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples(seen)], 1, calls=timed)
+    assert time.activities == pytest.approx(
+        {Activity.RENDERING: 0.75, Activity.PHYSICS: 0.1, Activity.PYTHON: 0.15}
+    )
+
+
+def test_where_samples_saw_only_the_calls_the_rest_is_what_python_does_to_make_them(file):
+    timed = [call("mj_step", 8, 3.0, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples([stacks(file)["step"]] * 40)], 1, calls=timed)
+    assert time.activities == pytest.approx({Activity.PHYSICS: 0.75, Activity.BINDINGS: 0.25})
+
+
+def test_a_loop_that_compiles_is_shown_though_it_does_not_step(file):
+    timed = [call(COMPILE, 8, 0.9)]
+    (time,) = attribution.loop_times([], 1, calls=timed)
+    assert time.activities[Activity.COMPILING] == pytest.approx(0.9)
+
+
+def test_calls_on_several_threads_add_up(file):
+    timed = [call("mj_step", 8, 0.5, thread=thread, **STEP) for thread in (1, 2)]
+    (time,) = attribution.loop_times([], 1, calls=timed)
+    assert time.seconds == pytest.approx(2.0)
+    assert time.activities[Activity.PHYSICS] == pytest.approx(0.5)
+
+
+def test_garbage_collections_are_an_activity_of_their_own(file):
+    of = stacks(file)
+    seen = [of["step"]] * 20 + [of["observe"]] * 20
+    timed = [call("mj_step", 8, 2.0, 0, 4, **STEP)]
+    (time,) = attribution.loop_times([samples(seen)], 1, (), timed, {1: 1.0})
+    assert time.activities == pytest.approx(
+        {Activity.PHYSICS: 0.5, Activity.PYTHON: 0.25, Activity.COLLECTION: 0.25}
+    )
 
 
 def _connection():

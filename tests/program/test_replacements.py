@@ -1,0 +1,91 @@
+"""What could stand in place of a call is timed on the program's own model and states."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjbench.program import replacements
+from mjbench.program.recorded_models import RecordedModel
+from mjbench.program.replacements import Question, Trial
+
+MODEL = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body name='arm'><joint axis='0 1 0'/><geom size='.1' pos='.3 0 0'/></body>"
+    "</worldbody></mujoco>"
+)
+SPEC = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+def recorded(model=MODEL):
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    data = mujoco.MjData(model)
+    state = np.empty((1, mujoco.mj_stateSize(model, SPEC)))
+    mujoco.mj_getState(model, data, state[0], SPEC)
+    return RecordedModel(buffer.tobytes(), state, mujoco.__version__)
+
+
+class Channel:
+    """Keeps what the child would send."""
+
+    def __init__(self):
+        self.sent = []
+
+    def send(self, message):
+        self.sent.append(message)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Time each pair for as few rounds as an interval needs."""
+    monkeypatch.setattr(replacements, "BUDGET_S", 0.0)
+    monkeypatch.setattr(replacements, "LEAST_ROUNDS", 6)
+    monkeypatch.setattr(replacements, "MOST_CALLS", 2)
+
+
+def answers(questions, model=MODEL):
+    channel = Channel()
+    replacements.answer(replacements._Request(recorded(model), questions), channel)
+    return channel.sent
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("trial", list(Trial))
+def test_every_pair_can_be_timed(trial):
+    if trial == Trial.BATCH:
+        pytest.importorskip("mujoco.batch", reason="this MuJoCo has no Batch")
+    question = Question(trial, ("mj_kinematics",), simulations=2, steps=2)
+    _, answer = answers([question])
+    assert answer.number == 0
+    assert 0 < answer.ratio.low <= answer.ratio.estimate <= answer.ratio.high
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_pair_that_the_model_or_the_release_lacks_is_left_out():
+    nameless = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    asked = [Question(Trial.NAMED_ACCESS), Question(Trial.FUNCTIONS, ("mj_of_another_release",))]
+    _, *rest = answers([*asked, Question(Trial.NO_TIMER)], nameless)
+    assert [answer.number for answer in rest] == [2]
+
+
+def test_whether_a_step_computes_forces_follows_from_the_sensors():
+    with_sensor = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/><site name='s'/></body></worldbody>"
+        "<sensor><accelerometer site='s'/></sensor></mujoco>"
+    )
+    assert [message.computes_forces for message in answers([])] == [False]
+    assert [message.computes_forces for message in answers([], with_sensor)] == [True]
+
+
+def test_a_model_of_another_release_is_not_loaded():
+    other = replace(recorded(), release="2.3.7")
+    assert replacements.measure([other], [Question(Trial.NO_TIMER)]).ratios == {}
+
+
+def test_a_model_that_crashes_the_child_costs_only_its_ratios():
+    damaged = replace(recorded(), mjb=b"no model")
+    measured = replacements.measure([damaged], [Question(Trial.NO_TIMER)])
+    assert measured == replacements.Measured({})
