@@ -76,7 +76,7 @@ def read(started):
 def test_calls_reach_the_engine_unchanged(started):
     model, data = simulation()
     assert started.module.mj_step(model, data, nstep=4) == "mj_step"
-    assert started.calls == [("mj_step", (model, data), {"nstep": 4})]
+    assert started.calls == [("mj_step", (model, data, 4), {})]
     assert started.module.mj_step.__name__ == "mj_step"
 
 
@@ -107,7 +107,7 @@ def test_both_parts_of_a_step_count_as_one(started):
 
 def test_bursts_cost_no_more_than_their_share(started):
     model, data = simulation()
-    started.clock.cold_ns = CALL_NS // 10
+    started.clock.timed_ns = started.clock.cold_ns = CALL_NS // 10
     count = 200_000
     for _ in range(count):
         started.module.mj_step(model, data)
@@ -134,6 +134,22 @@ def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatc
             module.mj_step(*simulation())
         timed.append(clock._calls_timed)
     assert timed[1] == pytest.approx(timed[0] / 4, rel=0.1)
+
+
+def test_what_a_call_costs_the_program_is_learned_from_its_bursts(started):
+    """Between bursts, a call takes a tenth less."""
+    clock = started.clock
+    clock.timed_ns = clock.cold_ns = CALL_NS // 20
+    clock._burst_period_ns = CALL_NS
+    clock._learn_cost(CALL_NS * 9 // 10)
+    assert clock.cold_ns == CALL_NS // 10
+    clock._learn_cost(0)  # an outlier
+    clock._learn_cost(CALL_NS * 9 // 10)
+    assert clock.cold_ns == CALL_NS // 10
+    clock._burst_period_ns = 0
+    for _ in range(9):
+        clock._learn_cost(CALL_NS)
+    assert clock.cold_ns == clock.timed_ns
 
 
 def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):

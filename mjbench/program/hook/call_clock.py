@@ -35,6 +35,8 @@ MAX_STACK = 60
 _PROCESS_MODULE, _PROCESS_FUNCTION = "multiprocessing/process.py", "_bootstrap"
 # States of a model that are noted, to measure other calls on; models, and bytes of one.
 MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 4, 4, 64 << 20
+# Between two looks at the memory of the process and the state of the simulation.
+LOOK_NS = 100_000_000
 
 # What is called, as `calls.CALLEES` explains it.
 SHARED_DATA, HALVES = "one MjData on two threads", "halves of a Runge-Kutta step"
@@ -139,6 +141,9 @@ class CallClock:
         self._jax: list[tuple[int, int]] = []
         self._window = [0] * 8
         self._has_seen_renderer = False
+        self._next_look_ns = 0
+        self._cached: tuple[str, Any, int, int] | None = None
+        self._cached_slot: list[int] = []
         self.is_observing, self._observing_since_ns = True, 0  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
         with contextlib.suppress(OSError):
@@ -197,17 +202,33 @@ class CallClock:
         self, callee: str, frame: FrameType, begin_ns: int, end_ns: int, steps: int
     ) -> None:
         """Count a call that is timed with steps; `write` writes its slot."""
-        slot = self._slot(callee, frame, begin_ns, None)
-        if slot is not None:
-            duration_ns = end_ns - begin_ns
-            slot[1] += 1
-            slot[2] += duration_ns
-            slot[3] += 1
-            slot[4] += duration_ns
-            slot[6] = end_ns
-            slot[7] += steps
-            slot[8] += steps
-            self._unwritten[slot[0]] = slot
+        # most calls are made where the one before was made
+        place = (callee, frame.f_code, frame.f_lasti, get_ident())
+        cached = self._cached
+        if (
+            cached is not None
+            and cached[1] is place[1]
+            and cached[2] == place[2]
+            and cached[0] is callee
+            and cached[3] == place[3]
+        ):
+            slot = self._cached_slot
+        else:
+            found = self._slot(callee, frame, begin_ns, None)
+            if found is None:
+                return
+            slot = found
+            if self._is_own.get(frame.f_code.co_filename):
+                self._cached, self._cached_slot = place, slot
+        duration_ns = end_ns - begin_ns
+        slot[1] += 1
+        slot[2] += duration_ns
+        slot[3] += 1
+        slot[4] += duration_ns
+        slot[6] = end_ns
+        slot[7] += steps
+        slot[8] += steps
+        self._unwritten[slot[0]] = slot
 
     def write(self) -> None:
         """Write the slots of calls that were timed with steps."""
@@ -324,18 +345,20 @@ class CallClock:
         """Note that a burst of steps was of several simulations in turn."""
         self.add(IN_TURN, frame, now_ns, now_ns, all_steps=simulations)
 
-    def look(self, args: Sequence[Any], frame: FrameType | None, now_ns: int) -> None:
-        """Look at a simulation from time to time: its warnings, its state, the process's memory."""
+    def look(self, model: Any, data: Any, frame: FrameType | None, now_ns: int) -> None:
+        """Look at a simulation after a burst of steps, and at the process from time to time."""
         with contextlib.suppress(Exception):
-            self._window[6 if self._window[7] else 7] = _resident_bytes()
-            self.look_for_warnings(args[1], frame, now_ns)
-            self._keep_state(args[0], args[1])
+            self.look_for_warnings(data, frame, now_ns)
+            if now_ns >= self._next_look_ns:
+                self._next_look_ns = now_ns + LOOK_NS
+                self._window[6 if self._window[7] else 7] = _resident_bytes()
+                self._keep_state(model, data)
 
-    def look_for_halves(self, args: Sequence[Any], frame: FrameType | None) -> bool:
+    def look_for_halves(self, model: Any, frame: FrameType | None) -> bool:
         """Note, and return, whether halves of a step run a model that asks for Runge-Kutta."""
         with contextlib.suppress(Exception):
             module = sys.modules["mujoco"]
-            if args[0].opt.integrator == int(module.mjtIntegrator.mjINT_RK4):
+            if model.opt.integrator == int(module.mjtIntegrator.mjINT_RK4):
                 now_ns = self._now_ns()
                 self.add(HALVES, frame, now_ns, now_ns)
                 return True

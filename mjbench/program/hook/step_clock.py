@@ -50,9 +50,11 @@ STEP, ITERATION, BURST = 1, 2, 3
 # Calls of a burst; what timing them may cost of the program's time. To pass calls through costs a
 # little more, which cannot be spared. The program's processor time is what counts: of two processes
 # that share a core, each is slowed by the clock of both.
-BURST_CALLS, MAX_COST_SHARE = 200, 0.005
+BURST_CALLS, MAX_COST_SHARE = 200, 0.003
 # What it may cost in any case, so that a fast loop is timed for more than a moment.
-FREE_COST_NS = 20_000_000
+FREE_COST_NS = 10_000_000
+# Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
+_MOST_COSTS, _MOST_COST = 15, 5
 # Calls that follow each other faster are left alone for most of the time: even to pass them through
 # would cost more than `MAX_COST_SHARE`.
 FASTEST_PASSED_NS = 5_000
@@ -71,6 +73,7 @@ _ENVIRONMENTS = (
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
 
+_NONE = object()  # stands for an argument that is not given
 _HERE = os.path.dirname(os.path.abspath(__file__))
 _now_ns, _processor_ns = time.perf_counter_ns, time.process_time_ns
 # Of a thread's identifier, so that it fits a record.
@@ -173,9 +176,11 @@ class StepClock:
         self._burst_begin_ns = 0
         self._burst_calls = 0
         self._burst_timers: list[float] | None = None
-        self._latest_args: Sequence[Any] = (None, None)  # of the step before
+        self._latest: tuple[Any, Any] = None, None  # model and data of the step before
         self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
         self._halves_seen = False
+        self._burst_period_ns = self._burst_end_ns = 0
+        self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
         self._is_away = self._was_away = self._has_ended = False
         self._collections = self._collections_ns = self._longest_collection_ns = 0
         self._collection_begin_ns = 0
@@ -256,33 +261,37 @@ class StepClock:
         now_ns, write, one = self._now_ns, self._file.write, int(name != "mj_step1")
         calls, get_frame, is_half = self._calls, sys._getframe, name == "mj_step2"
 
-        def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._to_pass:
+        # names and places of arguments as of the engine's functions: a tuple and a dictionary of them
+        # would take as long again
+        def call(_: Any, m: Any = _NONE, d: Any = _NONE, nstep: Any = _NONE) -> Any:
+            if self._to_pass and d is not _NONE:
                 self._to_pass -= 1
-                return function(*args, **kwargs)
+                return function(m, d) if nstep is _NONE else function(m, d, nstep)
+            if d is _NONE:  # the engine says what is wrong
+                return function(*(each for each in (m, d, nstep) if each is not _NONE))
             frame = get_frame(1)
             if not self._burst_calls:
-                self._begin_burst(args)
-            elif len(args) > 1 and args[1] is not self._latest_args[1]:
-                self._change_simulation(args, frame)
+                self._begin_burst(m, d)
+            elif d is not self._latest[1]:
+                self._change_simulation(m, d, frame)
+            self._latest = m, d
             if is_half and not self._halves_seen:
-                self._halves_seen = calls.look_for_halves(args, frame)
-            self._latest_args = args
-            has_threads = count_threads() and len(args) > 1
+                self._halves_seen = calls.look_for_halves(m, frame)
+            has_threads = count_threads()
             begin_ns = now_ns()
             if has_threads:
-                calls.enter(id(args[1]), frame, begin_ns)
-            result = function(*args, **kwargs)
+                calls.enter(id(d), frame, begin_ns)
+            result = function(m, d) if nstep is _NONE else function(m, d, nstep)
             end_ns = now_ns()
             if has_threads:
-                calls.leave(id(args[1]))
-            nstep = args[2] if len(args) > 2 else kwargs.get("nstep", one)
-            used = write(STEP, begin_ns, end_ns, nstep, self._timestep_ns)
-            calls.add_timed(name, frame, begin_ns, end_ns, nstep)
+                calls.leave(id(d))
+            count = one if nstep is _NONE else nstep
+            used = write(STEP, begin_ns, end_ns, count, self._timestep_ns)
+            calls.add_timed(name, frame, begin_ns, end_ns, count)
             self._last_ns = end_ns
             self._burst_calls += 1
             if self._burst_calls == BURST_CALLS:
-                self._end_burst(args, frame, end_ns, used)
+                self._end_burst(m, d, frame, end_ns, used)
             return result
 
         return _replacement(call, function)
@@ -301,11 +310,14 @@ class StepClock:
 
         return _replacement(call, function)
 
-    def _begin_burst(self, args: Sequence[Any]) -> None:
+    def _begin_burst(self, model: Any, data: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
+        passed = self._planned_to_pass - self._to_pass
+        if passed > BURST_CALLS:
+            self._learn_cost((self._now_ns() - self._burst_end_ns) // passed)
         self._calls_passed, self._planned_to_pass = self._passed(), 0
-        self._timestep_ns = _timestep_ns(args)
-        self._burst_timers = _timers(args)
+        self._timestep_ns = _timestep_ns(model)
+        self._burst_timers = _timers(data)
         self._burst_begin_ns = self._now_ns()
         self._calls.observe(True, self._burst_begin_ns)
         if not self._first_ns:
@@ -319,28 +331,42 @@ class StepClock:
                 self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
 
-    def _change_simulation(self, args: Sequence[Any], frame: Any) -> None:
+    def _learn_cost(self, passed_ns: int) -> None:
+        """Learn what a timed call costs this program, from what it took between two bursts.
+
+        Where the program's own data fill the caches, that is more than the calibration says.
+
+        Args:
+          passed_ns: from one call to the next, on average, since the last burst.
+        """
+        self._costs_ns.append(self._burst_period_ns - passed_ns)
+        del self._costs_ns[:-_MOST_COSTS]
+        typical_ns = sorted(self._costs_ns)[len(self._costs_ns) // 2]
+        self.cold_ns = max(self.timed_ns, min(typical_ns, _MOST_COST * self.timed_ns))
+
+    def _change_simulation(self, model: Any, data: Any, frame: Any) -> None:
         """Note that a step is of another simulation than the step before it.
 
         Where that happens at the second step of a burst, simulations are stepped in turn.
         """
-        earlier = self._latest_args
-        if self._burst_calls == 1 and earlier[0] is args[0]:
-            self._turns = {id(earlier[1]): earlier[1]}
+        earlier_model, earlier = self._latest
+        if self._burst_calls == 1 and earlier_model is model:
+            self._turns = {id(earlier): earlier}
         if self._turns is None:
-            self._calls.look_for_warnings(earlier[1], frame, self._now_ns())
+            self._calls.look_for_warnings(earlier, frame, self._now_ns())
         else:
-            self._turns[id(args[1])] = args[1]
+            self._turns[id(data)] = data
 
-    def _end_burst(self, args: Sequence[Any], frame: Any, end_ns: int, used: int) -> None:
+    def _end_burst(self, model: Any, data: Any, frame: Any, end_ns: int, used: int) -> None:
         """End a burst: decide how many calls to pass through until the next one."""
         self._end_turns(frame, end_ns)
-        if self._burst_timers is not None and (timers := _timers(args)) is not None:
+        if self._burst_timers is not None and (timers := _timers(data)) is not None:
             seconds = [now - then for now, then in zip(timers, self._burst_timers, strict=True)]
             if min(seconds, default=0.0) >= 0.0:  # else the program has reset them meanwhile
                 self._file.add_timers(seconds)
         self._calls_timed += self._burst_calls
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self._burst_calls)
+        self._burst_period_ns = period_ns
         self._burst_calls = 0
         owed_ns = max(0, self._calls_timed * self.cold_ns - FREE_COST_NS)
         debt_ns = owed_ns / MAX_COST_SHARE - self._elapsed_ns()
@@ -352,15 +378,16 @@ class StepClock:
             self._to_pass = sys.maxsize
         self._planned_to_pass = self._to_pass
         self._calls.observe(False, end_ns)
-        self._calls.look(args, frame, end_ns)
+        self._calls.look(model, data, frame, end_ns)
         self._calls.observe(not self._to_pass, self._now_ns())
         if self._to_pass and period_ns < FASTEST_PASSED_NS:
             self._go_away()
         self._write_header()
+        self._burst_end_ns = self._now_ns()
 
     def _end_turns(self, frame: Any, now_ns: int) -> None:
         """Note how many simulations were stepped in turn; let go of the program's objects."""
-        self._latest_args = (None, None)
+        self._latest = None, None
         if self._turns is not None:
             self._calls.note_turns(len(self._turns), frame, now_ns)
             for data in self._turns.values():
@@ -532,8 +559,8 @@ class StepClock:
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self._burst_calls
-        if len(self._latest_args) > 1 and self._latest_args[1] is not None:
-            self._calls.look_for_warnings(self._latest_args[1], None, self._last_ns)
+        if self._latest[1] is not None:
+            self._calls.look_for_warnings(self._latest[1], None, self._last_ns)
         self._end_turns(None, self._last_ns)
         if self._calls.is_observing and self._last_ns:
             self._calls.observe(False, self._last_ns)
@@ -583,19 +610,19 @@ def _like(call: Any, function: Any) -> Any:
     return call
 
 
-def _timestep_ns(args: Sequence[Any]) -> int:
-    """Return the timestep of the model that a call steps; 0 where there is none."""
+def _timestep_ns(model: Any) -> int:
+    """Return the timestep of a model; 0 where there is none."""
     try:
-        return int(1e9 * args[0].opt.timestep)
-    except (AttributeError, IndexError, TypeError):
+        return int(1e9 * model.opt.timestep)
+    except (AttributeError, TypeError):
         return 0
 
 
-def _timers(args: Sequence[Any]) -> list[float] | None:
-    """Return the seconds by the engine's timers of the data that a call steps."""
+def _timers(data: Any) -> list[float] | None:
+    """Return the seconds by the engine's timers of a simulation."""
     try:
-        return [float(value) for value in args[1].timer.duration]
-    except (AttributeError, IndexError, TypeError):
+        return [float(value) for value in data.timer.duration]
+    except (AttributeError, TypeError):
         return None
 
 

@@ -1,0 +1,179 @@
+"""Does `mjbench run` say what to change first, and how much faster is the program then?
+
+    python -m benchmarks.own_programs [PROGRAM …] [--count N] [--rounds N]
+
+runs each program of programs/own under `mjbench run`, and compares what it says first with what is
+known to be right. Where that saves time, the same program with the change runs beside it, in turns,
+without mjbench; the last column is the time of its loop over that of the original's, as the median
+of the rounds. With more than five points between the two, or another first advice than expected,
+the command fails.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjbench.instrument import machine
+from mjbench.status import ExitCode
+
+FOLDER = Path(__file__).parent / "programs" / "own"
+# Points by which a predicted time may differ from the one measured.
+_MOST_DIFFERENCE = 0.05
+
+
+@dataclass(frozen=True)
+class OwnProgram:
+    """A program, and what to change in it first.
+
+    Attributes:
+      name: of its file, without the suffix.
+      line: what stands on the line that is to be changed.
+      says: what the advice says.
+      is_wrong: whether the program's results are wrong.
+      environment: variables that it needs.
+    """
+
+    name: str
+    line: str
+    says: str
+    is_wrong: bool = False
+    environment: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def file(self) -> Path:
+        """The program."""
+        return FOLDER / f"{self.name}.py"
+
+    @property
+    def changed_file(self) -> Path:
+        """The program with the change."""
+        return FOLDER / f"{self.name}_changed.py"
+
+
+PROGRAMS = (
+    OwnProgram("forward_after_step", "mujoco.mj_forward(model, data)", "mj_kinematics"),
+    OwnProgram("planner_copies", "candidate = copy.deepcopy(data)", "one MjData|create one"),
+    OwnProgram("model_per_episode", "model = mujoco.MjModel.from_xml_string(REACHER)", "once"),
+    OwnProgram("data_per_episode", "data = mujoco.MjData(model)", "mj_resetData"),
+    OwnProgram(
+        "renderer_in_loop",
+        "renderer = mujoco.Renderer(model, 48, 64)",
+        "before the loop",
+        environment=(("MUJOCO_GL", "egl"),),
+    ),
+    OwnProgram("rollout_each_step", "ends, _ = rollout.rollout(", "Rollout"),
+    OwnProgram("jit_in_loop", "push = jax.jit(", "before the loop"),
+    OwnProgram("bare_loop", "", "mj_resetCallbacks"),
+    OwnProgram("stored_views", "return {", "every entry will show the last state", True),
+    OwnProgram("halves_of_rk4", "mujoco.mj_step2(model, data)", "Euler", True),
+    OwnProgram("diverged", "mujoco.mj_step(model, data)", "diverged", True),
+    OwnProgram("unfilled_forces", "total += data.cfrc_ext[1, 5]", "mj_rnePostConstraint", True),
+)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What `mjbench run` says first.
+
+    Attributes:
+      line: the text of the line; "" for the whole loop.
+      text: what to do.
+      predicted: time of the loop with the change, over that of today; None for a wrong result.
+    """
+
+    line: str
+    text: str
+    predicted: float | None
+
+    def is_right(self, program: OwnProgram) -> bool:
+        """Return whether it is what an expert would say."""
+        says = any(part in self.text for part in program.says.split("|"))
+        return says and self.line.startswith(program.line)
+
+
+def advice(program: OwnProgram, count: int) -> Advice:
+    """Run a program under `mjbench run`; return what that says first."""
+    with tempfile.TemporaryDirectory() as folder:
+        document = Path(folder) / "run.json"
+        command = [sys.executable, "-m", "mjbench", "run", "--json", str(document)]
+        command += ["--results", folder, str(program.file), str(count)]
+        _run(command, program)
+        (row,) = json.loads(document.read_text(encoding="utf-8"))["results"]
+    remedies = row["wrong"] or row["loops"][0]["remedies"]
+    if not remedies:
+        return Advice("", "", None)
+    first = remedies[0]
+    place, gain = first["place"], first["gain"]
+    line = "" if place is None else _line(program.file, place["line"])
+    return Advice(line, first["text"], None if gain is None else 1 - gain)
+
+
+def measured(program: OwnProgram, count: int, rounds: int) -> float | None:
+    """Return the time of the changed program's loop over that of the original's; None if wrong."""
+    if program.is_wrong:
+        return None
+    ratios = []
+    for number in range(rounds):
+        files = [program.file, program.changed_file]
+        seconds = {file: _loop_s(file, program, count) for file in files[:: 1 - 2 * (number % 2)]}
+        ratios.append(seconds[program.changed_file] / seconds[program.file])
+    return statistics.median(ratios)
+
+
+def _loop_s(file: Path, program: OwnProgram, count: int) -> float:
+    return float(_run([sys.executable, str(file), str(count)], program).split()[-1])
+
+
+def _run(command: Sequence[str], program: OwnProgram) -> str:
+    environment = {**os.environ, **dict(program.environment)}
+    # in a folder of its own: MuJoCo writes a log of warnings into the current one
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            command, env=environment, cwd=folder, capture_output=True, text=True, check=True
+        )
+    return done.stdout
+
+
+def _line(file: Path, number: int) -> str:
+    return file.read_text(encoding="utf-8").splitlines()[number - 1].strip()
+
+
+def main() -> None:
+    """Print the table; fail where an advice is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("programs", nargs="*", metavar="PROGRAM")
+    parser.add_argument("--count", type=int, default=1000, help="iterations, in their units")
+    parser.add_argument("--rounds", type=int, default=5, help="runs with and without the change")
+    arguments = parser.parse_args()
+    here = machine.describe()
+    print(
+        f"MuJoCo {here.versions['mujoco']} on {here.cpu}, {here.usable_cores} cores, with a load of"
+        f" {here.load_1min:g} at the beginning"
+    )
+    print("| program | first advice | right | predicted | measured |\n|---|---|---|---:|---:|")
+    failed = False
+    for program in PROGRAMS:
+        if arguments.programs and program.name not in arguments.programs:
+            continue
+        said = advice(program, arguments.count)
+        after = measured(program, arguments.count, arguments.rounds)
+        is_near = None in (said.predicted, after) or (
+            abs((said.predicted or 0.0) - (after or 0.0)) <= _MOST_DIFFERENCE
+        )
+        right = said.is_right(program) and is_near
+        failed |= not right
+        shares = ["–" if share is None else f"{share:.2f}" for share in (said.predicted, after)]
+        text = said.text.replace("|", "\\|")
+        print(f"| {program.name} | {text} | {'yes' if right else 'NO'} | {' | '.join(shares)} |")
+    sys.exit(ExitCode.FINDING if failed else ExitCode.OK)
+
+
+if __name__ == "__main__":
+    main()

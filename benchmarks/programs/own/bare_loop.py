@@ -1,0 +1,15 @@
+"""Nothing happens between steps."""
+
+import mujoco
+from common import COUNT, Stopwatch
+
+MODEL = """
+<mujoco>
+  <worldbody><body><joint axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body></worldbody>
+</mujoco>
+"""
+model = mujoco.MjModel.from_xml_string(MODEL)
+data = mujoco.MjData(model)
+with Stopwatch():
+    for _ in range(200 * COUNT):
+        mujoco.mj_step(model, data)
