@@ -227,7 +227,10 @@ def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> Lo
 
 
 def _span_s(calls: Sequence[CallTime]) -> float:
-    """Return the seconds from the first call to the end of the last, summed over threads."""
+    """Return the seconds from the first call to the end of the last, summed over threads.
+
+    What the clock took is not the loop's.
+    """
     by_thread: dict[tuple[int, int], list[CallTime]] = defaultdict(list)
     for call in calls:
         by_thread[call.pid, call.thread].append(call)
@@ -235,13 +238,14 @@ def _span_s(calls: Sequence[CallTime]) -> float:
         max(call.last_ns for call in of_thread) - min(call.first_ns for call in of_thread)
         for of_thread in by_thread.values()
     )
-    return max(1e-9, sum(spans) * 1e-9, *(call.seconds for call in calls))
+    loop_s = sum(spans) * 1e-9 - sum(call.clock_s for call in calls)
+    return max(1e-9, loop_s, sum(call.seconds for call in calls))
 
 
 def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
     """Return a loop with its calls: what they take is known, and samples divide the rest."""
     has_samples = time.samples >= FEW_SAMPLES
-    seconds = max(time.seconds if has_samples else 0.0, _span_s(calls))
+    seconds = _span_s(calls)
     timed = _shares((call.activity, call.seconds) for call in calls)
     timed_s = sum(call.seconds for call in calls)
     share = min(1.0, timed_s / seconds)

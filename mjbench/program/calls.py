@@ -10,7 +10,6 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from mjbench.program import activities
 from mjbench.program.activities import Activity, Place
@@ -42,12 +41,15 @@ class CallTime:
       thread: as Python numbers it.
       place: the line.
       loop: the outermost loop that runs it; None where none does.
-      calls: how many; an estimate where steps were timed for a part of the time.
+      calls: how many; where steps were timed in bursts, with an estimate of those between them.
       seconds: that they took; likewise.
       first_ns: when the first began that was timed, on the clock of `time.perf_counter_ns`.
       last_ns: when the last ended that was timed.
       steps: of one simulation, summed over calls.
       all_steps: of all simulations.
+      clock_s: seconds that timing them took the program.
+      frame: of a renderer, height and width in pixels; None of other calls.
+      backend: of a renderer, `MUJOCO_GL`; "" if that was not set.
     """
 
     callee: str
@@ -61,6 +63,9 @@ class CallTime:
     last_ns: int
     steps: float
     all_steps: float
+    clock_s: float = 0.0
+    frame: tuple[int, int] | None = None
+    backend: str = ""
 
     @property
     def activity(self) -> Activity:
@@ -150,6 +155,9 @@ class _Slot:
     last_ns: int
     steps: int
     all_steps: int
+    passed_calls: int
+    passed_ns: int
+    passed_steps: int
 
 
 @dataclass(frozen=True)
@@ -181,7 +189,7 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
     raw = file.read_bytes()
     slots = [_Slot(*values) for values in call_clock.SLOT.iter_unpack(raw)]
     sites = [json.loads(line) for line in _lines(file.with_suffix(".sites"))]
-    calls, incidents = [], []
+    calls, slots_of_calls, incidents = [], [], []
     for site in sites:
         slot, stack = slots[site["slot"]], site["stack"]
         place = _own_place(stack)
@@ -194,10 +202,15 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
             simulations = round(slot.all_steps / max(1, slot.calls))
             incidents.append(Incident(site["callee"], place, simulations))
         else:
-            calls.append(_call_time(int(file.stem), site["callee"], site["thread"], slot, stack))
+            call = _call_time(int(file.stem), site["callee"], site["thread"], slot, stack)
+            if site.get("frame"):
+                height, width, backend = site["frame"]
+                call = replace(call, frame=(int(height), int(width)), backend=str(backend))
+            calls.append(call)
+            slots_of_calls.append(slot)
     window = _Window.of(slots[call_clock.WINDOW])
-    scaled = _without_callbacks(_scaled(calls, slots, sites, window, header))
-    return ProgramCalls(scaled, incidents, window.memory_growth_bytes)
+    estimated = _estimated(calls, slots_of_calls, window, header)
+    return ProgramCalls(_without_callbacks(estimated), incidents, window.memory_growth_bytes)
 
 
 def _lines(file: Path) -> list[str]:
@@ -240,49 +253,42 @@ def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
     return None
 
 
-def _scaled(
-    calls: Sequence[CallTime],
-    slots: Sequence[_Slot],
-    sites: Sequence[Mapping[str, Any]],
-    window: _Window,
-    header: Header | None,
+def _estimated(
+    calls: Sequence[CallTime], slots: Sequence[_Slot], window: _Window, header: Header | None
 ) -> list[CallTime]:
-    """Return the calls with those of the time in which steps were not timed.
+    """Return the calls with those between bursts, which take no longer than there was time.
 
-    Calls that are timed with steps are assumed to go on as while they were timed, at the rate of
-    the steps where those were counted, and in the same share of the time where they were not.
+    Args:
+      calls: that were timed.
+      slots: of each.
+      window: when steps were timed.
+      header: of the step clock; None where there is none.
     """
-    if header is None or not (header.calls_passed or header.was_away):
+    fast = [slot for call, slot in zip(calls, slots, strict=True) if _is_fast(call.callee)]
+    timed_calls = sum(slot.timed_calls for slot in fast)
+    if header is None or not timed_calls:
         return list(calls)
-    fast_calls = sum(slots[s["slot"]].timed_calls for s in sites if _is_fast(s["callee"]))
     slow = [
-        slots[site["slot"]]
-        for site in sites
-        if not _is_fast(site["callee"]) and slots[site["slot"]].first_ns >= window.first_ns
+        slot
+        for call, slot in zip(calls, slots, strict=True)
+        if not _is_fast(call.callee) and slot.first_ns >= window.first_ns
     ]
-    span_ns = max(window.last_ns, header.last_ns) - window.first_ns
-    rest_ns = span_ns - sum(slot.ns for slot in slow)
-    timed_ns = window.ns - sum(slot.timed_ns for slot in slow) - fast_calls * header.timed_ns
-    factor = max(1.0, rest_ns / timed_ns) if timed_ns > 0 else 1.0
-    if not header.was_away:  # all steps were counted
-        step_calls = sum(
-            slots[s["slot"]].timed_calls for s in sites if s["callee"] in call_clock.STEPS
-        )
-        factor = (header.calls_passed + step_calls) / max(1, step_calls)
+    span_ns = max(slot.last_ns for slot in [*fast, *slow]) - window.first_ns
+    rest_ns = span_ns - header.cost_ns - sum(slot.ns for slot in slow)
     # a few long calls among those that were timed do not make all of them longer than the time
-    fast_ns = sum(slots[s["slot"]].timed_ns for s in sites if _is_fast(s["callee"]))
-    cap = min(1.0, rest_ns / (factor * fast_ns)) if fast_ns else 1.0
+    cap = min(1.0, max(0.0, rest_ns) / max(1, sum(slot.ns + slot.passed_ns for slot in fast)))
     return [
         replace(
             call,
-            calls=call.calls * factor,
-            seconds=call.seconds * factor * cap,
-            steps=call.steps * factor,
-            all_steps=call.all_steps * factor,
+            calls=call.calls + slot.passed_calls,
+            seconds=1e-9 * (slot.ns + slot.passed_ns) * (cap if slot.passed_ns else 1.0),
+            steps=call.steps + slot.passed_steps,
+            all_steps=call.all_steps + slot.passed_steps,
+            clock_s=1e-9 * header.cost_ns * slot.timed_calls / timed_calls,
         )
         if _is_fast(call.callee)
         else call
-        for call in calls
+        for call, slot in zip(calls, slots, strict=True)
     ]
 
 

@@ -16,11 +16,13 @@ class RecordedModel:
     Attributes:
       mjb: the model, as `mj_saveModel` writes it.
       states: (count, mj_stateSize) mjSTATE_INTEGRATION of states that the program was in.
+      copied: likewise, of those that it copied; none where it copies none.
       release: of MuJoCo that the program used; others cannot load the model.
     """
 
     mjb: bytes
     states: np.ndarray
+    copied: np.ndarray
     release: str
 
 
@@ -37,6 +39,15 @@ def read_all(folder: Path) -> Sequence[RecordedModel]:
 
 
 def _read(file: Path, release: str) -> RecordedModel:
-    values = np.fromfile(file.with_suffix(".states"))
-    count = int(file.with_suffix(".count").read_text(encoding="utf-8"))
-    return RecordedModel(file.read_bytes(), values.reshape(-1, count), release)
+    size = int(file.with_suffix(".count").read_text(encoding="utf-8"))
+    return RecordedModel(
+        file.read_bytes(),
+        _states(file.with_suffix(".states"), size),
+        _states(file.with_suffix(".copied"), size),
+        release,
+    )
+
+
+def _states(file: Path, size: int) -> np.ndarray:
+    """Return (count, size) states of a file; none where there is none."""
+    return np.fromfile(file).reshape(-1, size) if file.is_file() else np.empty((0, size))

@@ -29,6 +29,10 @@ from mjbench.simulation import package_timer
 
 # Smaller gains are not worth a line.
 LEAST_GAIN = 0.03
+# The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
+_MOST_GAIN, _MOST_STEPS = 0.99, 50
+# Pairs that hold steps.
+_WITH_STEPS = (Trial.NEW_DATA_OR_COPY, Trial.NEW_DATA_OR_RESET)
 # A call in a loop that is made less often than this belongs to the set-up.
 _LEAST_REPEATS = 3
 
@@ -194,6 +198,7 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("Renderer",),
         text="create one Renderer before the loop; each creates a graphics context",
+        trial=Trial.RENDERER,
         codes=("MJB012",),
         keeps_first=True,
     ),
@@ -455,12 +460,14 @@ class _Context:
       calls: from one line.
       place: where to change the program.
       finding: of lint for the same; None without one.
+      nstep: steps of the loop, all together.
     """
 
     remedy: CallRemedy
     calls: Sequence[CallTime]
     place: Place
     finding: Finding | None
+    nstep: float
 
 
 def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]:
@@ -475,7 +482,8 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
             repeats = sum(call.calls for call in calls) >= _LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
                 at = place if finding is None else _place(finding)
-                yield _Context(remedy, calls, at, finding)
+                nstep = sum(call.all_steps for call in _steps(loop))
+                yield _Context(remedy, calls, at, finding, nstep)
 
 
 def _finding_of(
@@ -500,15 +508,22 @@ def _of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -
         remedy, calls, finding = context.remedy, context.calls, context.finding
         count, share = sum(call.calls for call in calls), _share(loop, calls)
         gain, basis = share, Basis.BOUND if remedy.is_bound else Basis.TIMED
-        if remedy.keeps_first and count > 1:
-            gain = share * (1 - 1 / count)
-        elif remedy.trial == Trial.FUNCTIONS:
+        if remedy.trial == Trial.FUNCTIONS:
             gain, basis = _gain_of_functions(loop, calls, _question(context), measured)
+        elif remedy.trial == Trial.POOL:
+            # what threads cost to start is the same in any state, unlike the steps
+            saved_s = measured.saved_s(_question(context))
+            if saved_s is None:
+                continue  # most of the call is its steps
+            gain, basis = min(share, saved_s * count / loop.seconds), Basis.PAIRED
         elif remedy.trial is not None:
             saved = measured.saved(_question(context))
-            if saved is None and remedy.trial == Trial.POOL:
-                continue  # most of the call is its steps
-            gain, basis = (share, Basis.BOUND) if saved is None else (share * saved, Basis.PAIRED)
+            basis = Basis.BOUND
+            if saved is not None:
+                whole = [*calls, *_beside(loop, remedy.trial)]
+                gain, basis = saved * _stands_for(loop, whole), Basis.PAIRED
+        if remedy.keeps_first and count > 1:
+            gain *= 1 - 1 / count
         text = finding.message if finding is not None else remedy.text
         yield Remedy(
             RemedyKind.CALL,
@@ -537,9 +552,41 @@ def _question(context: _Context) -> Question:
             simulations=max(1, round(all_steps / max(1.0, steps))),
             steps=max(1, round(steps / max(1.0, count))),
         )
+    if remedy.trial == Trial.RENDERER:
+        frame = next((call.frame for call in calls if call.frame), None)
+        backend = calls[0].backend
+        return Question(remedy.trial, frame=frame or (240, 320), backend=backend)
+    after_each = round(context.nstep / max(1.0, sum(call.calls for call in calls)))
+    after_each = min(_MOST_STEPS, after_each)
     if finding is not None and finding.code == "MJB005":
-        return Question(Trial.NEW_DATA_OR_RESET)
-    return Question(remedy.trial)
+        return Question(Trial.NEW_DATA_OR_RESET, steps=after_each)
+    is_copy = all(call.callee.startswith("copy") for call in calls)
+    return Question(Trial.COPY_OR_COPY if is_copy else remedy.trial, steps=after_each)
+
+
+def _beside(loop: LoopTime, trial: Trial) -> list[CallTime]:
+    """Return the calls that a pair holds beside those that are replaced."""
+    if trial == Trial.RENDERER:
+        return [call for call in loop.calls if call.activity == Activity.RENDERING]
+    return _steps(loop) if trial in _WITH_STEPS else []
+
+
+def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
+    """Return the share of a loop that a pair stands for: all that is not seen on other lines.
+
+    A new MjData also costs where its memory is first used, and where it is freed.
+    """
+    own = {(call.place.file, call.place.line) for call in calls}
+    timed = _share(loop, calls)
+    elsewhere = sum(
+        sum(part for activity, part in line.activities.items() if not loop.is_timed(activity))
+        for line in loop.lines
+        if (line.place.file, line.place.line) not in own
+    )
+    others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]
+    if Activity.REST in loop.activities:  # nothing says where it was spent
+        return timed / max(timed, loop.timed_share)
+    return min(_MOST_GAIN, max(timed, 1 - elsewhere - _share(loop, others)))
 
 
 def _gain_of_functions(

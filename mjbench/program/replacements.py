@@ -3,6 +3,7 @@
 Both are timed in turns, in a child process: a model that crashes MuJoCo costs only its ratio.
 """
 
+import copy
 import enum
 import itertools
 import statistics
@@ -32,9 +33,11 @@ class Trial(enum.StrEnum):
     FUNCTIONS = "other functions of the engine"
     """`mj_step` with `mj_forward`, and with the functions that are enough."""
     NEW_DATA_OR_RESET = "mj_resetData"
-    """`MjData(model)`, and `mj_resetData`."""
+    """`MjData(model)` with steps, which new memory costs, too, and `mj_resetData` with steps."""
     NEW_DATA_OR_COPY = "mj_copyData"
-    """`MjData(model)` with `mj_copyData`, as a copy does, and `mj_copyData` alone."""
+    """Likewise, with the state of another MjData."""
+    COPY_OR_COPY = "mj_copyData in place of copy"
+    """`copy.copy(data)` with steps, and `mj_copyData` with steps."""
     ONE_CALL = "nstep"
     """Ten calls of `mj_step`, and one with `nstep=10`."""
     NO_TIMER = "no timer"
@@ -45,6 +48,8 @@ class Trial(enum.StrEnum):
     """`mujoco.rollout.rollout`, and `Rollout`, which keeps its threads."""
     BATCH = "Batch"
     """`mj_step` of several simulations in turn, and `mujoco.batch.Batch`."""
+    RENDERER = "one Renderer"
+    """A frame by a `Renderer` of its own, and by one that stays."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +60,17 @@ class Question:
       trial: the two ways.
       functions: that are enough, for `Trial.FUNCTIONS`.
       simulations: for `Trial.POOL` and `Trial.BATCH`.
-      steps: of each simulation, for `Trial.POOL`.
+      steps: of each simulation, for `Trial.POOL`; after each new MjData.
+      frame: height and width in pixels, for `Trial.RENDERER`.
+      backend: `MUJOCO_GL` of the program, for `Trial.RENDERER`.
     """
 
     trial: Trial
     functions: tuple[str, ...] = ()
     simulations: int = 1
     steps: int = 1
+    frame: tuple[int, int] = (240, 320)
+    backend: str = ""
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,11 @@ class Measured:
         ratio = self.ratios.get(question)
         return None if ratio is None else 1 - ratio.estimate
 
+    def saved_s(self, question: Question) -> float | None:
+        """Return the seconds that are saved each time; None if unknown."""
+        ratio = self.ratios.get(question)
+        return None if ratio is None else ratio.saved_s
+
 
 @dataclass(frozen=True)
 class _Request:
@@ -133,29 +147,41 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
     usable = [model for model in models if model.release == mujoco.__version__]
     if not usable:
         return Measured({})
-    messages: list[_Answer | _Forces] = []
-    request = _Request(usable[0], list(questions))
-    isolate.run("mjbench.program.replacements:answer", request, messages.append, LIMIT_S)
-    answers = [message for message in messages if isinstance(message, _Answer)]
-    forces = [message.computes_forces for message in messages if isinstance(message, _Forces)]
-    return Measured(
-        {questions[answer.number]: answer.ratio for answer in answers},
-        forces[0] if forces else None,
-    )
+    ratios: dict[Question, TimeRatio] = {}
+    forces: list[bool] = []
+    # a library of OpenGL that does not work, or crashes, must not cost the other answers
+    for backend in dict.fromkeys(["", *(question.backend for question in questions)]):
+        asked = [question for question in questions if question.backend == backend]
+        messages: list[_Answer | _Forces] = []
+        isolate.run(
+            "mjbench.program.replacements:answer",
+            _Request(usable[0], asked),
+            messages.append,
+            LIMIT_S,
+            environment={"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} if backend else None,
+        )
+        for message in messages:
+            if isinstance(message, _Answer):
+                ratios[asked[message.number]] = message.ratio
+            else:
+                forces.append(message.computes_forces)
+    return Measured(ratios, forces[0] if forces else None)
 
 
 def answer(request: _Request, channel: Channel) -> None:
     """Measure all questions; runs in a child."""
     model = _load(request.model.mjb)
     data = mujoco.MjData(model)
-    mujoco.mj_setState(model, data, request.model.states[0], compat.state_spec("INTEGRATION"))
+    spec = compat.state_spec("INTEGRATION")
+    for state in request.model.states[:1]:
+        mujoco.mj_setState(model, data, state, spec)
     mujoco.mj_step(model, data)
     channel.send(_Forces(bool(data.cacc.any())))
     for number, question in enumerate(request.questions):
         try:
-            ratio = _ratio(model, request.model.states, question)
-        except (MjbenchError, AttributeError, ImportError, mujoco.FatalError, ValueError):
-            continue  # this release, or this model, lacks something
+            ratio = _ratio(model, request.model, question)
+        except (MjbenchError, mujoco.FatalError, *_LACKING):
+            continue  # this release, this model, or this machine lacks something
         channel.send(_Answer(number, ratio))
 
 
@@ -177,9 +203,11 @@ class _Way:
     has_timer: bool = True
 
 
-def _ratio(model: mujoco.MjModel, states: np.ndarray, question: Question) -> TimeRatio:
+def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
     """Return the ratio of the times, over all states in turn."""
     present, suggested = _ways(model, question)
+    is_of_copies = question.trial == Trial.COPY_OR_COPY and len(recorded.copied) > 0
+    states = recorded.copied if is_of_copies else recorded.states
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
 
     def contender(way: _Way, calls: int) -> timing.Contender:
@@ -188,7 +216,8 @@ def _ratio(model: mujoco.MjModel, states: np.ndarray, question: Question) -> Tim
         def before() -> None:
             engine_clock(way.has_timer)
             mujoco.mj_setState(model, data, states[next(turn) % len(states)], spec)
-            mujoco.mj_step(model, data)
+            if not is_of_copies:
+                mujoco.mj_step(model, data)
 
         def block() -> None:
             for _ in range(calls):
@@ -254,8 +283,59 @@ def _batch(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
     return _Way(in_turn), _Way(lambda data: batch.step())
 
 
+def _new_data(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
+    """Return steps of a new MjData, and of one that stays."""
+    scratch = mujoco.MjData(model)
+    is_copy = question.trial != Trial.NEW_DATA_OR_RESET
+
+    def new(data: mujoco.MjData) -> None:
+        if question.trial == Trial.COPY_OR_COPY:
+            fresh = copy.copy(data)
+        else:
+            fresh = mujoco.MjData(model)
+            if is_copy:
+                compat.copied_data(model, fresh, data)
+        for _ in range(question.steps):
+            mujoco.mj_step(model, fresh)
+
+    def again(data: mujoco.MjData) -> None:
+        if is_copy:
+            compat.copied_data(model, scratch, data)
+        else:
+            mujoco.mj_resetData(model, scratch)
+        for _ in range(question.steps):
+            mujoco.mj_step(model, scratch)
+
+    return _Way(new), _Way(again)
+
+
+def _renderer(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
+    """Return a frame by a renderer of its own, and by one that stays."""
+    height, width = question.frame
+    model.vis.global_.offheight = max(height, model.vis.global_.offheight)
+    model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
+    kept = mujoco.Renderer(model, height, width)
+
+    def draw(renderer: mujoco.Renderer, data: mujoco.MjData) -> None:
+        renderer.update_scene(data)
+        renderer.render()
+
+    def new(data: mujoco.MjData) -> None:
+        renderer = mujoco.Renderer(model, height, width)
+        draw(renderer, data)
+        renderer.close()
+
+    return _Way(new), _Way(lambda data: draw(kept, data))
+
+
+# What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
+_LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 _BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]]] = {
     Trial.NAMED_ACCESS: _named_access,
+    Trial.NEW_DATA_OR_RESET: _new_data,
+    Trial.NEW_DATA_OR_COPY: _new_data,
+    Trial.COPY_OR_COPY: _new_data,
+    Trial.RENDERER: _renderer,
     Trial.POOL: _pool,
     Trial.BATCH: _batch,
 }
@@ -265,7 +345,6 @@ def _ways(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
     """Return what the program does, and what mjbench suggests."""
     if question.trial in _BUILDERS:
         return _BUILDERS[question.trial](model, question)
-    scratch = mujoco.MjData(model)
 
     def then(names: Sequence[str]) -> Callable[[mujoco.MjData], None]:
         functions = [getattr(mujoco, name) for name in ("mj_step", *names)]
@@ -285,14 +364,6 @@ def _ways(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
 
     ways: dict[Trial, tuple[_Way, _Way]] = {
         Trial.FUNCTIONS: (_Way(then(["mj_forward"])), _Way(then(question.functions))),
-        Trial.NEW_DATA_OR_RESET: (
-            _Way(lambda data: mujoco.MjData(model)),
-            _Way(lambda data: mujoco.mj_resetData(model, data)),
-        ),
-        Trial.NEW_DATA_OR_COPY: (
-            _Way(lambda data: compat.copied_data(model, mujoco.MjData(model), data)),
-            _Way(lambda data: compat.copied_data(model, scratch, data)),
-        ),
         Trial.ONE_CALL: (_Way(ten_steps), _Way(one_call)),
         Trial.NO_TIMER: (_Way(one_call), _Way(one_call, has_timer=False)),
     }

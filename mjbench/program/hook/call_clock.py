@@ -24,8 +24,9 @@ from types import FrameType, ModuleType
 from typing import Any
 
 # A slot: calls, their ns, calls while steps were timed, their ns, when the first began and the last
-# ended, steps of a simulation, and steps of all simulations.
-SLOT = struct.Struct("<8q")
+# ended, steps of a simulation, steps of all simulations; then an estimate of the calls between
+# bursts, of their ns, and of the steps in them.
+SLOT = struct.Struct("<11q")
 MAX_SLOTS = 2048
 # The first slot holds no calls: for how long steps were timed, and from when to when.
 WINDOW = 0
@@ -43,7 +44,7 @@ SHARED_DATA, HALVES = "one MjData on two threads", "halves of a Runge-Kutta step
 WARNING, COMPILE = "warning", "jax compile"
 IN_TURN, CALLBACK, SOFTWARE_GL = "simulations in turn", "callback", "software rendering"
 PROCESS_START, THREADED_ROLLOUT = "start of a process", "rollout on threads"
-EAGER_MJX = "mjx.step"
+EAGER_MJX, COPY_OF_DATA = "mjx.step", "copy of MjData"
 # Functions of the engine that are timed with steps; each is called with a model and its data.
 STEPS = ("mj_step", "mj_step1", "mj_step2")
 FAST = (
@@ -64,8 +65,8 @@ FAST = (
 # Methods that are slow enough to be timed each time: class of the module `mujoco`, method, name.
 _METHODS = (
     ("MjData", "__init__", "MjData"),
-    ("MjData", "__copy__", "copy of MjData"),
-    ("MjData", "__deepcopy__", "copy of MjData"),
+    ("MjData", "__copy__", COPY_OF_DATA),
+    ("MjData", "__deepcopy__", COPY_OF_DATA),
     ("MjModel", "__copy__", "copy of MjModel"),
     ("MjModel", "__deepcopy__", "copy of MjModel"),
     ("MjSpec", "compile", "compile"),
@@ -131,17 +132,21 @@ class CallClock:
         self._codes: list[Any] = []
         self._latest: Sequence[tuple[str, int, str]] | None = None  # the line that stepped first
         self._unwritten: dict[int, list[int]] = {}
+        self._counted: dict[int, tuple[int, int, int]] = {}  # by slot, at the end of the last burst
+        self._burst: list[tuple[list[int], int, int, int]] = []  # the slots of the last burst
         self._next = itertools.count(WINDOW + 1).__next__
         self._names: int | None = None
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self._inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self._active: dict[int, int] = {}  # thread by the MjData that it steps
         self._warnings: dict[int, list[int]] = {}
-        self._models: dict[int, tuple[int, int]] = {}  # number and states by model
+        # number by model, and how many states of each kind were written
+        self._models: dict[int, tuple[int, dict[str, int]]] = {}
         self._jax: list[tuple[int, int]] = []
-        self._window = [0] * 8
+        self._window = [0] * 11
         self._has_seen_renderer = False
         self._next_look_ns = 0
+        self._detail: Sequence[Any] = ()  # of the latest renderer: height, width and backend
         self._cached: tuple[str, Any, int, int] | None = None
         self._cached_slot: list[int] = []
         self.is_observing, self._observing_since_ns = True, 0  # until the first step, all is seen
@@ -233,8 +238,28 @@ class CallClock:
     def write(self) -> None:
         """Write the slots of calls that were timed with steps."""
         unwritten, self._unwritten = self._unwritten, {}
+        if unwritten:
+            self._burst = []
+            for number, slot in unwritten.items():
+                calls, ns, steps = self._counted.get(number, (0, 0, 0))
+                self._burst.append((slot, slot[3] - calls, slot[4] - ns, slot[7] - steps))
+                self._counted[number] = slot[3], slot[4], slot[7]
         for number, slot in unwritten.items():
             SLOT.pack_into(self._map, number * SLOT.size, *slot[1:])
+
+    def pass_on(self, bursts: float, until_ns: int = 0) -> None:
+        """Count calls that were not timed since the last burst, as many bursts of its kind.
+
+        Args:
+          bursts: how many.
+          until_ns: when the last of them ended; 0 where that is not known.
+        """
+        for slot, calls, ns, steps in self._burst:
+            slot[9] += round(calls * bursts)
+            slot[10] += round(ns * bursts)
+            slot[11] += round(steps * bursts)
+            slot[6] = max(slot[6], until_ns)
+            SLOT.pack_into(self._map, slot[0] * SLOT.size, *slot[1:])
 
     def _slot(
         self,
@@ -285,8 +310,10 @@ class CallClock:
         number = self._next()
         if number < MAX_SLOTS and self._names is not None:
             line = {"slot": number, "callee": callee, "thread": thread, "stack": stack}
+            if callee == "Renderer":
+                line["frame"] = self._detail
             os.write(self._names, (json.dumps(line) + "\n").encode())
-        return [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0]
+        return [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0, 0, 0, 0]
 
     def _lines(self, frame: FrameType | None) -> Iterator[FrameType]:
         """Yield the frames of a process on a stack, innermost first, but Python's own."""
@@ -379,30 +406,31 @@ class CallClock:
                 self.add(f"{WARNING} {kind}", frame, now_ns, now_ns, calls=more)
         self._warnings[id(data)] = numbers
 
-    def _keep_state(self, model: Any, data: Any) -> None:
-        """Write a model once, and a few states of it."""
-        number, states = self._models.get(id(model), (len(self._models), 0))
-        if number >= MAX_MODELS or states >= MAX_STATES:
+    def _keep_state(self, model: Any, data: Any, kind: str = "states") -> None:
+        """Write a model once, and a few of its states, or of those that the program copies."""
+        if id(model) not in self._models and len(self._models) == MAX_MODELS:
+            return
+        number, states = self._models.setdefault(id(model), (len(self._models), {}))
+        if states.get(kind, 0) >= MAX_STATES:
             return
         module = sys.modules["mujoco"]
-        path = os.path.join(self._folder, f"{os.getpid()}.{number}")
-        if not states:
-            if module.mj_sizeModel(model) > MAX_MODEL_BYTES:
-                self._models[id(model)] = (number, MAX_STATES)
-                return
-            module.mj_saveModel(model, f"{path}.mjb", None)
+        if module.mj_sizeModel(model) > MAX_MODEL_BYTES:
+            states[kind] = MAX_STATES
+            return
         import numpy as np
 
         spec = module.mjtState.mjSTATE_INTEGRATION
         state = np.empty(module.mj_stateSize(model, spec))
+        path = os.path.join(self._folder, f"{os.getpid()}.{number}")
         if not states:
+            module.mj_saveModel(model, f"{path}.mjb", None)
             with open(f"{path}.count", "w", encoding="utf-8") as sizes:
                 sizes.write(str(state.size))
         get_state = module.mj_getState
         getattr(get_state, "__wrapped__", get_state)(model, data, state, spec)
-        with open(f"{path}.states", "ab") as file:
+        with open(f"{path}.{kind}", "ab") as file:
             file.write(state.tobytes())
-        self._models[id(model)] = (number, states + 1)
+        states[kind] = states.get(kind, 0) + 1
 
     # What is timed each time
 
@@ -426,6 +454,9 @@ class CallClock:
             if thread in self._inside:
                 return function(*args, **kwargs)
             self._inside.add(thread)
+            if callee == COPY_OF_DATA:
+                with contextlib.suppress(Exception):
+                    self._keep_state(args[0].model, args[0], "copied")
             begin_ns = now_ns()
             result = None
             try:
@@ -438,9 +469,9 @@ class CallClock:
                 if steps is not None:
                     with contextlib.suppress(Exception):
                         counts = steps(args, kwargs, result)
-                self.add(callee, sys._getframe(1), begin_ns, end_ns, *counts)
                 if callee == "Renderer":
-                    self._look_at_renderer(sys._getframe(1))
+                    self._look_at_renderer(args, sys._getframe(1))
+                self.add(callee, sys._getframe(1), begin_ns, end_ns, *counts)
 
         _copy_names(function, call)
         return call
@@ -498,8 +529,10 @@ class CallClock:
         owner = module.BaseProcess
         owner.start = self.slow(owner.start, PROCESS_START)
 
-    def _look_at_renderer(self, frame: FrameType | None) -> None:
-        """Note that images are drawn by the processor."""
+    def _look_at_renderer(self, args: Sequence[Any], frame: FrameType | None) -> None:
+        """Note the size of a renderer's images, and whether the processor draws them."""
+        with contextlib.suppress(Exception):
+            self._detail = [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
         if self._has_seen_renderer or not hasattr(os, "RTLD_NOLOAD"):
             return
         self._has_seen_renderer = True

@@ -13,6 +13,7 @@ This module runs in the user's program, in any environment: it needs the standar
 """
 
 import atexit
+import contextlib
 import faulthandler
 import gc
 import importlib
@@ -25,6 +26,7 @@ import os
 import struct
 import sys
 import time
+import weakref
 from _thread import _count as count_threads
 from _thread import get_ident
 from collections.abc import Callable, Sequence
@@ -47,10 +49,11 @@ NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
 # Kinds of records.
 STEP, ITERATION, BURST = 1, 2, 3
 
-# Calls of a burst; what timing them may cost of the program's time. To pass calls through costs a
-# little more, which cannot be spared. The program's processor time is what counts: of two processes
-# that share a core, each is slowed by the clock of both.
-BURST_CALLS, MAX_COST_SHARE = 200, 0.003
+# Calls of a burst, a prime: bursts end at different places of episodes. What timing them may cost
+# of the program's time; to pass calls through costs a little more, which cannot be spared. The
+# program's processor time is what counts: of two processes that share a core, each is slowed by the
+# clock of both.
+BURST_CALLS, MAX_COST_SHARE = 199, 0.003
 # What it may cost in any case, so that a fast loop is timed for more than a moment.
 FREE_COST_NS = 10_000_000
 # Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
@@ -177,11 +180,12 @@ class StepClock:
         self._burst_calls = 0
         self._burst_timers: list[float] | None = None
         self._latest: tuple[Any, Any] = None, None  # model and data of the step before
+        self._latest_data: Any = None  # a weak reference to the data of the last burst
         self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
         self._costs_ns: list[int] = []  # of a timed call, as bursts have shown
-        self._is_away = self._was_away = self._has_ended = False
+        self._is_away = self._was_away = self._was_left = self._has_ended = False
         self._collections = self._collections_ns = self._longest_collection_ns = 0
         self._collection_begin_ns = 0
         self._write_header()
@@ -261,8 +265,8 @@ class StepClock:
         now_ns, write, one = self._now_ns, self._file.write, int(name != "mj_step1")
         calls, get_frame, is_half = self._calls, sys._getframe, name == "mj_step2"
 
-        # names and places of arguments as of the engine's functions: a tuple and a dictionary of them
-        # would take as long again
+        # with the names that the engine gives its arguments: collecting any into a tuple and a
+        # dictionary would take as long again
         def call(_: Any, m: Any = _NONE, d: Any = _NONE, nstep: Any = _NONE) -> Any:
             if self._to_pass and d is not _NONE:
                 self._to_pass -= 1
@@ -313,8 +317,10 @@ class StepClock:
     def _begin_burst(self, model: Any, data: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         passed = self._planned_to_pass - self._to_pass
+        since_ns = self._now_ns() - self._burst_end_ns
         if passed > BURST_CALLS:
-            self._learn_cost((self._now_ns() - self._burst_end_ns) // passed)
+            self._learn_cost(since_ns // passed)
+        self._pass_on(passed, since_ns, 0)
         self._calls_passed, self._planned_to_pass = self._passed(), 0
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
@@ -330,6 +336,20 @@ class StepClock:
                 gc.disable()
                 self._note_change()
         self._file.write(BURST, self._burst_begin_ns, self._burst_begin_ns, 0, 0)
+
+    def _pass_on(self, passed: int, since_ns: int, until_ns: int) -> None:
+        """Let calls since the last burst count as those in it.
+
+        Args:
+          passed: calls that were passed through.
+          since_ns: time since the last burst.
+          until_ns: when the last of them ended; 0 where that is not known.
+        """
+        if self._was_left and self._burst_period_ns:  # nothing counted them
+            self._was_left = False
+            passed = since_ns // max(1, self._burst_period_ns - self.cold_ns)
+        if passed > 0:
+            self._calls.pass_on(passed / BURST_CALLS, until_ns)
 
     def _learn_cost(self, passed_ns: int) -> None:
         """Learn what a timed call costs this program, from what it took between two bursts.
@@ -387,6 +407,8 @@ class StepClock:
 
     def _end_turns(self, frame: Any, now_ns: int) -> None:
         """Note how many simulations were stepped in turn; let go of the program's objects."""
+        with contextlib.suppress(TypeError):
+            self._latest_data = weakref.ref(self._latest[1])
         self._latest = None, None
         if self._turns is not None:
             self._calls.note_turns(len(self._turns), frame, now_ns)
@@ -406,7 +428,7 @@ class StepClock:
 
     def _go_away(self) -> None:
         """Give the program the engine's own functions, until it resets a simulation."""
-        self._is_away = self._was_away = True
+        self._is_away = self._was_away = self._was_left = True
         self._to_pass = self._planned_to_pass = 0
         for name, function in self._originals.items():
             if getattr(self._module, name) is self._timed[name]:
@@ -556,11 +578,19 @@ class StepClock:
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
         self._has_ended = True
+        passed = self._planned_to_pass - self._to_pass
+        if passed > 0 or self._was_left:
+            # the last of these calls may have ended any time ago, but not before it could
+            period_ns = max(1, self._burst_period_ns - self.cold_ns)
+            since_ns = self._now_ns() - self._burst_end_ns
+            until_ns = self._burst_end_ns + (since_ns if self._was_left else passed * period_ns)
+            self._pass_on(passed, since_ns, min(until_ns, self._now_ns()))
         if self._is_away:
             self._last_ns = self._now_ns()
         self._calls_timed += self._burst_calls
-        if self._latest[1] is not None:
-            self._calls.look_for_warnings(self._latest[1], None, self._last_ns)
+        latest = self._latest[1] if self._latest_data is None else self._latest_data()
+        if latest is not None:
+            self._calls.look_for_warnings(latest, None, self._last_ns)
         self._end_turns(None, self._last_ns)
         if self._calls.is_observing and self._last_ns:
             self._calls.observe(False, self._last_ns)
