@@ -266,7 +266,7 @@ _OF_CALLS = {Activity.PHYSICS, Activity.COPYING, Activity.COMPILING, Activity.RE
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
 _ONE_CALL_ADVICE = "nothing happens between these steps: call mj_step(model, data, nstep) once"
 _ONE_CALL = Question(Trial.ONE_CALL)
-_NO_TIMER, _NAMED_ACCESS = Question(Trial.NO_TIMER), Question(Trial.NAMED_ACCESS)
+_NAMED_ACCESS = Question(Trial.NAMED_ACCESS)
 
 # Fields of MjData that a step computes only for sensors that need them.
 _FORCES = ("cfrc_ext", "cfrc_int", "cacc")
@@ -294,7 +294,7 @@ def questions(
         asked[_NAMED_ACCESS] = None
     for loop in loops:
         if _steps_s(loop) > LEAST_GAIN * loop.seconds:
-            asked[_NO_TIMER] = None
+            asked[_no_timer(loop)] = None
             if any(loop_is_one_call(loop.loop.file, call.place.line) for call in _steps(loop)):
                 asked[_ONE_CALL] = None
         for context in _contexts(loop, findings):
@@ -576,6 +576,8 @@ def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
 
     A new MjData also costs where its memory is first used, and where it is freed.
     """
+    if not calls:
+        return 0.0
     own = {(call.place.file, call.place.line) for call in calls}
     timed = _share(loop, calls)
     elsewhere = sum(
@@ -606,11 +608,18 @@ def _gain_of_functions(
     return saved * pair_s / loop.seconds, Basis.PAIRED
 
 
+def _no_timer(loop: LoopTime) -> Question:
+    """Return the question about the timer, for as many steps a call as the loop takes."""
+    steps = _steps(loop)
+    nstep = sum(call.all_steps for call in steps) / max(1.0, sum(call.calls for call in steps))
+    return Question(Trial.NO_TIMER, steps=max(1, round(nstep)))
+
+
 def _of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
     """Yield what to do about the steps themselves."""
     share = _steps_s(loop) / loop.seconds
-    saved = measured.saved(_NO_TIMER)
-    gain = loop.engine_clock if saved is None else saved * share
+    saved = measured.saved(_no_timer(loop)) if share else None
+    gain = loop.engine_clock if saved is None else saved * _stands_for(loop, _steps(loop))
     if gain >= package_timer.MIN_GAIN:
         yield Remedy(
             RemedyKind.CLOCK,

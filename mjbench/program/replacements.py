@@ -60,7 +60,8 @@ class Question:
       trial: the two ways.
       functions: that are enough, for `Trial.FUNCTIONS`.
       simulations: for `Trial.POOL` and `Trial.BATCH`.
-      steps: of each simulation, for `Trial.POOL`; after each new MjData.
+      steps: of each simulation, for `Trial.POOL`; after each new MjData; of each call, for
+        `Trial.NO_TIMER`.
       frame: height and width in pixels, for `Trial.RENDERER`.
       backend: `MUJOCO_GL` of the program, for `Trial.RENDERER`.
     """
@@ -359,12 +360,16 @@ def _ways(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
         for _ in range(10):
             mujoco.mj_step(model, data)
 
+    def as_now(data: mujoco.MjData) -> None:
+        for _ in range(10):
+            mujoco.mj_step(model, data, question.steps)
+
     def one_call(data: mujoco.MjData) -> None:
         mujoco.mj_step(model, data, 10)
 
     ways: dict[Trial, tuple[_Way, _Way]] = {
         Trial.FUNCTIONS: (_Way(then(["mj_forward"])), _Way(then(question.functions))),
         Trial.ONE_CALL: (_Way(ten_steps), _Way(one_call)),
-        Trial.NO_TIMER: (_Way(one_call), _Way(one_call, has_timer=False)),
+        Trial.NO_TIMER: (_Way(as_now), _Way(as_now, has_timer=False)),
     }
     return ways[question.trial]

@@ -1,0 +1,28 @@
+"""`mjbench run` says first what is wrong, or slow, in programs with a planted fault."""
+
+import pytest
+
+from benchmarks import own_programs
+
+# The others need OpenGL or JAX, or take longer; `python -m benchmarks.own_programs` runs them all.
+QUICK = (
+    "forward_after_step",
+    "planner_copies",
+    "stored_views",
+    "halves_of_rk4",
+    "diverged",
+    "unfilled_forces",
+)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_the_first_advice_is_the_right_one(name):
+    program = next(each for each in own_programs.PROGRAMS if each.name == name)
+    said = own_programs.advice(program, count=60)
+    assert said.is_right(program), said
+
+
+def test_every_program_whose_fault_costs_time_has_its_change():
+    for program in own_programs.PROGRAMS:
+        assert program.file.is_file()
+        assert program.changed_file.is_file() != program.is_wrong
