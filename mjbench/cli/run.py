@@ -95,6 +95,14 @@ def _confirmed(context: RunContext, program: "Program", row: "ProgramRow") -> "P
     help="Python interpreter that runs the program  [default: the one that runs mjbench]",
 )
 @click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Also write the samples as a flame graph (FILE.svg), or as a profile for"
+    " https://www.speedscope.app (FILE.json).",
+)
+@click.option(
     "--confirm",
     is_flag=True,
     help="Measure what the changes save that mjbench can make itself: run the program 8 times with"
@@ -108,6 +116,7 @@ def run(
     rate_hz: int | None,
     has_native: bool,
     interpreter: str | None,
+    output: Path | None,
     confirm: bool,
     results: Path,
     wait: bool,
@@ -124,14 +133,18 @@ def run(
       mjbench run --seconds 30 train.py --num-envs 4
       mjbench run -m package.train
       mjbench run --confirm --seconds 30 train.py
+      mjbench run --output flame.svg train.py
       mjbench run --attach 4242
     """
     from mjbench.program import launch
     from mjbench.program.profiling import Sampling
     from mjbench.program.records import ProgramRow
+    from mjbench.report import flame
     from mjbench.report.documents import ProgramDocument
     from mjbench.report.program import print_program
 
+    if output is not None:
+        flame.check(output)
     if json_file == "-":
         raise InputError("--json -: standard output is the program's own; name a file")
     if bool(program) == (pid is not None):
@@ -162,6 +175,8 @@ def run(
         if confirm and of_program is not None:
             row = _confirmed(context, of_program, row)
         print_program(context.out, row)
+        if output is not None:
+            flame.write(output, seen.threads)
         context.record(row)
         context.write(ProgramDocument(machine=context.machine, results=[row]))
     if context.interrupted:

@@ -306,7 +306,7 @@ def package_of(file: str) -> str:
 def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
-    return is_source and not package_of(frame.file) and not frame.file.endswith(_CLOCKS)
+    return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
 
 
 def is_engine_clock(stack: Sequence[Frame]) -> bool:

@@ -245,9 +245,9 @@ def _own_place(stack: Sequence[tuple[str, int, str]]) -> Place:
 
 
 def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
-    """Return the outermost loop on a stack."""
+    """Return the outermost loop on a stack; those of JAX trace and compile, and run nothing."""
     for file, line, _ in reversed(stack):
-        loop = outermost_loop(file, line)
+        loop = None if activities.package_of(file) == "jax" else outermost_loop(file, line)
         if loop is not None:
             return replace(loop, file=activities.shown_path(loop.file))
     return None

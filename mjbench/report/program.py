@@ -17,6 +17,8 @@ from mjbench.report import tables
 from mjbench.status import Status
 
 _WIDTH = 30
+# Smaller shares of a loop are left out of its table; the JSON document has all.
+_LEAST_SHARE = 0.005
 # Growth of memory that is worth a line, and calls whose results keep memory.
 _LEAST_GROWTH_BYTES = 32 << 20
 _KEEPERS = ("MjData", "copy of MjData", "from_xml_path", "from_xml_string", "compile", "Renderer")
@@ -29,6 +31,8 @@ _MOST_TEXT = 60
 MAX_COST = 0.03
 # A loop of which physics takes this much has little else to change.
 MOSTLY_PHYSICS = 0.8
+# A loop of which JAX compiles for this share says little about its iterations.
+MOSTLY_COMPILING = 0.5
 
 
 def print_program(out: Console, row: ProgramRow) -> None:
@@ -103,6 +107,13 @@ def conclusion(row: ProgramRow) -> str:
 
 def _nothing_to_do(row: ProgramRow, time: LoopTime) -> str:
     """Return why no change is suggested, and where to look next."""
+    if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
+        seconds = time.activities[Activity.COMPILING] * time.seconds
+        return (
+            f"JAX compiles for {plain(seconds, 2)} s of the {plain(time.seconds, 2)} s in"
+            f" {where(time)}, once for each function: more iterations share that; a first call"
+            " before the loop shows what the others take"
+        )
     physics = time.activities.get(Activity.PHYSICS, 0.0)
     if time.samples < FEW_SAMPLES and physics < MOSTLY_PHYSICS:
         seconds = max(1.0, FEW_SAMPLES * time.seconds / max(1, time.samples))
@@ -180,6 +191,8 @@ def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
     _print_remedies(out, report.remedies)
     table = tables.plain_table(["time goes to", "share", "±", ""], right=(1, 2))
     for activity, share in time.activities.items():
+        if share < _LEAST_SHARE:
+            continue
         bar = "█" * round(_WIDTH * share)
         is_exact = time.is_timed(activity) or activity in _TIMED
         error = "timed" if is_exact else percent(time.error(share))
@@ -253,6 +266,8 @@ def _print_steps(out: Console, steps: StepTimes, processes: int) -> None:
             f" {plain(steps.real_time_factor, 3)} × real time",
             soft_wrap=True,
         )
+    if processes > 1 and steps.startup_s > 0:
+        out.print(f"It began to step {plain(steps.startup_s, 2)} s after its start.")
     table = tables.plain_table(["", "timed", "p50", "p99", "max"], right=range(1, 5))
     iteration = "step of the environment" if steps.of_environment else "iteration"
     for name, durations in (("engine's step", steps.step), (iteration, steps.iteration)):
