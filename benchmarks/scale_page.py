@@ -223,8 +223,9 @@ def _assumptions(tally: ScaleTally) -> Iterator[str]:
     yield "These values were not measured:"
     yield ""
     yield (
-        f"- Each of the {tally.size.models} models costs as much as one of those above, drawn at"
-        " random, and each pair of releases as much as the one that was measured."
+        f"- {tally.size.models} models are an assumption, about as many as the"
+        " [foreign ones](foreign.md) that were tried. Each costs as much as one of those above,"
+        " drawn at random, and each pair of releases as much as the one that was measured."
     )
     yield "- All processors are as fast as the one that was measured, and all nodes have its cores."
     yield (
