@@ -44,6 +44,8 @@ class Activity(enum.StrEnum):
     """Modules are found and compiled."""
     LOADING = "loading models"
     """MuJoCo reads or compiles a model."""
+    BUILDING = "building models"
+    """Python writes the elements of a model, such as those of `dm_control.mjcf`."""
     COPYING = "creating and copying MjData"
     """`MjData(model)`, copies of one, and states that are read or set as a whole."""
     COMPILING = "compiling by JAX"
@@ -109,6 +111,7 @@ _DRAWING_FILE = re.compile(
 _POLICY_FILE = re.compile(
     r"-packages/(torch|jax|jaxlib|flax|haiku|optax|tensorflow|keras|onnxruntime)/"
 )
+_BUILDING_FILE = re.compile(r"-packages/dm_control/mjcf/(?!physics\.py)")
 _LOGGING_FILE = re.compile(
     r"-packages/(tensorboard|tensorboardX|wandb|mlflow|imageio|imageio_ffmpeg|h5py|moviepy)/"
     r"|/numpy/lib/(_npyio_impl|npyio|format|_format_impl)\.py$"
@@ -217,6 +220,8 @@ def _by_caller(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
         file = frame.file
         if _POLICY_FILE.search(file):
             return Activity.POLICY
+        if _BUILDING_FILE.search(file):
+            return Activity.BUILDING
         if _LOGGING_FILE.search(file) or _STANDARD_LOGGING.match(standard_name(file)):
             return Activity.LOGGING
         if _THREADED_ENGINE.search(file):

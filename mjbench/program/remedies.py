@@ -252,6 +252,8 @@ _ADVICE: Mapping[Activity, str] = {
     Activity.COLLECTION: "call gc.freeze() after set-up, or gc.disable() in the loop",
     Activity.IMPORT: "import before the loop",
     Activity.LOADING: "load or compile models before the loop",
+    Activity.BUILDING: "build and compile the model once before the loop: change the compiled"
+    " model, or keep a pool of bodies",
 }
 # A line that is a call of the engine.
 _ENGINE_CALL = re.compile(r"(mujoco\.)?mj_\w+\([\w\s.,=]*\)$")

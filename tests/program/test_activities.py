@@ -134,3 +134,10 @@ def test_without_stacks_of_libraries_a_line_that_steps_is_physics(tmp_path):
     assert activities.activity([steps], has_native=False) == Activity.PHYSICS
     assert activities.activity([steps]) == Activity.PYTHON
     assert activities.activity([other], has_native=False) == Activity.PYTHON
+
+
+def test_elements_of_a_model_are_built_whatever_builds_them():
+    mjcf = Frame("__init__", "/env/lib/python3.11/site-packages/dm_control/mjcf/element.py", 205)
+    physics = Frame("bind", "/env/lib/python3.11/site-packages/dm_control/mjcf/physics.py", 500)
+    assert activities.activity([OWN, mjcf], has_native=False) == Activity.BUILDING
+    assert activities.activity([OWN, physics], has_native=False) == Activity.PYTHON
