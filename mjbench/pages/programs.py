@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from mjbench.pages import charts
 from mjbench.pages.content import Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.program.attribution import LoopTime
+from mjbench.program.loop_time import LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.report import program, vega
 from mjbench.status import Status

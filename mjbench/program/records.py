@@ -4,12 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from mjbench.program import activities, attribution, remedies, replacements, sampler
+from mjbench.program import (
+    activities,
+    attribution,
+    call_remedies,
+    remedies,
+    replacements,
+    sampler,
+    wrong_results,
+)
 from mjbench.program.activities import Place
-from mjbench.program.attribution import LoopTime
 from mjbench.program.launch import Observation
+from mjbench.program.loop_time import LoopTime
 from mjbench.program.profiling import ProcessorUse
-from mjbench.program.remedies import Remedy
+from mjbench.program.remedy import Remedy
 from mjbench.program.step_times import StepTimes
 from mjbench.status import Status
 
@@ -89,7 +97,7 @@ class ProgramRow:
         )
         files = _own_files(times, seen)
         findings = remedies.findings_of(files)
-        asked = remedies.questions(times, findings, seen.calls.incidents)
+        asked = call_remedies.questions(times, findings, seen.calls.incidents)
         measured = replacements.measure(seen.models, asked)
         return cls(
             program=name,
@@ -109,7 +117,9 @@ class ProgramRow:
                 for time in times
             ],
             steps=steps,
-            wrong=remedies.wrong_results(findings, seen.calls, files, measured.computes_forces),
+            wrong=wrong_results.wrong_results(
+                findings, seen.calls, files, measured.computes_forces
+            ),
             has_native=seen.has_native and sampler.can_read_libraries(),
             processor=seen.processor,
             memory_growth_bytes=seen.calls.memory_growth_bytes,

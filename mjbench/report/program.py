@@ -9,9 +9,9 @@ from rich.console import Console
 from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
 from mjbench.program.activities import Activity
-from mjbench.program.attribution import FEW_SAMPLES, LineTime, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
-from mjbench.program.remedies import Basis, Remedy, RemedyKind
+from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.step_times import Durations, StepTimes
 from mjbench.report import tables
 from mjbench.status import Status
@@ -127,7 +127,7 @@ def _nothing_to_do(row: ProgramRow, time: LoopTime) -> str:
         stage, share = max(stages[0].items(), key=lambda item: item[1])
         text += f", {percent(share)} of a step in {stage}"
     return (
-        f"{text}; no change of the program is worth {percent(remedies.LEAST_GAIN)}: see `mjbench"
+        f"{text}; no change of the program is worth {percent(LEAST_GAIN)}: see `mjbench"
         " tune` for settings of the model, and `mjbench compare` for other ways of stepping"
     )
 

@@ -14,7 +14,7 @@ from commands import PYTHONPATH, ROOT, check_document, mjbench
 from mjbench.program import confirm
 from mjbench.program.activities import Activity
 from mjbench.program.launch import Program
-from mjbench.program.remedies import Remedy, RemedyKind
+from mjbench.program.remedy import Remedy, RemedyKind
 
 PLANTED = ROOT / "tests" / "program" / "planted"
 HUMANOID = str(ROOT / "models" / "humanoid.xml")

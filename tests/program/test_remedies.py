@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 
 from mjbench.loop.lint import Finding
-from mjbench.program import confirm, remedies, source_loops
+from mjbench.program import call_remedies, confirm, remedies, source_loops, wrong_results
 from mjbench.program.activities import Activity, Place
-from mjbench.program.attribution import LineTime, LoopTime
 from mjbench.program.calls import CallTime, Incident, ProgramCalls
 from mjbench.program.hook import call_clock
 from mjbench.program.launch import Program
-from mjbench.program.remedies import Basis, Confirmed, Remedy, RemedyKind
+from mjbench.program.loop_time import LineTime, LoopTime
+from mjbench.program.remedy import Basis, Confirmed, Remedy, RemedyKind
 from mjbench.program.replacements import Measured, Question, TimeRatio, Trial
 from mjbench.program.source_loops import SourceLoop
 from mjbench.program.step_times import Durations, StepTimes
@@ -132,12 +132,12 @@ def test_lines_that_neither_look_up_names_nor_take_views_are_not_told_to():
     assert "before the loop" not in texts[13]
 
 
-@pytest.mark.parametrize("remedy", remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
+@pytest.mark.parametrize("remedy", call_remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
 def test_each_call_in_a_loop_has_its_remedy(remedy):
     codes = [finding(remedy.codes[0])] if remedy.needs_finding else []
     for callee in remedy.callees:
         time = loop_of(step(), call(callee))
-        question = remedies.questions([time], codes)
+        question = call_remedies.questions([time], codes)
         measured = Measured({each: ratio(0.5) for each in question})
         (listed,) = [r for r in remedies.remedies(time, codes, measured) if r.kind == "call"]
         assert listed.place.line == 15
@@ -146,7 +146,7 @@ def test_each_call_in_a_loop_has_its_remedy(remedy):
         assert "{count}" not in listed.text
 
 
-@pytest.mark.parametrize("remedy", remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
+@pytest.mark.parametrize("remedy", call_remedies.CALL_REMEDIES, ids=lambda each: each.callees[0])
 def test_a_call_that_is_made_once_or_twice_is_set_up(remedy):
     time = loop_of(step(), call(remedy.callees[0], calls=2))
     assert [each for each in remedies.remedies(time) if each.kind == "call"] == []
@@ -164,7 +164,7 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
     other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
     whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
-    (question,) = [q for q in remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
+    (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     assert (question.trial, question.steps) == (Trial.NEW_DATA_OR_COPY, 10)
     measured = Measured({question: ratio(0.25)})
     remedy = next(each for each in remedies.remedies(time, [], measured) if each.kind == "call")
@@ -176,19 +176,19 @@ def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
 def test_of_few_samples_a_pair_stands_for_its_part_of_what_is_timed():
     time = loop_of(step(seconds=2.0), call("MjData", seconds=2.0), call("compile", 16, 5, 1.0))
     time = replace(time, activities={PHYSICS: 0.5, Activity.REST: 0.5})
-    (question,) = [q for q in remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
+    (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     first = remedies.remedies(time, [], Measured({question: ratio(0.5)}))[0]
     assert first.gain == pytest.approx(0.4)
 
 
 def test_a_copy_of_an_mjdata_is_compared_with_a_copy():
     time = loop_of(step(), call(call_clock.COPY_OF_DATA))
-    assert Question(Trial.COPY_OR_COPY, steps=10) in remedies.questions([time], [])
+    assert Question(Trial.COPY_OR_COPY, steps=10) in call_remedies.questions([time], [])
 
 
 def test_a_renderer_is_tried_at_its_size_and_with_its_library():
     time = loop_of(step(), call("Renderer", frame=(48, 64), backend="egl"))
-    asked = remedies.questions([time], [])
+    asked = call_remedies.questions([time], [])
     assert Question(Trial.RENDERER, frame=(48, 64), backend="egl") in asked
 
 
@@ -197,7 +197,7 @@ def test_a_finding_of_lint_gives_its_message_and_its_code():
     (remedy,) = remedies.remedies(time, [finding("MJB005")])
     assert (remedy.code, remedy.text) == ("MJB005", "do otherwise")
     question = Question(Trial.NEW_DATA_OR_RESET, steps=10)
-    assert question in remedies.questions([time], [finding("MJB005")])
+    assert question in call_remedies.questions([time], [finding("MJB005")])
 
 
 def test_functions_after_a_step_save_what_their_pair_with_a_step_does():
@@ -234,7 +234,7 @@ def test_the_timer_of_the_python_package_is_measured_on_the_model():
     remedy = next(r for r in remedies.remedies(time, [], measured) if r.kind == RemedyKind.CLOCK)
     assert remedy.gain == pytest.approx(0.1)
     calls_of_five = loop_of(call("mj_step", 12, 100, 5.0, steps=500, all_steps=500))
-    assert remedies.questions([calls_of_five], []) == [Question(Trial.NO_TIMER, steps=5)]
+    assert call_remedies.questions([calls_of_five], []) == [Question(Trial.NO_TIMER, steps=5)]
     slight = Measured({Question(Trial.NO_TIMER): ratio(0.95)})
     assert all(r.kind != RemedyKind.CLOCK for r in remedies.remedies(time, [], slight))
 
@@ -257,7 +257,7 @@ def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
     time = loop_of(step())
     incident = Incident(call_clock.IN_TURN, step().place, 8)
     question = Question(Trial.BATCH, simulations=8)
-    assert question in remedies.questions([time], [], [incident])
+    assert question in call_remedies.questions([time], [], [incident])
     (remedy,) = remedies.remedies(time, [], Measured({question: ratio(0.4)}), [incident])
     assert remedy.gain == pytest.approx(0.3)
     assert remedies.remedies(time, [], Measured({question: ratio(1.2)}), [incident]) == []
@@ -283,7 +283,7 @@ def test_rendering_by_the_processor_is_said():
 )
 def test_what_a_run_shows_to_be_wrong_is_named_at_its_line(name, text):
     incident = Incident(name, Place("train.py", 12, "main"), 3)
-    (remedy,) = remedies.wrong_results([], ProgramCalls([], [incident]))
+    (remedy,) = wrong_results.wrong_results([], ProgramCalls([], [incident]))
     assert remedy.kind == RemedyKind.RESULT
     assert remedy.place.line == 12
     assert text in remedy.text
@@ -297,7 +297,7 @@ def test_wrong_results_are_those_of_lint_and_of_the_run_each_once():
         finding("MJB008", is_wrong_result=True),
         finding("MJB003"),
     ]
-    listed = remedies.wrong_results(found, ProgramCalls([], [halves, in_turn]))
+    listed = wrong_results.wrong_results(found, ProgramCalls([], [halves, in_turn]))
     assert [remedy.code for remedy in listed] == ["", "MJB001"]
 
 
@@ -305,12 +305,12 @@ def test_forces_that_nothing_computes_are_wrong_where_they_are_read(tmp_path):
     file = tmp_path / "train.py"
     file.write_text("x = data.qpos\ny = data.cfrc_ext[1]\nz = data.cfrc_ext[2]\n")
     files = [str(file)]
-    (remedy,) = remedies.wrong_results([], ProgramCalls(), files, computes_forces=False)
+    (remedy,) = wrong_results.wrong_results([], ProgramCalls(), files, computes_forces=False)
     assert remedy.place.line == 2
     assert "mj_rnePostConstraint" in remedy.text
-    assert remedies.wrong_results([], ProgramCalls(), files, computes_forces=True) == []
+    assert wrong_results.wrong_results([], ProgramCalls(), files, computes_forces=True) == []
     called = ProgramCalls([call("mj_rnePostConstraint")])
-    assert remedies.wrong_results([], called, files, computes_forces=False) == []
+    assert wrong_results.wrong_results([], called, files, computes_forces=False) == []
 
 
 def test_files_that_lint_cannot_check_have_no_findings(tmp_path, monkeypatch):

@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from mjbench.program.activities import Activity, Place
-from mjbench.program.attribution import LoopTime
 from mjbench.program.calls import CallTime
+from mjbench.program.loop_time import LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
-from mjbench.program.remedies import Basis, Remedy, RemedyKind
+from mjbench.program.remedy import Basis, Remedy, RemedyKind
 from mjbench.program.source_loops import SourceLoop
 from mjbench.report import program
 from mjbench.status import Status

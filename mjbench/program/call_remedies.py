@@ -1,0 +1,406 @@
+"""What to do about calls of MuJoCo and JAX in a loop, and what that saves.
+
+A remedy belongs to a call in a context, such as an MjData that is created in a loop.
+`CALL_REMEDIES` declares them. What a call takes was timed in this very program, and what mjbench
+suggests in its place is timed on the program's own model (`replacements`). Where a call moves out
+of the loop, its time is the gain.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from mjbench.instrument import machine
+from mjbench.loop.lint import Finding
+from mjbench.loop.lint_rules import NAMED_ACCESS
+from mjbench.program.activities import Activity, Place
+from mjbench.program.calls import CallTime, Incident
+from mjbench.program.hook import call_clock
+from mjbench.program.loop_time import LoopTime
+from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
+from mjbench.program.replacements import Measured, Question, Trial
+from mjbench.program.source_loops import loop_is_one_call
+from mjbench.simulation import package_timer
+
+# The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
+_MOST_GAIN, _MOST_STEPS = 0.99, 50
+# Pairs that hold steps.
+_WITH_STEPS = (Trial.NEW_DATA_OR_COPY, Trial.NEW_DATA_OR_RESET)
+# A call in a loop that is made less often than this belongs to the set-up.
+_LEAST_REPEATS = 3
+
+
+@dataclass(frozen=True)
+class CallRemedy:
+    """What to do about calls of some functions in a loop.
+
+    Attributes:
+      callees: the functions, as the call clock names them.
+      text: what to do; `{count}` stands for the number of calls.
+      effect: what that changes in results.
+      trial: that measures what replaces the call; None where nothing does.
+      codes: of lint's rules for the same; a finding's own message is shown instead of `text`.
+      needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
+      keeps_first: whether one call remains.
+      is_bound: whether the same has to be computed elsewhere, so that less is saved.
+    """
+
+    callees: tuple[str, ...]
+    text: str
+    effect: str = "nothing"
+    trial: Trial | None = None
+    codes: tuple[str, ...] = ()
+    needs_finding: bool = False
+    keeps_first: bool = False
+    is_bound: bool = False
+
+
+# What to do about a call in a loop. A call that stands in none of them is what the program is for.
+CALL_REMEDIES = (
+    CallRemedy(
+        callees=("mj_forward",),
+        text="mj_forward computes what the next mj_step computes again",
+        trial=Trial.FUNCTIONS,
+        codes=("MJB007",),
+        needs_finding=True,
+    ),
+    CallRemedy(
+        callees=("MjData", "copy of MjData"),
+        text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
+        trial=Trial.NEW_DATA_OR_COPY,
+        codes=("MJB005", "MJB010"),
+    ),
+    CallRemedy(
+        callees=(
+            "from_xml_path",
+            "from_xml_string",
+            "from_binary_path",
+            "from_file",
+            "from_string",
+            "compile",
+            "copy of MjModel",
+        ),
+        text="compile the model once before the loop: change the compiled model, or keep a pool of"
+        " bodies and move those that are not needed away",
+        effect="nothing, if the model is the same",
+        codes=("MJB011",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=("Renderer",),
+        text="create one Renderer before the loop; each creates a graphics context",
+        trial=Trial.RENDERER,
+        codes=("MJB012",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.COMPILE,),
+        text="JAX compiles {count} times here: call jax.jit once, before the loop, and give what"
+        " varies as an argument",
+        effect="nothing but rounding",
+        codes=("MJB013",),
+        keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.THREADED_ROLLOUT,),
+        text="rollout starts threads for each call: keep a pool, rollout.Rollout(nthread=n), and"
+        " give it initial_warmstart where one call continues another",
+        trial=Trial.POOL,
+        codes=("MJB014",),
+    ),
+    CallRemedy(
+        callees=(call_clock.PROCESS_START,),
+        text="processes are started {count} times here: start them once, before the loop, and send"
+        " them work; threads (mujoco.rollout) need no start",
+    ),
+    CallRemedy(
+        callees=tuple(f"{call_clock.CALLBACK} {name}" for name in call_clock.CALLBACKS),
+        text="MuJoCo calls this Python function in each step, and simulations on threads wait for"
+        " each other there: where it sets controls, write data.ctrl before mj_step",
+        effect="nothing where it reads only the state before the step; with Runge-Kutta, MuJoCo"
+        " calls it four times a step",
+        is_bound=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.EAGER_MJX,),
+        text="{count} steps of MJX outside a compiled function: jax.jit one function that steps by"
+        " jax.lax.scan, with jax.vmap over simulations",
+        effect="nothing but rounding",
+    ),
+)
+_CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
+_ONE_CALL_ADVICE = "nothing happens between these steps: call mj_step(model, data, nstep) once"
+_ONE_CALL = Question(Trial.ONE_CALL)
+ACCESS_BY_NAME = Question(Trial.NAMED_ACCESS)
+
+
+def questions(
+    loops: Sequence[LoopTime], findings: Sequence[Finding], incidents: Sequence[Incident] = ()
+) -> list[Question]:
+    """Return what to measure on the program's model: only what could be worth a line."""
+    asked: dict[Question, None] = {}
+    for incident in incidents:
+        if incident.name == call_clock.IN_TURN:
+            asked[_batch(incident)] = None
+    if any(finding.code == NAMED_ACCESS for finding in findings):
+        asked[ACCESS_BY_NAME] = None
+    for loop in loops:
+        if _steps_s(loop) > LEAST_GAIN * loop.seconds:
+            asked[_no_timer(loop)] = None
+            if any(loop_is_one_call(loop.loop.file, call.place.line) for call in steps_of(loop)):
+                asked[_ONE_CALL] = None
+        for context in _contexts(loop, findings):
+            if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN:
+                asked[_question(context)] = None
+    return list(asked)
+
+
+@dataclass(frozen=True)
+class _Context:
+    """Calls that a remedy is for.
+
+    Attributes:
+      remedy: what to do about them.
+      calls: from one line.
+      place: where to change the program.
+      finding: of lint for the same; None without one.
+      nstep: steps of the loop, all together.
+    """
+
+    remedy: CallRemedy
+    calls: Sequence[CallTime]
+    place: Place
+    finding: Finding | None
+    nstep: float
+
+
+def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]:
+    """Yield the calls of a loop that have a remedy, by line."""
+    for remedy in CALL_REMEDIES:
+        by_place: dict[Place, list[CallTime]] = defaultdict(list)
+        for call in loop.calls:
+            if call.callee in remedy.callees:
+                by_place[call.place].append(call)
+        for place, calls in by_place.items():
+            finding = _finding_of(remedy, place, loop, findings)
+            repeats = sum(call.calls for call in calls) >= _LEAST_REPEATS
+            if finding is not None or (repeats and not remedy.needs_finding):
+                at = place if finding is None else _place(finding)
+                nstep = sum(call.all_steps for call in steps_of(loop))
+                yield _Context(remedy, calls, at, finding, nstep)
+
+
+def _finding_of(
+    remedy: CallRemedy, place: Place, loop: LoopTime, findings: Sequence[Finding]
+) -> Finding | None:
+    """Return lint's finding about calls from a line.
+
+    JAX compiles where a function is first called, not where lint finds it.
+    """
+    for finding in findings:
+        if finding.code not in remedy.codes or finding.file != place.file:
+            continue
+        in_loop = loop.loop.first <= finding.line <= loop.loop.last
+        if finding.line == place.line or (call_clock.COMPILE in remedy.callees and in_loop):
+            return finding
+    return None
+
+
+def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) -> Iterator[Remedy]:
+    """Yield what to do about calls that were timed one by one."""
+    for context in _contexts(loop, findings):
+        remedy, calls, finding = context.remedy, context.calls, context.finding
+        count, share = sum(call.calls for call in calls), _share(loop, calls)
+        gain, basis = share, Basis.BOUND if remedy.is_bound else Basis.TIMED
+        if remedy.trial == Trial.FUNCTIONS:
+            gain, basis = _gain_of_functions(loop, calls, _question(context), measured)
+        elif remedy.trial == Trial.POOL:
+            # what threads cost to start is the same in any state, unlike the steps
+            saved_s = measured.saved_s(_question(context))
+            if saved_s is None:
+                continue  # most of the call is its steps
+            gain, basis = min(share, saved_s * count / loop.seconds), Basis.PAIRED
+        elif remedy.trial is not None:
+            saved = measured.saved(_question(context))
+            basis = Basis.BOUND
+            if saved is not None:
+                whole = [*calls, *_beside(loop, remedy.trial)]
+                gain, basis = saved * _stands_for(loop, whole), Basis.PAIRED
+        if remedy.keeps_first and count > 1:
+            gain *= 1 - 1 / count
+        text = finding.message if finding is not None else remedy.text
+        yield Remedy(
+            RemedyKind.CALL,
+            calls[0].activity,
+            context.place,
+            text.replace("{count}", f"{round(count):,}"),
+            gain,
+            None,
+            finding.code if finding is not None else "",
+            basis=basis,
+            share=share,
+            effect=remedy.effect,
+        )
+
+
+def _question(context: _Context) -> Question:
+    remedy, finding, calls = context.remedy, context.finding, context.calls
+    assert remedy.trial is not None, "only calls that are replaced have a question"
+    if remedy.trial == Trial.FUNCTIONS:
+        return Question(remedy.trial, () if finding is None else tuple(finding.instead))
+    if remedy.trial == Trial.POOL:
+        count, steps = sum(call.calls for call in calls), sum(call.steps for call in calls)
+        all_steps = sum(call.all_steps for call in calls)
+        return Question(
+            remedy.trial,
+            simulations=max(1, round(all_steps / max(1.0, steps))),
+            steps=max(1, round(steps / max(1.0, count))),
+        )
+    if remedy.trial == Trial.RENDERER:
+        frame = next((call.frame for call in calls if call.frame), None)
+        backend = calls[0].backend
+        return Question(remedy.trial, frame=frame or (240, 320), backend=backend)
+    after_each = round(context.nstep / max(1.0, sum(call.calls for call in calls)))
+    after_each = min(_MOST_STEPS, after_each)
+    if finding is not None and finding.code == "MJB005":
+        return Question(Trial.NEW_DATA_OR_RESET, steps=after_each)
+    is_copy = all(call.callee.startswith("copy") for call in calls)
+    return Question(Trial.COPY_OR_COPY if is_copy else remedy.trial, steps=after_each)
+
+
+def _beside(loop: LoopTime, trial: Trial) -> list[CallTime]:
+    """Return the calls that a pair holds beside those that are replaced."""
+    if trial == Trial.RENDERER:
+        return [call for call in loop.calls if call.activity == Activity.RENDERING]
+    return steps_of(loop) if trial in _WITH_STEPS else []
+
+
+def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:
+    """Return the share of a loop that a pair stands for: all that is not seen on other lines.
+
+    A new MjData also costs where its memory is first used, and where it is freed.
+    """
+    if not calls:
+        return 0.0
+    own = {(call.place.file, call.place.line) for call in calls}
+    timed = _share(loop, calls)
+    elsewhere = sum(
+        sum(part for activity, part in line.activities.items() if not loop.is_timed(activity))
+        for line in loop.lines
+        if (line.place.file, line.place.line) not in own
+    )
+    others = [call for call in loop.calls if (call.place.file, call.place.line) not in own]
+    if Activity.REST in loop.activities:  # nothing says where it was spent
+        return timed / max(timed, loop.timed_share)
+    return min(_MOST_GAIN, max(timed, 1 - elsewhere - _share(loop, others)))
+
+
+def _gain_of_functions(
+    loop: LoopTime, calls: Sequence[CallTime], question: Question, measured: Measured
+) -> tuple[float, Basis]:
+    """Return what other functions after a step save.
+
+    The pair that was measured is a step with the call, and a step with the other functions.
+    """
+    share, saved = _share(loop, calls), measured.saved(question)
+    if saved is None:
+        return share, Basis.TIMED if not question.functions else Basis.BOUND
+    count = sum(call.calls for call in calls)
+    step_s = sum(call.seconds for call in steps_of(loop))
+    nstep = sum(call.all_steps for call in steps_of(loop))
+    pair_s = count * (step_s / nstep if nstep else 0.0) + sum(call.seconds for call in calls)
+    return saved * pair_s / loop.seconds, Basis.PAIRED
+
+
+def _no_timer(loop: LoopTime) -> Question:
+    """Return the question about the timer, for as many steps a call as the loop takes."""
+    steps = steps_of(loop)
+    nstep = sum(call.all_steps for call in steps) / max(1.0, sum(call.calls for call in steps))
+    return Question(Trial.NO_TIMER, steps=max(1, round(nstep)))
+
+
+def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
+    """Yield what to do about the steps themselves."""
+    share = _steps_s(loop) / loop.seconds
+    saved = measured.saved(_no_timer(loop)) if share else None
+    gain = loop.engine_clock if saved is None else saved * _stands_for(loop, steps_of(loop))
+    if gain >= package_timer.MIN_GAIN:
+        yield Remedy(
+            RemedyKind.CLOCK,
+            Activity.PHYSICS,
+            None,
+            _CLOCK_ADVICE,
+            gain,
+            None if saved is not None else loop.error(gain),
+            basis=Basis.BOUND if saved is None else Basis.PAIRED,
+            share=share,
+            effect="nothing; mjData.timer stays empty",
+        )
+    by_place: dict[Place, list[CallTime]] = defaultdict(list)
+    for call in steps_of(loop):
+        by_place[call.place].append(call)
+    for place, calls in by_place.items():
+        saved = measured.saved(_ONE_CALL)
+        # the pair includes what Python does around each call
+        share = _share(loop, calls) + loop.activities.get(Activity.BINDINGS, 0.0)
+        if saved is not None and loop_is_one_call(loop.loop.file, place.line):
+            yield Remedy(
+                RemedyKind.CALL,
+                Activity.PHYSICS,
+                place,
+                _ONE_CALL_ADVICE,
+                saved * min(1.0, share),
+                None,
+                basis=Basis.PAIRED,
+                share=share,
+                effect="nothing",
+            )
+
+
+def of_turns(loop: LoopTime, measured: Measured, incidents: Sequence[Incident]) -> Iterator[Remedy]:
+    """Yield what to do about several simulations that are stepped in turn."""
+    for incident in incidents:
+        calls = [call for call in steps_of(loop) if call.place == incident.place]
+        if incident.name != call_clock.IN_TURN or not calls:
+            continue
+        share, saved = _share(loop, calls), measured.saved(_batch(incident))
+        yield Remedy(
+            RemedyKind.CALL,
+            Activity.PHYSICS,
+            incident.place,
+            f"{incident.count} simulations are stepped in turn: mujoco.batch.Batch steps them at"
+            " once, on all cores (mujoco.rollout in releases without it)",
+            share * (1 - 1 / machine.usable_cores()) if saved is None else share * saved,
+            None,
+            basis=Basis.BOUND if saved is None else Basis.PAIRED,
+            share=share,
+            effect="nothing",
+        )
+
+
+def _batch(incident: Incident) -> Question:
+    return Question(Trial.BATCH, simulations=max(2, incident.count))
+
+
+def with_software_gl(remedy: Remedy) -> Remedy:
+    """Return a remedy for rendering that says who draws."""
+    if remedy.activity != Activity.RENDERING:
+        return remedy
+    return replace(remedy, text=f"{remedy.text}; here the processor draws (software rendering)")
+
+
+def steps_of(loop: LoopTime) -> list[CallTime]:
+    """Return the calls of `mj_step` in a loop."""
+    return [call for call in loop.calls if call.callee == "mj_step"]
+
+
+def _steps_s(loop: LoopTime) -> float:
+    return sum(call.seconds for call in steps_of(loop))
+
+
+def _share(loop: LoopTime, calls: Sequence[CallTime]) -> float:
+    return min(1.0, sum(call.seconds for call in calls) / loop.seconds)
+
+
+def _place(finding: Finding) -> Place:
+    return Place(finding.file, finding.line, "")

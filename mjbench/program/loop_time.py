@@ -1,0 +1,122 @@
+"""Where the time of one loop goes."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from mjbench.instrument.bounds import Share
+from mjbench.program.activities import Activity, Place
+from mjbench.program.calls import CallTime
+from mjbench.program.source_loops import SourceLoop
+
+# Fewer samples tell little.
+FEW_SAMPLES = 30
+# Lines with a smaller share of a loop are left out.
+LEAST_LINE_SHARE = 0.005
+
+_Key = TypeVar("_Key")
+
+
+@dataclass(frozen=True)
+class LineTime:
+    """What one line of the user's code takes of a loop, with all that it calls.
+
+    Attributes:
+      place: the line.
+      share: of the loop's time.
+      activities: share of the loop's time by activity, largest first; they sum to `share`.
+      package: installed package that it calls for most of this time; "" for none.
+    """
+
+    place: Place
+    share: Share
+    activities: Mapping[Activity, Share]
+    package: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that it does something.
+
+        Raises:
+          ValueError: there is no activity.
+        """
+        if not self.activities:
+            raise ValueError("a line has no activity")
+
+    @property
+    def main_activity(self) -> Activity:
+        """What takes most of the line's time."""
+        return max(self.activities, key=lambda activity: self.activities[activity])
+
+
+@dataclass(frozen=True)
+class LoopTime:
+    """Where the time of one loop goes.
+
+    Attributes:
+      loop: in the program's source; its file is as `activities.shown_path` gives it.
+      own_files: the user's own files whose lines run in it, as `activities.shown_path` gives them.
+      threads: names of the threads that run it, one for each thread of each process.
+      pids: processes that run it.
+      in_main: whether the main thread of the program's first process runs it.
+      samples: taken in it; where some stand for more time than others, how many equal ones tell as
+        much (Kish's effective sample size).
+      seconds: wall time in it, summed over threads: samples times their interval.
+      activities: share by activity, largest first; they sum to 1.
+      packages: share of `Python` by installed package, largest first; the user's own code has
+        the name "".
+      lines: of the user's code, with all that they call, by share.
+      inner_functions: of installed packages, without what they call in Python and without physics,
+        by share; the place of each is the line that samples saw most often.
+      engine_clock: share of the timer of MuJoCo's Python package.
+      calls: of functions that are timed one by one, from lines of this loop.
+    """
+
+    loop: SourceLoop
+    own_files: Sequence[str]
+    threads: Sequence[str]
+    pids: Sequence[int]
+    in_main: bool
+    samples: int
+    seconds: float
+    activities: Mapping[Activity, Share]
+    packages: Mapping[str, Share]
+    lines: Sequence[LineTime]
+    inner_functions: Sequence[LineTime]
+    engine_clock: Share
+    calls: Sequence[CallTime] = ()
+
+    @property
+    def has_physics(self) -> bool:
+        """Whether the engine was seen in it."""
+        return Activity.PHYSICS in self.activities
+
+    def error(self, share: float) -> float:
+        """Return the standard error of a share, as that of a binomial proportion."""
+        return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))
+
+    @property
+    def timed_share(self) -> float:
+        """The share of calls that are timed one by one."""
+        return min(1.0, sum(call.seconds for call in self.calls) / self.seconds)
+
+    def is_timed(self, activity: Activity) -> bool:
+        """Whether the share of an activity comes from calls that are timed one by one."""
+        return any(call.activity == activity for call in self.calls)
+
+
+def large(times: Iterable[LineTime]) -> list[LineTime]:
+    """Return what takes a share that is worth a line, largest first."""
+    large = [time for time in times if time.share >= LEAST_LINE_SHARE]
+    return sorted(large, key=lambda time: -time.share)
+
+
+def shares_of(parts: Iterable[tuple[_Key, float]], total: float | None = None) -> dict[_Key, float]:
+    """Return shares of a total by key, largest first; the total is that of all parts if None."""
+    seconds: dict[_Key, float] = defaultdict(float)
+    for key, part in parts:
+        seconds[key] += part
+    total = sum(seconds.values()) if total is None else total
+    ordered = sorted(seconds.items(), key=lambda item: -item[1])
+    return {key: value / total for key, value in ordered}

@@ -1,0 +1,111 @@
+"""One thing to do about a program."""
+
+import enum
+from dataclasses import dataclass
+
+from mjbench.program.activities import Activity, Place
+
+# Smaller gains are not worth a line.
+LEAST_GAIN = 0.03
+
+
+class RemedyKind(enum.StrEnum):
+    """What a remedy changes."""
+
+    RESULT = "wrong result"
+    """The program computes or stores what it does not mean."""
+    CALL = "call"
+    """A call of MuJoCo or JAX."""
+    LINE = "line"
+    """A line of the user's code."""
+    CLOCK = "package's timer"
+    """A step reads the timer of MuJoCo's Python package."""
+    COLLECTION = "garbage collection"
+    """Python's garbage collector."""
+    ACTIVITY = "activity"
+    """An activity as a whole."""
+    COPIES = "copies"
+    """How many copies of the program run at once; not listed before it is measured."""
+
+
+class Basis(enum.StrEnum):
+    """Where a gain comes from."""
+
+    TIMED = "timed"
+    """The calls were timed one by one, and would not be made any more."""
+    PAIRED = "paired"
+    """Both ways were timed in turns on the program's own model and states."""
+    BOUND = "at most"
+    """It is the share of what would change; what replaces it takes time, too."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """One thing to do.
+
+    Attributes:
+      kind: what it changes.
+      activity: whose time it saves; None for a wrong result.
+      place: where; None for the whole loop.
+      text: what to do.
+      gain: share of the loop's time that it saves; None for a wrong result.
+      gain_error: standard error of that share.
+      code: of the lint rule that it follows; "" for none.
+      confirmed: the share that it saved when the program ran again with and without it, and its
+        error; None where that was not tried.
+      basis: where the gain comes from.
+      share: of the loop's time that the calls or lines take now; None for a wrong result.
+      effect: what it changes in results.
+    """
+
+    kind: RemedyKind
+    activity: Activity | None
+    place: Place | None
+    text: str
+    gain: float | None
+    gain_error: float | None
+    code: str = ""
+    confirmed: "Confirmed | None" = None
+    basis: Basis = Basis.BOUND
+    share: float | None = None
+    effect: str = ""
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is more than chance; where it was tried, whether it helped."""
+        if self.confirmed is not None:
+            return self.confirmed.is_certain
+        return self.gain is None or self.gain > 2 * (self.gain_error or 0.0)
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Where it stands: wrong results, then by gain; last what did not help when tried."""
+        if self.gain is None:
+            return 0, 0.0
+        if self.kind == RemedyKind.COPIES:  # it makes no copy faster
+            return 3, 0.0
+        if self.confirmed is None:
+            return 1, -self.gain
+        return (1, -self.confirmed.gain) if self.confirmed.is_certain else (2, -self.gain)
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """What a remedy saved in runs of the program with and without it.
+
+    Attributes:
+      gain: share of a step's time; negative where it is slower.
+      low: lower end of its interval, of 95 %.
+      high: upper end.
+      runs: of each kind.
+    """
+
+    gain: float
+    low: float
+    high: float
+    runs: int
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the remedy certainly saves time."""
+        return self.low > 0

@@ -1,0 +1,176 @@
+"""Loops with the calls that were timed in them; samples divide what these leave."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from mjbench.program.activities import Activity, Place
+from mjbench.program.calls import CallTime
+from mjbench.program.hook.call_clock import COMPILE
+from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
+from mjbench.program.source_loops import SourceLoop
+
+# Where samples saw less than this beside the calls that are timed, they do not divide the rest.
+_LEAST_REST = 0.02
+
+
+def with_calls(
+    sampled: Sequence[LoopTime], calls: Sequence[CallTime], main_pid: int
+) -> list[LoopTime]:
+    """Return loops with the calls that were timed in them, and loops that only calls show."""
+    by_loop: dict[SourceLoop, list[CallTime]] = defaultdict(list)
+    for call in calls:
+        if call.loop is not None:
+            by_loop[call.loop].append(call)
+    times = {time.loop: time for time in sampled}
+    for loop, of_loop in by_loop.items():
+        if loop in times:
+            times[loop] = _timed(times[loop], of_loop)
+        elif any(call.is_step or call.callee == COMPILE for call in of_loop):
+            times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
+    return list(times.values())
+
+
+def with_collections(time: LoopTime, seconds: float) -> LoopTime:
+    """Return a loop whose garbage collections are an activity of their own.
+
+    They may begin on any line that creates an object; calls that are timed hold few of them.
+    """
+    sampled = sum(share for each, share in time.activities.items() if not time.is_timed(each))
+    share = min(sampled, seconds / time.seconds)
+    if Activity.COLLECTION in time.activities or not share > 0:
+        return time
+
+    def rest(parts: Mapping[Activity, float]) -> dict[Activity, float]:
+        left = 1 - share / sampled
+        return {each: part * (1 if time.is_timed(each) else left) for each, part in parts.items()}
+
+    lines = [(line, rest(line.activities)) for line in time.lines]
+    activities_of_loop = {**rest(time.activities), Activity.COLLECTION: share}
+    return replace(
+        time,
+        activities=dict(sorted(activities_of_loop.items(), key=lambda item: -item[1])),
+        lines=[replace(line, share=sum(parts.values()), activities=parts) for line, parts in lines],
+    )
+
+
+def _unsampled(loop: SourceLoop, calls: Sequence[CallTime], main_pid: int) -> LoopTime:
+    """Return a loop of which there are no samples."""
+    pids = sorted({call.pid for call in calls})
+    return LoopTime(
+        loop=loop,
+        own_files=sorted({call.place.file for call in calls}),
+        threads=["MainThread"],
+        pids=pids,
+        in_main=main_pid in pids,
+        samples=0,
+        seconds=_span_s(calls),
+        activities={},
+        packages={},
+        lines=[],
+        inner_functions=[],
+        engine_clock=0.0,
+    )
+
+
+def _span_s(calls: Sequence[CallTime]) -> float:
+    """Return the seconds from the first call to the end of the last, summed over threads.
+
+    What the clock took is not the loop's.
+    """
+    by_thread: dict[tuple[int, int], list[CallTime]] = defaultdict(list)
+    for call in calls:
+        by_thread[call.pid, call.thread].append(call)
+    spans = (
+        max(call.last_ns for call in of_thread) - min(call.first_ns for call in of_thread)
+        for of_thread in by_thread.values()
+    )
+    loop_s = sum(spans) * 1e-9 - sum(call.clock_s for call in calls)
+    return max(1e-9, loop_s, sum(call.seconds for call in calls))
+
+
+def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
+    """Return a loop with its calls: what they take is known, and samples divide the rest."""
+    has_samples = time.samples >= FEW_SAMPLES
+    seconds = _span_s(calls)
+    timed = shares_of((call.activity, call.seconds) for call in calls)
+    timed_s = sum(call.seconds for call in calls)
+    share = min(1.0, timed_s / seconds)
+    exact = {activity: part * share for activity, part in timed.items()}
+    slow = {_place_key(c.place) for c in calls if c.activity != Activity.PHYSICS}
+    rest = {
+        _place_key(line.place): {
+            activity: part
+            for activity, part in line.activities.items()
+            if activity not in exact and _place_key(line.place) not in slow
+        }
+        for line in time.lines
+    }
+    rest_by_activity: dict[Activity, float] = defaultdict(float)
+    for activity, part in time.activities.items():
+        if activity not in exact:
+            on_slow_lines = sum(
+                line.activities.get(activity, 0.0)
+                for line in time.lines
+                if _place_key(line.place) in slow
+            )
+            rest_by_activity[activity] = max(0.0, part - on_slow_lines)
+    total_rest = sum(rest_by_activity.values())
+    if has_samples and total_rest > _LEAST_REST:
+        factor = (1 - share) / total_rest
+        others = {activity: part * factor for activity, part in rest_by_activity.items()}
+    else:
+        # samples that are all on the lines of these calls saw the calls themselves
+        rest_is = Activity.BINDINGS if has_samples else Activity.REST
+        factor, others = 0.0, {rest_is: 1 - share}
+    parts = {**exact, **{activity: part for activity, part in others.items() if part > 1e-6}}
+    return replace(
+        time,
+        seconds=seconds,
+        own_files=sorted({*time.own_files, *(call.place.file for call in calls)}),
+        activities=dict(sorted(parts.items(), key=lambda item: -item[1])),
+        packages={
+            name: part / time.activities[Activity.PYTHON] * parts.get(Activity.PYTHON, 0.0)
+            for name, part in time.packages.items()
+        },
+        lines=_timed_lines(time, calls, seconds, rest, factor),
+        inner_functions=[
+            replace(
+                line,
+                share=line.share * factor,
+                activities={each: part * factor for each, part in line.activities.items()},
+            )
+            for line in time.inner_functions
+            if factor and line.main_activity not in exact
+        ],
+        calls=calls,
+    )
+
+
+def _timed_lines(
+    time: LoopTime,
+    calls: Sequence[CallTime],
+    seconds: float,
+    rest: Mapping[tuple[str, int], Mapping[Activity, float]],
+    factor: float,
+) -> list[LineTime]:
+    """Return the lines of a loop: their timed calls, and what samples saw of them beside those."""
+    places = {_place_key(line.place): line.place for line in time.lines}
+    packages = {_place_key(line.place): line.package for line in time.lines}
+    parts: dict[tuple[str, int], list[tuple[Activity, float]]] = defaultdict(list)
+    for call in calls:
+        places.setdefault(_place_key(call.place), call.place)
+        parts[_place_key(call.place)].append((call.activity, call.seconds / seconds))
+    for key, activities_of_line in rest.items():
+        parts[key] += [(each, part * factor) for each, part in activities_of_line.items()]
+    lines = []
+    for key, of_line in parts.items():
+        shares = shares_of(of_line, 1.0)
+        if shares:
+            share = min(1.0, sum(shares.values()))
+            lines.append(LineTime(places[key], share, shares, packages.get(key, "")))
+    return large(lines)
+
+
+def _place_key(place: Place) -> tuple[str, int]:
+    return place.file, place.line

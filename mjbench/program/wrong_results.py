@@ -1,0 +1,87 @@
+"""What makes a program's results wrong, whatever it costs."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from mjbench.loop.lint import Finding
+from mjbench.program.activities import Place
+from mjbench.program.calls import ProgramCalls
+from mjbench.program.hook import call_clock
+from mjbench.program.remedy import Remedy, RemedyKind
+from mjbench.program.source_loops import lines_reading
+
+# Fields of MjData that a step computes only for sensors that need them.
+_FORCES = ("cfrc_ext", "cfrc_int", "cacc")
+_DIVERGED = "the simulation diverged, and MuJoCo reset it, unless autoreset is disabled"
+# What the engine's warnings mean, by name.
+_WARNINGS: Mapping[str, str] = {
+    "BADQPOS": _DIVERGED,
+    "BADQVEL": _DIVERGED,
+    "BADQACC": _DIVERGED,
+    "BADCTRL": "a control was no number, or too large, and MuJoCo took all controls as zero",
+    "CONTACTFULL": "contacts were dropped for want of memory: raise <size memory>",
+    "CNSTRFULL": "constraints were dropped for want of memory: raise <size memory>",
+    "INERTIA": "the inertia matrix is almost singular",
+}
+
+
+def wrong_results(
+    findings: Sequence[Finding],
+    calls: ProgramCalls,
+    files: Sequence[str] = (),
+    computes_forces: bool | None = None,
+) -> list[Remedy]:
+    """Return what makes a program's results wrong, whatever it costs.
+
+    Args:
+      findings: of lint, in the program's own files.
+      calls: of the program, with what it showed when it ran.
+      files: the program's own.
+      computes_forces: whether a step of its model computes what `_FORCES` names; None if unknown.
+    """
+    listed = list(_unfilled(calls, files) if computes_forces is False else ())
+    for incident in calls.incidents:
+        if not incident.is_wrong:
+            continue
+        if incident.name == call_clock.SHARED_DATA:
+            text = "two threads step one MjData at the same time: give each thread its own"
+        elif incident.name == call_clock.HALVES:
+            text = (
+                "mj_step2 integrates by Euler, although the model asks for Runge-Kutta: call"
+                " mj_step, or choose another integrator"
+            )
+        else:
+            meaning = _WARNINGS.get(incident.name, "the engine warned")
+            times = "once" if incident.count == 1 else f"{incident.count:,} times"
+            text = f"{meaning} ({times}, warning {incident.name})"
+        listed.append(_wrong(incident.place, text))
+    halves = {i.place.file for i in calls.incidents if i.name == call_clock.HALVES}
+    for finding in findings:
+        if not finding.is_wrong_result or (finding.code == "MJB008" and finding.file in halves):
+            continue
+        listed.append(
+            replace(
+                _wrong(Place(finding.file, finding.line, ""), finding.message), code=finding.code
+            )
+        )
+    return listed
+
+
+def _unfilled(calls: ProgramCalls, files: Sequence[str]) -> Iterator[Remedy]:
+    """Yield fields that are read and that nothing computes, by name."""
+    if any(call.callee == "mj_rnePostConstraint" for call in calls.calls):
+        return
+    seen = set()
+    for file in files:
+        for line, name in lines_reading(file, _FORCES):
+            if name not in seen:
+                seen.add(name)
+                text = (
+                    f"{name} stays zero, since no sensor of the model needs it: call"
+                    " mj_rnePostConstraint(model, data) before it is read"
+                )
+                yield _wrong(Place(file, line, ""), text)
+
+
+def _wrong(place: Place, text: str) -> Remedy:
+    return Remedy(RemedyKind.RESULT, None, place, text, None, None)
