@@ -200,7 +200,8 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
     """Return what stands above the table of a model: its sizes, what its steps did, its starts."""
     detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
-        return [tables.headed(model.model, f": {model.status}: {detail}")]
+        status = "" if model.status == Status.INPUT else f"{model.status}: "
+        return [tables.headed(model.model, f": {status}{detail}")]
     simulations = tables.count_of(model.nbatch or 0, "simulation")
     sizes = f": {simulations} × {tables.count_of(model.nstep or 0, 'step')}"
     if model.hold and model.hold > 1:
@@ -210,9 +211,10 @@ def heading_lines(model: ModelRecord) -> list[str | Text]:
     if model.reduced:
         sizes += " (reduced to keep a block short; --nbatch and --nstep set them)"
     work = model.work
+    actuators = "" if model.facts.nu else ", no actuators"
     lines: list[str | Text] = [
         tables.headed(model.model, sizes),
-        f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}; per step"
+        f"nv {model.facts.nv}, {model.facts.integrator}, {model.facts.solver}{actuators}; per step"
         f" {work.contacts:.1f} contacts ({model.start_contacts or 0} at the start),"
         f" {work.constraints:.1f} constraints, {work.solver_iterations:.1f} solver iterations",
     ]
