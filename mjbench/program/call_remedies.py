@@ -60,6 +60,8 @@ CALL_REMEDIES = (
     CallRemedy(
         callees=("mj_forward",),
         text="mj_forward computes what the next mj_step computes again",
+        effect="nothing since MuJoCo 3.10.0; in 3.3.1 and before, later states within the solver's"
+        " tolerance",
         trial=Trial.FUNCTIONS,
         codes=("MJB007",),
         needs_finding=True,
@@ -334,7 +336,7 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
             None if saved is not None else loop.error(gain),
             basis=Basis.BOUND if saved is None else Basis.PAIRED,
             share=share,
-            effect="nothing; mjData.timer stays empty",
+            effect="nothing but mjData.timer, which stays empty",
         )
     by_place: dict[Place, list[CallTime]] = defaultdict(list)
     for call in steps_of(loop):

@@ -141,7 +141,9 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
     if remedy.basis == Basis.BOUND:
         share = f"{percent(remedy.gain)} of the loop in {where(time)}"
         return f"{remedy.activity}{place}: {share}; {remedy.text}"
-    now = "" if remedy.share is None else f" {percent(remedy.share)} of the loop now;"
+    # the timer is read in all steps, and takes a part of them
+    is_part = remedy.share is None or remedy.kind == RemedyKind.CLOCK
+    now = "" if is_part else f" {percent(remedy.share or 0.0)} of the loop now;"
     where_to = f"at {remedy.place}, " if remedy.place is not None else ""
     return (
         f"{where_to}{remedy.text}:{now} with the change, the loop takes about"
@@ -213,7 +215,10 @@ def _print_remedies(out: Console, listed: Sequence[Remedy]) -> None:
     for number, remedy in enumerate(listed[:_MOST_REMEDIES], 1):
         code = f" ({remedy.code})" if remedy.code else ""
         place = str(remedy.place) if remedy.place is not None else "the loop"
-        table.add_row(str(number), saving(remedy), place, f"{_subject(remedy)}{remedy.text}{code}")
+        text = f"{_subject(remedy)}{remedy.text}{code}"
+        if remedy.effect not in ("", "nothing"):
+            text += f"; it changes {remedy.effect}"
+        table.add_row(str(number), saving(remedy), place, text)
     out.print(table)
 
 
