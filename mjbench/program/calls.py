@@ -160,30 +160,6 @@ class _Slot:
     passed_steps: int
 
 
-@dataclass(frozen=True)
-class _Window:
-    """When steps were timed, and the process's memory.
-
-    Attributes:
-      ns: for how long.
-      first_ns: from when on.
-      last_ns: until when.
-      memory_growth_bytes: from the first look at the process to the last; None without two.
-    """
-
-    ns: int
-    first_ns: int
-    last_ns: int
-    memory_growth_bytes: int | None
-
-    @classmethod
-    def of(cls, slot: _Slot) -> "_Window":
-        """Return what the first slot holds, whose last two numbers are bytes."""
-        latest, first = slot.steps, slot.all_steps
-        growth = latest - first if latest and first else None
-        return cls(slot.ns, slot.first_ns, slot.last_ns, growth)
-
-
 def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> ProgramCalls:
     """Return the calls of one process."""
     raw = file.read_bytes()
@@ -208,9 +184,10 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
                 call = replace(call, frame=(int(height), int(width)), backend=str(backend))
             calls.append(call)
             slots_of_calls.append(slot)
-    window = _Window.of(slots[call_clock.WINDOW])
-    estimated = _estimated(calls, slots_of_calls, window, header)
-    return ProgramCalls(_without_callbacks(estimated), incidents, window.memory_growth_bytes)
+    estimated = _estimated(calls, slots_of_calls, header)
+    first_bytes, latest_bytes = call_clock.MEMORY.unpack_from(raw)
+    growth = latest_bytes - first_bytes if first_bytes else None
+    return ProgramCalls(_without_callbacks(estimated), incidents, growth)
 
 
 def _lines(file: Path) -> list[str]:
@@ -254,14 +231,13 @@ def _loop(stack: Sequence[tuple[str, int, str]]) -> SourceLoop | None:
 
 
 def _estimated(
-    calls: Sequence[CallTime], slots: Sequence[_Slot], window: _Window, header: Header | None
+    calls: Sequence[CallTime], slots: Sequence[_Slot], header: Header | None
 ) -> list[CallTime]:
     """Return the calls with those between bursts, which take no longer than there was time.
 
     Args:
       calls: that were timed.
       slots: of each.
-      window: when steps were timed.
       header: of the step clock; None where there is none.
     """
     fast = [slot for call, slot in zip(calls, slots, strict=True) if _is_fast(call.callee)]
@@ -271,9 +247,9 @@ def _estimated(
     slow = [
         slot
         for call, slot in zip(calls, slots, strict=True)
-        if not _is_fast(call.callee) and slot.first_ns >= window.first_ns
+        if not _is_fast(call.callee) and slot.first_ns >= header.first_ns
     ]
-    span_ns = max(slot.last_ns for slot in [*fast, *slow]) - window.first_ns
+    span_ns = max(slot.last_ns for slot in [*fast, *slow]) - header.first_ns
     rest_ns = span_ns - header.cost_ns - sum(slot.ns for slot in slow)
     # a few long calls among those that were timed do not make all of them longer than the time
     cap = min(1.0, max(0.0, rest_ns) / max(1, sum(slot.ns + slot.passed_ns for slot in fast)))

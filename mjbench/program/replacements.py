@@ -315,7 +315,7 @@ def _renderer(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
     height, width = question.frame
     model.vis.global_.offheight = max(height, model.vis.global_.offheight)
     model.vis.global_.offwidth = max(width, model.vis.global_.offwidth)
-    kept = mujoco.Renderer(model, height, width)
+    permanent = mujoco.Renderer(model, height, width)
 
     def draw(renderer: mujoco.Renderer, data: mujoco.MjData) -> None:
         renderer.update_scene(data)
@@ -326,7 +326,7 @@ def _renderer(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
         draw(renderer, data)
         renderer.close()
 
-    return _Way(new), _Way(lambda data: draw(kept, data))
+    return _Way(new), _Way(lambda data: draw(permanent, data))
 
 
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.

@@ -106,15 +106,12 @@ def _timed(time: LoopTime, calls: Sequence[CallTime]) -> LoopTime:
         }
         for line in time.lines
     }
-    rest_by_activity: dict[Activity, float] = defaultdict(float)
-    for activity, part in time.activities.items():
-        if activity not in exact:
-            on_slow_lines = sum(
-                line.activities.get(activity, 0.0)
-                for line in time.lines
-                if _place_key(line.place) in slow
-            )
-            rest_by_activity[activity] = max(0.0, part - on_slow_lines)
+    on_slow_lines = [line for line in time.lines if _place_key(line.place) in slow]
+    rest_by_activity = {
+        activity: max(0.0, part - sum(line.activities.get(activity, 0.0) for line in on_slow_lines))
+        for activity, part in time.activities.items()
+        if activity not in exact
+    }
     total_rest = sum(rest_by_activity.values())
     if has_samples and total_rest > _LEAST_REST:
         factor = (1 - share) / total_rest

@@ -28,8 +28,8 @@ from typing import Any
 # bursts, of their ns, and of the steps in them.
 SLOT = struct.Struct("<11q")
 MAX_SLOTS = 2048
-# The first slot holds no calls: for how long steps were timed, and from when to when.
-WINDOW = 0
+# In place of the first slot: bytes of memory shortly after the first step, and at the latest look.
+MEMORY = struct.Struct("<2q")
 # Lines on the stack that are noted, innermost first; Python's own modules are left out.
 MAX_STACK = 60
 # The function of this module begins a process; what is below it on a stack belongs to its parent.
@@ -134,7 +134,7 @@ class CallClock:
         self._unwritten: dict[int, list[int]] = {}
         self._counted: dict[int, tuple[int, int, int]] = {}  # by slot, at the end of the last burst
         self._burst: list[tuple[list[int], int, int, int]] = []  # the slots of the last burst
-        self._next = itertools.count(WINDOW + 1).__next__
+        self._next = itertools.count(1).__next__
         self._names: int | None = None
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self._inside: set[int] = set()  # threads in a slow call, whose own calls do not count
@@ -143,13 +143,13 @@ class CallClock:
         # number by model, and how many states of each kind were written
         self._models: dict[int, tuple[int, dict[str, int]]] = {}
         self._jax: list[tuple[int, int]] = []
-        self._window = [0] * 11
+        self._first_bytes = 0  # of memory, at the first look
         self._has_seen_renderer = False
         self._next_look_ns = 0
         self._detail: Sequence[Any] = ()  # of the latest renderer: height, width and backend
         self._cached: tuple[str, Any, int, int] | None = None
         self._cached_slot: list[int] = []
-        self.is_observing, self._observing_since_ns = True, 0  # until the first step, all is seen
+        self.is_observing = True  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
         with contextlib.suppress(OSError):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
@@ -345,17 +345,10 @@ class CallClock:
 
     # While steps are timed
 
-    def observe(self, is_observing: bool, now_ns: int) -> None:
+    def observe(self, is_observing: bool) -> None:
         """Note that steps are timed from now on, or no longer; write what was timed."""
         self.write()
-        if self.is_observing and self._observing_since_ns:
-            self._window[1] += now_ns - self._observing_since_ns
-        if not self._window[4]:
-            self._window[4] = now_ns
-        self._window[5] = now_ns
-        self._observing_since_ns = now_ns if is_observing else 0
         self.is_observing = is_observing
-        SLOT.pack_into(self._map, WINDOW, *self._window)
 
     def enter(self, data: int, frame: FrameType, now_ns: int) -> None:
         """Note that a step of an MjData begins, which no other thread may step meanwhile."""
@@ -378,7 +371,9 @@ class CallClock:
             self.look_for_warnings(data, frame, now_ns)
             if now_ns >= self._next_look_ns:
                 self._next_look_ns = now_ns + LOOK_NS
-                self._window[6 if self._window[7] else 7] = _resident_bytes()
+                latest_bytes = _resident_bytes()
+                self._first_bytes = self._first_bytes or latest_bytes
+                MEMORY.pack_into(self._map, 0, self._first_bytes, latest_bytes)
                 self._keep_state(model, data)
 
     def look_for_halves(self, model: Any, frame: FrameType | None) -> bool:

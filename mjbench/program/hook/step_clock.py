@@ -325,7 +325,7 @@ class StepClock:
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
         self._burst_begin_ns = self._now_ns()
-        self._calls.observe(True, self._burst_begin_ns)
+        self._calls.observe(True)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
             self._collections = self._collections_ns = self._longest_collection_ns = 0
@@ -397,9 +397,9 @@ class StepClock:
         if used > CAPACITY - 2 * BURST_CALLS:
             self._to_pass = sys.maxsize
         self._planned_to_pass = self._to_pass
-        self._calls.observe(False, end_ns)
+        self._calls.observe(False)
         self._calls.look(model, data, frame, end_ns)
-        self._calls.observe(not self._to_pass, self._now_ns())
+        self._calls.observe(not self._to_pass)
         if self._to_pass and period_ns < FASTEST_PASSED_NS:
             self._go_away()
         self._write_header()
@@ -593,7 +593,7 @@ class StepClock:
             self._calls.look_for_warnings(latest, None, self._last_ns)
         self._end_turns(None, self._last_ns)
         if self._calls.is_observing and self._last_ns:
-            self._calls.observe(False, self._last_ns)
+            self._calls.observe(False)
         self._burst_calls = 0
         self._write_header()
 
