@@ -1,6 +1,6 @@
 """What the step clock noted: how long steps and iterations take, and what the clock cost.
 
-`hook/step_clock.py` writes the files, and defines their format.
+`hook/step_clock.py` writes the files; `hook/step_file.py` defines their format.
 """
 
 import contextlib
@@ -13,7 +13,7 @@ import numpy as np
 
 from mjbench.errors import InputError
 from mjbench.loop import engine_stages
-from mjbench.program.hook import step_clock
+from mjbench.program.hook import step_file
 
 # The longest of the engine's timers, as a share of the time of the same steps. The program may have
 # reset the timers in some of them.
@@ -134,9 +134,9 @@ def read_headers(folder: Path) -> dict[int, Header]:
     headers = {}
     for file in folder.glob("*.steps"):
         with file.open("rb") as stream:
-            head = stream.read(step_clock.HEADER.size)
-        if len(head) == step_clock.HEADER.size:
-            header = Header(*step_clock.HEADER.unpack(head))
+            head = stream.read(step_file.HEADER.size)
+        if len(head) == step_file.HEADER.size:
+            header = Header(*step_file.HEADER.unpack(head))
             headers[header.pid] = header
     return headers
 
@@ -152,12 +152,12 @@ def read(file: Path, timers: Mapping[str, int]) -> StepTimes:
       InputError: the file is not one of the step clock.
     """
     with file.open("rb") as stream:
-        head = stream.read(step_clock.FIRST_RECORD)
-    if len(head) < step_clock.FIRST_RECORD:
+        head = stream.read(step_file.FIRST_RECORD)
+    if len(head) < step_file.FIRST_RECORD:
         raise InputError(f"{file.name} is not a file of the step clock")
-    header = Header(*step_clock.HEADER.unpack_from(head, 0))
-    seconds = step_clock.TIMERS.unpack_from(head, step_clock.HEADER.size)
-    stored = np.memmap(file, dtype=_RECORDS, mode="r", offset=step_clock.FIRST_RECORD)
+    header = Header(*step_file.HEADER.unpack_from(head, 0))
+    seconds = step_file.TIMERS.unpack_from(head, step_file.HEADER.size)
+    stored = np.memmap(file, dtype=_RECORDS, mode="r", offset=step_file.FIRST_RECORD)
     return step_times(header, np.array(stored[: _used(stored)]), seconds, timers)
 
 
@@ -177,10 +177,10 @@ def step_times(
       timer_s: seconds by the engine's timers.
       timers: indices of the engine's timers, by name.
     """
-    burst = np.cumsum(records["kind"] == step_clock.BURST)
-    is_step = records["kind"] == step_clock.STEP
+    burst = np.cumsum(records["kind"] == step_file.BURST)
+    is_step = records["kind"] == step_file.STEP
     steps, step_burst = records[is_step], burst[is_step]
-    is_iteration = records["kind"] == step_clock.ITERATION
+    is_iteration = records["kind"] == step_file.ITERATION
     of_environment = bool(is_iteration.any())
     turns = is_iteration if of_environment else is_step & (records["nstep"] > 0)
     last_ns = max(header.last_ns, int(steps["end"].max(initial=0)))

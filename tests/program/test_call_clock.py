@@ -12,7 +12,7 @@ import pytest
 
 from mjbench.program import calls, recorded_models, step_times
 from mjbench.program.activities import Activity
-from mjbench.program.hook import call_clock
+from mjbench.program.hook import call_clock, slow_functions, watch
 
 HOOK = Path(call_clock.__file__).parent
 
@@ -31,6 +31,16 @@ class Clock:
 @pytest.fixture
 def clock(tmp_path):
     return call_clock.CallClock(str(tmp_path), Clock())
+
+
+@pytest.fixture
+def looks(clock, tmp_path):
+    return watch.Watch(str(tmp_path), clock)
+
+
+@pytest.fixture
+def slow(clock, looks):
+    return slow_functions.SlowFunctions(clock, looks)
 
 
 def read(folder):
@@ -80,11 +90,11 @@ def test_more_lines_than_slots_share_the_last_one(clock, tmp_path, monkeypatch):
     assert [call.callee for call in read(tmp_path).calls] == ["a"]
 
 
-def test_two_threads_in_one_simulation_are_an_incident(clock, tmp_path):
+def test_two_threads_in_one_simulation_are_an_incident(looks, tmp_path):
     frame = sys._getframe()
-    clock.enter(7, frame, 1)
-    clock.enter(7, frame, 2)
-    other = threading.Thread(target=lambda: clock.enter(7, frame, 3))
+    looks.enter(7, frame, 1)
+    looks.enter(7, frame, 2)
+    other = threading.Thread(target=lambda: looks.enter(7, frame, 3))
     other.start()
     other.join()
     assert [(each.name, each.count) for each in read(tmp_path).incidents] == [
@@ -92,45 +102,33 @@ def test_two_threads_in_one_simulation_are_an_incident(clock, tmp_path):
     ]
 
 
-def test_a_simulation_that_one_thread_leaves_another_may_step(clock, tmp_path):
+def test_a_simulation_that_one_thread_leaves_another_may_step(looks, tmp_path):
     frame = sys._getframe()
-    clock.enter(7, frame, 1)
-    clock.leave(7)
-    other = threading.Thread(target=lambda: clock.enter(7, frame, 3))
+    looks.enter(7, frame, 1)
+    looks.leave(7)
+    other = threading.Thread(target=lambda: looks.enter(7, frame, 3))
     other.start()
     other.join()
     assert read(tmp_path).incidents == []
 
 
-def test_warnings_count_from_the_last_look_on(clock, tmp_path):
+def test_warnings_count_from_the_last_look_on(looks, tmp_path):
     (tmp_path / "engine.json").write_text('{"warnings": {"0": "INERTIA", "1": "BADQACC"}}')
     frame = sys._getframe()
     data = SimpleNamespace(warning=SimpleNamespace(number=np.array([0, 2])))
-    clock.look_for_warnings(data, frame, 1)
-    clock.look_for_warnings(data, frame, 2)
+    looks.look_for_warnings(data, frame, 1)
+    looks.look_for_warnings(data, frame, 2)
     data.warning.number[:] = 0, 1  # reset, and one more
-    clock.look_for_warnings(data, frame, 3)
+    looks.look_for_warnings(data, frame, 3)
     incidents = read(tmp_path).incidents
     assert {each.name for each in incidents} == {"BADQACC"}
     assert sum(each.count for each in incidents) == 3
 
 
-def test_what_jax_compiles_inside_another_function_counts_once(clock, tmp_path):
-    *trace, compiled = call_clock._JAX_EVENTS
-    clock._now_ns = iter((10_000_000, 12_000_000, 20_000_000)).__next__
-    clock.note_jax(trace[0], 0.004)  # from 6 to 10 ms, inside the next
-    clock.note_jax(trace[0], 0.010)  # from 2 to 12 ms
-    clock.note_jax(compiled, 0.005)
-    clock.note_jax("/jax/another/event", 9.0)
-    found = read(tmp_path).calls
-    assert sum(call.seconds for call in found) == pytest.approx(0.015)
-    assert sum(call.calls for call in found) == 1
-
-
-def test_rollout_counts_steps_of_all_simulations(clock, tmp_path):
+def test_rollout_counts_steps_of_all_simulations(slow, tmp_path):
     module = ModuleType("rollout")
     module.rollout = lambda model, data, state: (np.zeros((8, 5, 3)), None)
-    clock.install_rollout(module)
+    slow.install_rollout(module)
     model, data = object(), object()
     module.rollout(model, data, None)
     module.rollout(model, data=[data, data], state=None)
@@ -140,7 +138,7 @@ def test_rollout_counts_steps_of_all_simulations(clock, tmp_path):
     assert single.is_step
 
 
-def test_a_batch_counts_the_simulations_that_it_steps(clock, tmp_path):
+def test_a_batch_counts_the_simulations_that_it_steps(slow, tmp_path):
     class Batch:
         nsim = 16
 
@@ -152,7 +150,7 @@ def test_a_batch_counts_the_simulations_that_it_steps(clock, tmp_path):
 
     module = ModuleType("batch")
     module.Batch = Batch
-    clock.install_batch(module)
+    slow.install_batch(module)
     batch = Batch()
     batch.step()
     batch.step([1, 2], nstep=3)
@@ -246,5 +244,5 @@ def test_models_and_states_are_written_for_later(observed):
     _, folder = observed
     (model,) = recorded_models.read_all(folder)
     assert len(model.mjb) > 1000
-    assert 1 <= len(model.states) <= call_clock.MAX_STATES
+    assert 1 <= len(model.states) <= watch.MAX_STATES
     assert np.isfinite(model.states).all()

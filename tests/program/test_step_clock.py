@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mjbench.program import step_times
-from mjbench.program.hook import call_clock, step_clock
+from mjbench.program.hook import call_clock, pacing, step_clock, step_file, watch
 
 CALL_NS, BETWEEN_NS = 40_000, 10_000
 
@@ -60,7 +60,8 @@ def started(tmp_path):
     """Return a step clock, the fake clock, the module, and the calls that reached the engine."""
     fake, calls = FakeClock(), []
     of_calls = call_clock.CallClock(str(tmp_path), now_ns=fake)
-    clock = step_clock.StepClock(str(tmp_path), of_calls, now_ns=fake, processor_ns=fake)
+    looks = watch.Watch(str(tmp_path), of_calls, fake)
+    clock = step_clock.StepClock(str(tmp_path), of_calls, looks, now_ns=fake, processor_ns=fake)
     module = engine(fake, calls)
     clock.install(module)
     clock.timed_ns = clock.cold_ns = clock.passed_ns = 0
@@ -114,23 +115,25 @@ def test_bursts_cost_no_more_than_their_share(started):
     steps = read(started)
     assert len(started.calls) == count
     assert steps.nstep == pytest.approx(count, rel=0.05)
-    limit = step_clock.MAX_COST_SHARE + step_clock.FREE_COST_NS / (count * CALL_NS)
+    limit = pacing.MAX_COST_SHARE + pacing.FREE_COST_NS / (count * CALL_NS)
     assert 0 < steps.cost_share <= 1.1 * limit
 
 
 def test_time_in_which_others_have_the_core_earns_no_bursts(tmp_path, monkeypatch):
-    monkeypatch.setattr(step_clock, "FREE_COST_NS", 0)
+    monkeypatch.setattr(pacing, "FREE_COST_NS", 0)
     timed = []
     for share in (1.0, 0.25):
         fake, calls = FakeClock(), []
         folder = tmp_path / str(share)
         folder.mkdir()
         of_calls = call_clock.CallClock(str(folder), fake)
-        clock = step_clock.StepClock(str(folder), of_calls, "", fake, lambda: int(share * fake()))  # noqa: B023
+        looks = watch.Watch(str(folder), of_calls, fake)
+        processor = lambda: int(share * fake())  # noqa: B023, E731
+        clock = step_clock.StepClock(str(folder), of_calls, looks, "", fake, processor)
         module = engine(fake, calls)
         clock.install(module)
         clock.timed_ns = clock.cold_ns = CALL_NS // 100
-        for _ in range(400 * step_clock.BURST_CALLS):
+        for _ in range(400 * pacing.BURST_CALLS):
             module.mj_step(*simulation())
         timed.append(clock._calls_timed)
     assert timed[1] == pytest.approx(timed[0] / 4, rel=0.1)
@@ -154,17 +157,17 @@ def test_what_a_call_costs_the_program_is_learned_from_its_bursts(started):
 
 def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
     monkeypatch.setattr(step_clock, "FASTEST_PASSED_NS", 2 * CALL_NS)
-    monkeypatch.setattr(step_clock, "FREE_COST_NS", 0)
+    monkeypatch.setattr(pacing, "FREE_COST_NS", 0)
     model, data = simulation()
     started.clock.timed_ns = started.clock.cold_ns = CALL_NS
     original = started.clock._originals["mj_step"]
-    for _ in range(step_clock.BURST_CALLS):
+    for _ in range(pacing.BURST_CALLS):
         started.module.mj_step(model, data)
         started.fake.spend(CALL_NS // 2)
     assert started.module.mj_step is original
     started.module.mj_resetData(model, data)
     assert started.module.mj_step is original, "its cost is not earned back yet"
-    started.fake.spend(int(step_clock.BURST_CALLS * CALL_NS / step_clock.MAX_COST_SHARE))
+    started.fake.spend(int(pacing.BURST_CALLS * CALL_NS / pacing.MAX_COST_SHARE))
     started.module.mj_resetData(model, data)
     assert started.module.mj_step is not original
     steps = read(started)
@@ -176,7 +179,7 @@ def test_fast_calls_are_left_alone_until_a_reset(started, monkeypatch):
 def test_the_engines_timers_give_stages(started):
     model, data = simulation()
     names = {"STEP": 0, "POS_KINEMATICS": 1, "CONSTRAINT": 2}
-    for _ in range(step_clock.BURST_CALLS):
+    for _ in range(pacing.BURST_CALLS):
         started.module.mj_step(model, data)
         data.timer.duration += np.array([1.0, 0.25, 0.5]) * 1e-9 * CALL_NS
     started.clock.end()
@@ -190,7 +193,7 @@ def test_the_engines_timers_give_stages(started):
 @pytest.mark.parametrize("share", [2.0, 1e-6])
 def test_timers_without_a_clock_give_no_stages(started, share):
     model, data = simulation()
-    for _ in range(step_clock.BURST_CALLS):
+    for _ in range(pacing.BURST_CALLS):
         started.module.mj_step(model, data)
         data.timer.duration += share * 1e-9 * CALL_NS
     started.clock.end()
@@ -201,7 +204,7 @@ def test_timers_without_a_clock_give_no_stages(started, share):
 def test_timers_that_the_program_resets_are_left_out(started):
     model, data = simulation()
     data.timer.duration += 5.0
-    for _ in range(step_clock.BURST_CALLS):
+    for _ in range(pacing.BURST_CALLS):
         started.module.mj_step(model, data)
         data.timer.duration[:] = 0.0
     assert read(started).stages == {}
@@ -243,19 +246,19 @@ def test_collections_count_from_the_first_step(started):
 
 
 def test_the_file_never_overflows(started, monkeypatch):
-    monkeypatch.setattr(step_clock, "CAPACITY", 4 * step_clock.BURST_CALLS)
+    monkeypatch.setattr(step_file, "CAPACITY", 4 * pacing.BURST_CALLS)
     model, data = simulation()
-    for _ in range(20 * step_clock.BURST_CALLS):
+    for _ in range(20 * pacing.BURST_CALLS):
         started.module.mj_step(model, data)
     steps = read(started)
-    assert 0 < steps.step.count <= 4 * step_clock.BURST_CALLS
+    assert 0 < steps.step.count <= 4 * pacing.BURST_CALLS
 
 
 def test_a_thread_has_iterations_of_its_own():
     header = step_times.Header(1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    rows = [(step_clock.BURST, 1, 0, 0, 0, 0)]
+    rows = [(step_file.BURST, 1, 0, 0, 0, 0)]
     rows += [
-        (step_clock.STEP, thread, begin, begin + 10, 1, 0)
+        (step_file.STEP, thread, begin, begin + 10, 1, 0)
         for begin, thread in zip(range(0, 400, 100), itertools.cycle((1, 2)), strict=False)
     ]
     records = np.array(rows, dtype=step_times._RECORDS)
@@ -314,7 +317,7 @@ def test_tracebacks_do_not_show_the_clock(tmp_path):
     done, _ = program(tmp_path, STEPS + "\nmujoco.mj_step(1)")
     assert done.returncode == 1
     assert "TypeError" in done.stderr
-    assert "step_clock" not in done.stderr
+    assert "hook" not in done.stderr
 
 
 def test_what_a_program_does_with_the_engines_functions_works_as_before(tmp_path):
@@ -347,7 +350,7 @@ def test_an_endless_recursion_is_reported_as_without_the_clock(tmp_path):
 
 def test_what_follows_the_last_step_does_not_count(started):
     model, data = simulation()
-    for _ in range(step_clock.BURST_CALLS + 5):
+    for _ in range(pacing.BURST_CALLS + 5):
         started.module.mj_step(model, data)
     started.fake.spend(10**12)
     assert read(started).steps_per_s == pytest.approx(1e9 / CALL_NS, rel=0.01)

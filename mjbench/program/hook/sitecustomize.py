@@ -1,6 +1,6 @@
 """Python imports this at start, before the user's program, where its folder is on PYTHONPATH.
 
-It starts the step clock, and then imports the `sitecustomize` that Python would have found
+It starts the clocks, and then imports the `sitecustomize` that Python would have found
 otherwise. Whatever goes wrong here must not reach the program.
 """
 
@@ -8,29 +8,22 @@ import importlib
 import importlib.util
 import os
 import sys
-from typing import Any
 
 
 def _start() -> None:
-    """Start the step clock, in the folder that `mjbench run` names."""
+    """Start the clocks, in the folder that `mjbench run` names."""
     here = os.path.dirname(os.path.abspath(__file__))
     sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
     folder = os.environ.get("MJBENCH_STEP_CLOCK")
     if folder:
-        calls = _load(here, "call_clock").CallClock(folder)
-        _load(here, "step_clock").start(folder, calls, os.environ.get("MJBENCH_CHANGE", ""))
-
-
-def _load(folder: str, name: str) -> Any:
-    """Load a module of this folder; the program's environment may hold another mjbench."""
-    spec = importlib.util.spec_from_file_location(
-        f"mjbench_{name}", os.path.join(folder, f"{name}.py")
-    )
-    assert spec is not None and spec.loader is not None, "it is a Python file"
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[f"mjbench_{name}"] = module
-    spec.loader.exec_module(module)
-    return module
+        # by another name: the program's environment may hold another mjbench
+        spec = importlib.util.spec_from_file_location(
+            "mjbench_hook", os.path.join(here, "__init__.py"), submodule_search_locations=[here]
+        )
+        assert spec is not None and spec.loader is not None, "it is a package"
+        sys.modules["mjbench_hook"] = importlib.util.module_from_spec(spec)
+        start = importlib.import_module("mjbench_hook.start").start
+        start(folder, os.environ.get("MJBENCH_CHANGE", ""))
 
 
 def _import_next() -> None:

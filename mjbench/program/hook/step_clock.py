@@ -8,134 +8,37 @@ process, so they survive any end of the program.
 The clock must cost little. It times bursts of calls; between them, calls pass through. Where even
 that would cost too much, it takes its functions away until the program resets a simulation.
 
-This module runs in the user's program, in any environment: it needs the standard library alone.
-`mjbench.program.step_times` reads the files.
+`step_file` has the format of the files.
 """
 
-import atexit
 import contextlib
-import faulthandler
 import gc
-import importlib
-import importlib.abc
-import importlib.machinery
-import itertools
-import json
-import mmap
 import os
-import struct
 import sys
 import time
 import weakref
 from _thread import _count as count_threads
-from _thread import get_ident
-from collections.abc import Callable, Sequence
-from types import MethodType, ModuleType
+from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
-# A record: kind, thread, begin and end in ns, steps, timestep in ns.
-RECORD = struct.Struct("<6q")
-# What stands before the records, as `Header` names it.
-HEADER = struct.Struct("<11q")
-# Seconds by the engine's timers, as sums over bursts.
-MAX_TIMERS = 32
-TIMERS = struct.Struct(f"<{MAX_TIMERS}d")
-FIRST_RECORD = HEADER.size + TIMERS.size
-CAPACITY = 1 << 17  # records of a process: 6 MB
+from .call_clock import FAST, STEPS, Burst, CallClock
+from .pacing import BURST_CALLS, Pacer, cold_cost_ns
+from .replaced import engine_function, named_like
+from .step_file import BURST, ITERATION, STEP, StepFile
+from .watch import Watch, write_engine
 
 # What `mjbench run --confirm` has the clock change, to see what it saves.
 NO_ENGINE_CLOCK, NO_COLLECTION = "no-engine-clock", "no-collection"
 
-# Kinds of records.
-STEP, ITERATION, BURST = 1, 2, 3
-
-# Calls of a burst, a prime: bursts end at different places of episodes. What timing them may cost
-# of the program's time; to pass calls through costs a little more, which cannot be spared. The
-# program's processor time is what counts: of two processes that share a core, each is slowed by the
-# clock of both.
-BURST_CALLS, MAX_COST_SHARE = 199, 0.003
-# What it may cost in any case, so that a fast loop is timed for more than a moment.
-FREE_COST_NS = 10_000_000
 # Bursts from which the cost of a timed call is learned, and times the calibrated cost at most.
 _MOST_COSTS, _MOST_COST = 15, 5
 # Calls that follow each other faster are left alone for most of the time: even to pass them through
 # would cost more than `MAX_COST_SHARE`.
 FASTEST_PASSED_NS = 5_000
 CALIBRATION_CALLS = 2000
-# Calls of the calibration with cold caches, and bytes that are read before each: what a core's own
-# caches hold.
-COLD_CALLS, COLD_BYTES = 200, 1 << 20
-
-_STEPPING = ("mj_step", "mj_step1", "mj_step2")
 _RESETS = ("mj_resetData", "mj_resetDataKeyframe")
-# Methods that begin a step of an environment: module, class, method.
-_ENVIRONMENTS = (
-    ("gymnasium.envs.mujoco.mujoco_env", "MujocoEnv", "do_simulation"),
-    ("dm_control.rl.control", "Environment", "step"),
-    ("dm_control.composer.environment", "Environment", "step"),
-    ("robosuite.environments.base", "MujocoEnv", "step"),
-)
-
 _NONE = object()  # stands for an argument that is not given
-_HERE = os.path.dirname(os.path.abspath(__file__))
-_now_ns, _processor_ns = time.perf_counter_ns, time.process_time_ns
-# Of a thread's identifier, so that it fits a record.
-_THREAD_BITS = 2**63 - 1
-
-
-class StepFile:
-    """The file of one process."""
-
-    def __init__(self, folder: str) -> None:
-        self._folder = folder
-        self.open()
-
-    def open(self) -> None:
-        """Begin the file of this process; a forked process begins its own."""
-        path = os.path.join(self._folder, f"{os.getpid()}.steps")
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
-        try:
-            size = FIRST_RECORD + CAPACITY * RECORD.size
-            os.ftruncate(descriptor, size)
-            if hasattr(os, "posix_fallocate"):
-                # writing to a file without space would end the program
-                os.posix_fallocate(descriptor, 0, size)
-            self._map = mmap.mmap(descriptor, 0)
-        finally:
-            os.close(descriptor)
-        self._next = itertools.count().__next__
-        self._timers = [0.0] * MAX_TIMERS
-
-    def close(self) -> None:
-        """Write no more records."""
-        self._map = mmap.mmap(-1, FIRST_RECORD)
-        self._next = itertools.repeat(CAPACITY).__next__
-
-    def write(self, kind: int, begin_ns: int, end_ns: int, nstep: int, timestep_ns: int) -> int:
-        """Write a record; return how many there are now."""
-        slot = self._next()
-        if slot < CAPACITY:
-            RECORD.pack_into(
-                self._map,
-                FIRST_RECORD + slot * RECORD.size,
-                kind,
-                get_ident() & _THREAD_BITS,
-                begin_ns,
-                end_ns,
-                nstep,
-                timestep_ns,
-            )
-        return slot + 1
-
-    def write_header(self, *values: int) -> None:
-        """Write what stands before the records, in the order of `step_times.Header`."""
-        HEADER.pack_into(self._map, 0, *values)
-
-    def add_timers(self, seconds: Sequence[float]) -> None:
-        """Add seconds by the engine's timers to their sums."""
-        for i, value in enumerate(seconds[:MAX_TIMERS]):
-            self._timers[i] += value
-        TIMERS.pack_into(self._map, HEADER.size, *self._timers)
 
 
 class StepClock:
@@ -144,23 +47,27 @@ class StepClock:
     def __init__(
         self,
         folder: str,
-        calls: Any,
+        calls: CallClock,
+        watch: Watch,
         change: str = "",
-        now_ns: Callable[[], int] = _now_ns,
-        processor_ns: Callable[[], int] = _processor_ns,
+        now_ns: Callable[[], int] = time.perf_counter_ns,
+        processor_ns: Callable[[], int] = time.process_time_ns,
     ) -> None:
         """Begin the process's file.
 
         Args:
           folder: for the file.
-          calls: the `call_clock.CallClock` of this process.
+          calls: the clock of calls of this process.
+          watch: of its simulations.
           change: to apply, `NO_ENGINE_CLOCK` or `NO_COLLECTION`; "" for none.
           now_ns: the clock.
           processor_ns: the clock of the processor time of this process.
         """
         self._folder, self._change = folder, change
-        self._now_ns, self._processor_ns = now_ns, processor_ns
-        self._file, self._calls = StepFile(folder), calls
+        self._now_ns, self._pacer = now_ns, Pacer(now_ns, processor_ns)
+        self._file, self._calls, self._watch = StepFile(folder), calls, watch
+        self._burst = Burst(calls)
+        calls.before_steps = self._note_first
         self._originals: dict[str, Any] = {}
         self._timed: dict[str, Any] = {}
         self._module: ModuleType | None = None
@@ -172,7 +79,7 @@ class StepClock:
     def _reset_totals(self) -> None:
         """Begin to count: in a new process, everything begins at 0."""
         self._process_ns = self._now_ns()
-        self._begin_clocks()
+        self._pacer.begin()
         self._first_ns = self._last_ns = 0
         self._calls_timed = self._calls_passed = 0
         self._to_pass = self._planned_to_pass = 0
@@ -190,15 +97,6 @@ class StepClock:
         self._collection_begin_ns = 0
         self._write_header()
 
-    def _begin_clocks(self) -> None:
-        """Let the time that bursts may take a share of begin now."""
-        self._start_ns, self._processor_start_ns = self._now_ns(), self._processor_ns()
-
-    def _elapsed_ns(self) -> int:
-        """Return the time of which bursts may take a share."""
-        processor_ns = self._processor_ns() - self._processor_start_ns
-        return min(self._now_ns() - self._start_ns, processor_ns)
-
     def begin_process(self) -> None:
         """Begin anew in a process that was forked; without a file, leave it alone."""
         try:
@@ -208,7 +106,7 @@ class StepClock:
             self._go_away()
             self._module = None
             return
-        self._calls.begin_process()
+        self._burst.begin_process()
         self._reset_totals()
         self._come_back()
 
@@ -217,16 +115,16 @@ class StepClock:
     def install(self, module: ModuleType) -> None:
         """Replace the engine's functions in the module `mujoco`, which was just imported."""
         self._module = module
-        self._write_engine(module)
+        write_engine(self._folder, module)
         if self._change == NO_ENGINE_CLOCK:
             from mjbench.simulation.engine_clock import engine_clock
 
             engine_clock(False)
             self._note_change()
-        for name in _STEPPING:
+        for name in STEPS:
             self._originals[name] = getattr(module, name)
             self._timed[name] = self._timing(self._originals[name], name)
-        for name in filter(lambda name: hasattr(module, name), self._calls.fast_functions):
+        for name in filter(lambda name: hasattr(module, name), FAST):
             self._originals[name] = getattr(module, name)
             self._timed[name] = self._noting(self._originals[name], name)
         self._calibrate()
@@ -235,27 +133,21 @@ class StepClock:
         for name in _RESETS:
             setattr(module, name, self._returning(getattr(module, name)))
 
+    def _note_first(self) -> None:
+        """Note when the program first steps, be it on threads that are not timed."""
+        if not self._first_ns:
+            self._first_ns = self._now_ns()
+            self._write_header()
+
+    def _observe(self, is_observing: bool) -> None:
+        """Note whether steps are timed from now on; write what was timed."""
+        self._burst.write()
+        self._calls.is_observing = is_observing
+
     def _note_change(self) -> None:
         """Leave a note that the change was applied."""
         with open(os.path.join(self._folder, self._change), "w", encoding="utf-8"):
             pass
-
-    def _write_engine(self, module: ModuleType) -> None:
-        """Write the release and the names of its timers and warnings, for those who read them."""
-        timer = getattr(module, "mjtTimer", None)
-        members = getattr(timer, "__members__", {})
-        names = {name.removeprefix("mjTIMER_"): int(value) for name, value in members.items()}
-        warnings = getattr(getattr(module, "mjtWarning", None), "__members__", {})
-        engine = {
-            "version": getattr(module, "__version__", ""),
-            "timers": names,
-            "warnings": {
-                int(value): name.removeprefix("mjWARN_") for name, value in warnings.items()
-            },
-        }
-        path = os.path.join(self._folder, "engine.json")
-        with open(path, "w", encoding="utf-8") as file:
-            json.dump(engine, file)
 
     def _timing(self, function: Any, name: str) -> Any:
         """Return what stands for a function of the engine: it notes when it begins and ends.
@@ -263,7 +155,8 @@ class StepClock:
         `mj_step1` is the first part of a step, and counts as none.
         """
         now_ns, write, one = self._now_ns, self._file.write, int(name != "mj_step1")
-        calls, get_frame, is_half = self._calls, sys._getframe, name == "mj_step2"
+        add, watch, get_frame = self._burst.add, self._watch, sys._getframe
+        is_half = name == "mj_step2"
 
         # with the names that the engine gives its arguments: collecting any into a tuple and a
         # dictionary would take as long again
@@ -280,39 +173,39 @@ class StepClock:
                 self._change_simulation(m, d, frame)
             self._latest = m, d
             if is_half and not self._halves_seen:
-                self._halves_seen = calls.look_for_halves(m, frame)
+                self._halves_seen = watch.look_for_halves(m, frame)
             has_threads = count_threads()
             begin_ns = now_ns()
             if has_threads:
-                calls.enter(id(d), frame, begin_ns)
+                watch.enter(id(d), frame, begin_ns)
             result = function(m, d) if nstep is _NONE else function(m, d, nstep)
             end_ns = now_ns()
             if has_threads:
-                calls.leave(id(d))
+                watch.leave(id(d))
             count = one if nstep is _NONE else nstep
             used = write(STEP, begin_ns, end_ns, count, self._timestep_ns)
-            calls.add_timed(name, frame, begin_ns, end_ns, count)
+            add(name, frame, begin_ns, end_ns, count)
             self._last_ns = end_ns
             self._burst_calls += 1
             if self._burst_calls == BURST_CALLS:
                 self._end_burst(m, d, frame, end_ns, used)
             return result
 
-        return _replacement(call, function)
+        return engine_function(call, function)
 
     def _noting(self, function: Any, name: str) -> Any:
         """Return what stands for another function of the engine, timed while steps are."""
-        now_ns, calls, get_frame = self._now_ns, self._calls, sys._getframe
+        now_ns, add, get_frame = self._now_ns, self._burst.add, sys._getframe
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
             if self._to_pass:
                 return function(*args, **kwargs)
             begin_ns = now_ns()
             result = function(*args, **kwargs)
-            calls.add_timed(name, get_frame(1), begin_ns, now_ns(), 0)
+            add(name, get_frame(1), begin_ns, now_ns(), 0)
             return result
 
-        return _replacement(call, function)
+        return engine_function(call, function)
 
     def _begin_burst(self, model: Any, data: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
@@ -325,7 +218,7 @@ class StepClock:
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
         self._burst_begin_ns = self._now_ns()
-        self._calls.observe(True)
+        self._observe(True)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
             self._collections = self._collections_ns = self._longest_collection_ns = 0
@@ -349,7 +242,7 @@ class StepClock:
             self._was_left = False
             passed = since_ns // max(1, self._burst_period_ns - self.cold_ns)
         if passed > 0:
-            self._calls.pass_on(passed / BURST_CALLS, until_ns)
+            self._burst.pass_on(passed / BURST_CALLS, until_ns)
 
     def _learn_cost(self, passed_ns: int) -> None:
         """Learn what a timed call costs this program, from what it took between two bursts.
@@ -373,7 +266,7 @@ class StepClock:
         if self._burst_calls == 1 and earlier_model is model:
             self._turns = {id(earlier): earlier}
         if self._turns is None:
-            self._calls.look_for_warnings(earlier, frame, self._now_ns())
+            self._watch.look_for_warnings(earlier, frame, self._now_ns())
         else:
             self._turns[id(data)] = data
 
@@ -388,18 +281,12 @@ class StepClock:
         period_ns = max(1, (end_ns - self._burst_begin_ns) // self._burst_calls)
         self._burst_period_ns = period_ns
         self._burst_calls = 0
-        owed_ns = max(0, self._calls_timed * self.cold_ns - FREE_COST_NS)
-        debt_ns = owed_ns / MAX_COST_SHARE - self._elapsed_ns()
-        by_cost = int(debt_ns / period_ns) if debt_ns > 0 else 0
-        # the fuller the file, the fewer calls have a record: it never overflows
-        by_space = BURST_CALLS * used // max(1, CAPACITY - 2 * BURST_CALLS - used)
-        self._to_pass = max(by_cost, by_space if used > CAPACITY // 2 else 0)
-        if used > CAPACITY - 2 * BURST_CALLS:
-            self._to_pass = sys.maxsize
+        by_cost = self._pacer.calls_to_pass(self._calls_timed * self.cold_ns, period_ns)
+        self._to_pass = max(by_cost, self._file.calls_to_pass(used, BURST_CALLS))
         self._planned_to_pass = self._to_pass
-        self._calls.observe(False)
-        self._calls.look(model, data, frame, end_ns)
-        self._calls.observe(not self._to_pass)
+        self._observe(False)
+        self._watch.look(model, data, frame, end_ns)
+        self._observe(not self._to_pass)
         if self._to_pass and period_ns < FASTEST_PASSED_NS:
             self._go_away()
         self._write_header()
@@ -411,9 +298,9 @@ class StepClock:
             self._latest_data = weakref.ref(self._latest[1])
         self._latest = None, None
         if self._turns is not None:
-            self._calls.note_turns(len(self._turns), frame, now_ns)
+            self._watch.note_turns(len(self._turns), frame, now_ns)
             for data in self._turns.values():
-                self._calls.look_for_warnings(data, frame, now_ns)
+                self._watch.look_for_warnings(data, frame, now_ns)
             self._turns = None
 
     def _passed(self) -> int:
@@ -422,9 +309,6 @@ class StepClock:
 
     def _cost_ns(self) -> int:
         return self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
-
-    def _has_earned_bursts(self) -> bool:
-        return self._cost_ns() - FREE_COST_NS < MAX_COST_SHARE * self._elapsed_ns()
 
     def _go_away(self) -> None:
         """Give the program the engine's own functions, until it resets a simulation."""
@@ -446,38 +330,13 @@ class StepClock:
         """Return what stands for a function that resets a simulation."""
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._is_away and self._has_earned_bursts():
+            if self._is_away and self._pacer.has_earned(self._cost_ns()):
                 self._come_back()
             if self._calls.is_observing and len(args) > 1:
-                self._calls.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
+                self._watch.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
             return function(*args, **kwargs)
 
-        return _replacement(call, function)
-
-    def install_rollout(self, module: ModuleType) -> None:
-        """Note when a program first steps by `mujoco.rollout`, whose threads are not timed."""
-        if hasattr(module, "rollout"):
-            module.rollout = self._beginning(module.rollout)  # type: ignore[attr-defined]
-        if hasattr(module, "Rollout"):
-            module.Rollout.rollout = self._beginning(module.Rollout.rollout)
-
-    def install_batch(self, module: ModuleType) -> None:
-        """Note when a program first steps by `mujoco.batch`."""
-        owner = getattr(module, "Batch", None)
-        for method in ("rollout", "step"):
-            if hasattr(owner, method):
-                setattr(owner, method, self._beginning(getattr(owner, method)))
-
-    def _beginning(self, function: Any) -> Any:
-        """Return what stands for a function that steps on threads: it notes the first call."""
-
-        def call(*args: Any, **kwargs: Any) -> Any:
-            if not self._first_ns:
-                self._first_ns = self._now_ns()
-                self._write_header()
-            return function(*args, **kwargs)
-
-        return _like(call, function)
+        return engine_function(call, function)
 
     def _calibrate(self) -> None:
         """Measure what a call costs that is timed, and one that is passed through."""
@@ -502,31 +361,16 @@ class StepClock:
                 blocks.append((middle_ns - begin_ns) - (end_ns - middle_ns))
             costs.append(max(0, min(blocks)) // (CALIBRATION_CALLS // 5))
         self.timed_ns, self.passed_ns = costs
-        self.cold_ns = max(self.timed_ns, self._cold_cost_ns(call, nothing))
-        self._to_pass = self._burst_calls = 0
+        self._to_pass, self._burst_calls = 0, BURST_CALLS + 1
+        cold_ns = cold_cost_ns(lambda: call(None, None), lambda: nothing(None, None), self._now_ns)
+        self.cold_ns = max(self.timed_ns, cold_ns)
+        self._burst_calls = 0
         self._file.open()  # without the records of the calibration
         self._calls.count_as_own(__file__, False)
         self._calls.begin_process()
-        self._begin_clocks()
+        self._burst.begin_process()
+        self._pacer.begin()
         self._write_header()
-
-    def _cold_cost_ns(self, call: Any, nothing: Any) -> int:
-        """Return what a timed call costs where the caches hold the program's data, not the clock's.
-
-        A step of the engine leaves little of the clock in them.
-        """
-        data = bytes(COLD_BYTES)
-        self._to_pass, self._burst_calls = 0, BURST_CALLS + 1
-        medians = []
-        for function in (call, nothing):
-            durations = []
-            for _ in range(COLD_CALLS):
-                data.count(1)  # reads them all
-                begin_ns = self._now_ns()
-                function(None, None)
-                durations.append(self._now_ns() - begin_ns)
-            medians.append(sorted(durations)[COLD_CALLS // 2])
-        return medians[0] - medians[1]
 
     # Environments and garbage collection
 
@@ -543,7 +387,7 @@ class StepClock:
                 self._file.write(ITERATION, begin_ns, begin_ns, 0, 0)
             return original(*args, **kwargs)
 
-        setattr(owner, method, _like(call, original))
+        setattr(owner, method, named_like(original, call))
 
     def note_collection(self, phase: str, info: Any) -> None:
         """Note how long a garbage collection takes; Python calls this at its start and stop."""
@@ -590,54 +434,12 @@ class StepClock:
         self._calls_timed += self._burst_calls
         latest = self._latest[1] if self._latest_data is None else self._latest_data()
         if latest is not None:
-            self._calls.look_for_warnings(latest, None, self._last_ns)
+            self._watch.look_for_warnings(latest, None, self._last_ns)
         self._end_turns(None, self._last_ns)
         if self._calls.is_observing and self._last_ns:
-            self._calls.observe(False)
+            self._observe(False)
         self._burst_calls = 0
         self._write_header()
-
-
-class _MuJoCo:
-    """What replacements are methods of; other processes that read one have their own instead."""
-
-    def __reduce__(self) -> tuple[Callable[[str], ModuleType], tuple[str]]:
-        """Return how to get the module `mujoco`, which has the replacement as an attribute."""
-        return importlib.import_module, ("mujoco",)
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what `mujoco` has, as a copy of a method asks for it."""
-        return getattr(sys.modules["mujoco"], name)
-
-    def __repr__(self) -> str:
-        return "mujoco"
-
-
-def _replacement(call: Any, function: Any) -> Any:
-    """Return what stands for a function of the engine; `call` has one more argument, the first.
-
-    It is a method that has its object already, so it does not become one of a class that has it as
-    an attribute, as the engine's function does not. To call an object of a class of our own would
-    take half as long again.
-    """
-    _copy_names(function, call)
-    call.__module__ = "mujoco"
-    return MethodType(call, _MuJoCo())
-
-
-def _copy_names(function: Any, replacement: Any) -> None:
-    """Give a replacement the name and documentation of what it stands for."""
-    for name in ("__name__", "__qualname__", "__doc__", "__module__"):
-        value = getattr(function, name, None)
-        if value is not None:
-            setattr(replacement, name, value)
-    replacement.__wrapped__ = function
-
-
-def _like(call: Any, function: Any) -> Any:
-    """Return a method that stands for another."""
-    _copy_names(function, call)
-    return call
 
 
 def _timestep_ns(model: Any) -> int:
@@ -654,127 +456,3 @@ def _timers(data: Any) -> list[float] | None:
         return [float(value) for value in data.timer.duration]
     except (AttributeError, TypeError):
         return None
-
-
-class _AfterImport(importlib.abc.MetaPathFinder):
-    """Calls a function with a module of a certain name, once that was imported."""
-
-    def __init__(self, actions: dict[str, Callable[[ModuleType], None]]) -> None:
-        self._actions = actions
-
-    def find_spec(
-        self, fullname: str, path: Any, target: Any = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        """Return another finder's module, whose loader calls the function afterwards."""
-        if fullname not in self._actions:
-            return None
-        for finder in sys.meta_path:
-            if finder is self or not hasattr(finder, "find_spec"):
-                continue
-            spec = finder.find_spec(fullname, path, target)
-            if spec is not None:
-                _call_after(spec, fullname, self._actions)
-                return spec
-        return None
-
-
-def _call_after(
-    spec: importlib.machinery.ModuleSpec,
-    name: str,
-    actions: dict[str, Callable[[ModuleType], None]],
-) -> None:
-    """Let the loader of a module call its function once the module was executed."""
-    loader = spec.loader
-    execute = getattr(loader, "exec_module", None)
-    if execute is None:
-        return
-
-    def exec_module(module: ModuleType) -> None:
-        execute(module)
-        action = actions.pop(name, None)  # only once: a module may be looked for without import
-        try:
-            if action is not None:
-                action(module)
-        except Exception as error:
-            print(f"mjbench: steps are not timed: {error}", file=sys.stderr)
-
-    try:
-        loader.exec_module = exec_module  # type: ignore[union-attr, method-assign]
-    except AttributeError:  # a loader that takes no attributes
-        return
-
-
-def _hide_from_tracebacks() -> None:
-    """Let what an uncaught exception prints leave out the clock's own frames."""
-    earlier = sys.excepthook
-
-    def report(kind: type[BaseException], error: BaseException, frames: Any) -> None:
-        earlier(kind, error, _without_own(frames))
-
-    sys.excepthook = report
-    import threading
-
-    earlier_of_threads = threading.excepthook
-
-    def report_of_thread(arguments: Any) -> None:
-        error = arguments.exc_value
-        if error is not None:
-            error = error.with_traceback(_without_own(error.__traceback__))
-            arguments = threading.ExceptHookArgs(
-                (arguments.exc_type, error, error.__traceback__, arguments.thread)
-            )
-        earlier_of_threads(arguments)
-
-    threading.excepthook = report_of_thread
-
-
-def _without_own(frames: Any) -> Any:
-    """Return a traceback without the frames of the clocks."""
-    rest = []
-    while frames is not None:
-        if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
-            rest.append(frames)
-        frames = frames.tb_next
-    for frame, following in zip(rest, [*rest[1:], None], strict=True):
-        frame.tb_next = following
-    return rest[0] if rest else None
-
-
-def start(folder: str, calls: Any, change: str = "") -> StepClock:
-    """Start the clock of this process, and of those that it forks; see `StepClock`."""
-    clock = StepClock(folder, calls, change)
-
-    def environment(class_name: str, method: str) -> Callable[[ModuleType], None]:
-        return lambda module: clock.install_environment(module, class_name, method)
-
-    def both(
-        first: Callable[[ModuleType], None], second: Callable[[ModuleType], None]
-    ) -> Callable[[ModuleType], None]:
-        def action(module: ModuleType) -> None:
-            first(module)
-            second(module)
-
-        return action
-
-    actions: dict[str, Callable[[ModuleType], None]] = {
-        "mujoco": both(clock.install, both(calls.install, calls.install_callbacks)),
-        "mujoco.rollout": both(clock.install_rollout, calls.install_rollout),
-        "mujoco.batch": both(clock.install_batch, calls.install_batch),
-        "mujoco.mjx": calls.install_mjx,
-        "jax": calls.install_jax,
-        "multiprocessing.process": calls.install_processes,
-    }
-    for module_name, class_name, method in _ENVIRONMENTS:
-        actions[module_name] = environment(class_name, method)
-    sys.meta_path.insert(0, _AfterImport(actions))
-    gc.callbacks.append(clock.note_collection)
-    _hide_from_tracebacks()
-    if not faulthandler.is_enabled():
-        # a file of its own, in which a crash leaves the line that the program was at
-        path = os.path.join(folder, f"{os.getpid()}.fault")
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        faulthandler.enable(os.open(path, flags, 0o600), all_threads=False)
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=clock.begin_process)
-    atexit.register(clock.end)
-    return clock

@@ -1,0 +1,250 @@
+"""What a program spends on JAX: compilation, calls of compiled functions, waits and transfers.
+
+JAX itself says how long it traces and compiles. The other calls are timed in bursts, like steps.
+Only what `jax.jit` returns to the user's own code is replaced, not what packages compile.
+"""
+
+import contextlib
+import operator
+import os
+import sys
+import time
+from _thread import get_ident
+from collections.abc import Callable, Mapping, Sequence
+from types import FrameType, MethodType, ModuleType
+from typing import Any
+
+from .call_clock import COMPILE, DEVICE_WAIT, DISPATCH, TRACE, TRANSFER, Burst, CallClock
+from .pacing import BURST_CALLS, Pacer, cold_cost_ns
+from .replaced import named_like
+
+# What JAX calls its events, and the callee that each belongs to.
+_EVENTS = {
+    "/jax/core/compile/jaxpr_trace_duration": TRACE,
+    "/jax/core/compile/jaxpr_to_mlir_module_duration": TRACE,
+    "/jax/core/compile/backend_compile_duration": COMPILE,
+}
+# Functions that are compiled within each other.
+_MOST_NESTED = 100
+# A burst also ends after this time: calls that are this slow need not be passed through.
+_BURST_NS = 100_000_000
+# Methods of an array that wait until it is computed, and copy it to Python.
+_WAITING_METHODS = (
+    "__array__",
+    "__bool__",
+    "__complex__",
+    "__float__",
+    "__index__",
+    "__int__",
+    "block_until_ready",
+    "item",
+    "tolist",
+)
+
+
+class JaxFunctions:
+    """Times the calls of JAX in this process."""
+
+    def __init__(
+        self,
+        calls: CallClock,
+        now_ns: Callable[[], int] = time.perf_counter_ns,
+        processor_ns: Callable[[], int] = time.process_time_ns,
+    ) -> None:
+        """Replace nothing yet.
+
+        Args:
+          calls: the clock of calls of this process.
+          now_ns: the clock.
+          processor_ns: the clock of the processor time of this process.
+        """
+        self._calls, self._now_ns = calls, now_ns
+        self._pacer, self._burst = Pacer(now_ns, processor_ns), Burst(calls)
+        self.cost_ns = 0  # of a timed call
+        self.begin_process()
+
+    def begin_process(self) -> None:
+        """Begin anew, in a process that was forked."""
+        self._burst.begin_process()
+        self._pacer.begin()
+        self._compilations: list[tuple[int, int]] = []
+        self._compiled_ns: dict[int, int] = {}  # by thread
+        self.to_pass = self._planned_to_pass = 0
+        self._calls_timed = self._burst_calls = self._latest_calls = 0
+        self._burst_begin_ns = self._burst_end_ns = self._period_ns = 0
+
+    def install(self, module: ModuleType) -> None:
+        """Replace functions of the module `jax`, which was just imported, and of NumPy."""
+        import numpy
+        from jax import monitoring
+
+        monitoring.register_event_duration_secs_listener(self.note_event)
+        self._calibrate()
+        module.jit = self._jit(module.jit)  # type: ignore[attr-defined]
+        array_type = type(module.numpy.zeros(()))
+        for name in _WAITING_METHODS:
+            with contextlib.suppress(AttributeError, TypeError):
+                setattr(array_type, name, self._timed(getattr(array_type, name), DEVICE_WAIT))
+        for name in ("block_until_ready", "device_get"):
+            setattr(module, name, self._timed(getattr(module, name), DEVICE_WAIT))
+        module.device_put = self._timed(module.device_put, TRANSFER)  # type: ignore[attr-defined]
+        for name in ("asarray", "array"):
+            # NumPy reads an array that is in the host's memory without calling its methods
+            self._replace_conversion(numpy, name, DEVICE_WAIT, lambda kind: kind is array_type)
+            self._replace_conversion(module.numpy, name, TRANSFER, _is_of_host)
+
+    def _replace_conversion(
+        self, module: Any, name: str, callee: str, is_meant: Callable[[type], bool]
+    ) -> None:
+        """Time a function that makes an array of its first argument, if that is of some types."""
+        function = getattr(module, name)
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            if not args or not is_meant(type(args[0])):
+                return function(*args, **kwargs)
+            return self.count(function, args, kwargs, callee, sys._getframe(1))
+
+        setattr(module, name, named_like(function, call))
+
+    def _timed(self, function: Any, callee: str) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            return self.count(function, args, kwargs, callee, sys._getframe(1))
+
+        return named_like(function, call)
+
+    def _jit(self, jit: Any) -> Any:
+        """Return what stands for `jax.jit`: in the user's own code, calls of its result count."""
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            result = jit(*args, **kwargs)
+            if not self._calls.owns(sys._getframe(1).f_code.co_filename):
+                return result
+            if hasattr(result, "lower"):
+                return CompiledFunction(result, self)
+            if not args:  # it returns a decorator
+                return lambda function: CompiledFunction(result(function), self)
+            return result
+
+        return named_like(jit, call)
+
+    def count(
+        self,
+        function: Any,
+        args: Sequence[Any],
+        kwargs: Mapping[str, Any],
+        callee: str,
+        frame: FrameType,
+    ) -> Any:
+        """Call a function, timed in bursts; calls inside another that is timed are part of it."""
+        if self.to_pass:
+            self.to_pass -= 1
+            return function(*args, **kwargs)
+        thread, calls = get_ident(), self._calls
+        if thread in calls.inside:
+            return function(*args, **kwargs)
+        if not self._burst_calls:
+            self._begin_burst()
+        calls.inside.add(thread)
+        compiled_ns = self._compiled_ns.get(thread, 0)
+        begin_ns = self._now_ns()
+        try:
+            return function(*args, **kwargs)
+        finally:
+            end_ns = self._now_ns()
+            calls.inside.discard(thread)
+            # what was compiled meanwhile counts as that
+            begin_ns += self._compiled_ns.get(thread, 0) - compiled_ns
+            self._burst.add(callee, frame, min(begin_ns, end_ns), end_ns, 0)
+            self._burst_calls += 1
+            if self._burst_calls >= BURST_CALLS or end_ns - self._burst_begin_ns > _BURST_NS:
+                self._end_burst(end_ns)
+
+    def _begin_burst(self) -> None:
+        if self._planned_to_pass:
+            self._burst.pass_on(self._planned_to_pass / self._latest_calls)
+            self._planned_to_pass = 0
+        self._burst_begin_ns = self._now_ns()
+
+    def _end_burst(self, end_ns: int) -> None:
+        """End a burst: decide how many calls to pass through until the next one."""
+        self._burst.write()
+        self._calls_timed += self._burst_calls
+        self._latest_calls, self._burst_calls = self._burst_calls, 0
+        self._period_ns = max(1, (end_ns - self._burst_begin_ns) // self._latest_calls)
+        cost_ns = self._calls_timed * self.cost_ns
+        self.to_pass = self._pacer.calls_to_pass(cost_ns, self._period_ns)
+        self._planned_to_pass, self._burst_end_ns = self.to_pass, end_ns
+
+    def end(self) -> None:
+        """Write what the last burst left; called when the process ends by itself."""
+        passed = self._planned_to_pass - self.to_pass
+        if passed:
+            until_ns = min(self._burst_end_ns + passed * self._period_ns, self._now_ns())
+            self._burst.pass_on(passed / self._latest_calls, until_ns)
+            self._planned_to_pass = self.to_pass
+        self._burst.write()
+
+    def _calibrate(self) -> None:
+        """Measure what a timed call costs, on a clock without a file."""
+        calls = CallClock(os.devnull, self._now_ns)
+        calls.count_as_own(__file__, True)
+        scratch = JaxFunctions(calls, self._now_ns, lambda: 0)
+
+        def nothing() -> None:
+            return None
+
+        timed = scratch._timed(nothing, DISPATCH)
+        self.cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
+
+    def note_event(self, event: str, seconds: float, **_: Any) -> None:
+        """Count what JAX says that it did; what happened inside it was counted already."""
+        if event not in _EVENTS:
+            return
+        end_ns = self._now_ns()
+        begin_ns = end_ns - int(1e9 * seconds)
+        inner_ns = sum(ns for begin, ns in self._compilations if begin >= begin_ns)
+        earlier = [each for each in self._compilations[-_MOST_NESTED:] if each[0] < begin_ns]
+        self._compilations = [*earlier, (begin_ns, end_ns - begin_ns)]
+        thread, own_ns = get_ident(), end_ns - begin_ns - inner_ns
+        self._compiled_ns[thread] = self._compiled_ns.get(thread, 0) + own_ns
+        self._calls.add(_EVENTS[event], sys._getframe(1), begin_ns + inner_ns, end_ns)
+
+
+class CompiledFunction:
+    """A function that `jax.jit` has returned: each call counts, and all else is the function's."""
+
+    def __init__(self, function: Any, clock: JaxFunctions) -> None:
+        """Stand for a function."""
+        # as attributes of its own, for those who look for them without asking for them
+        names = [name for name in dir(function) if not name.startswith("__")]
+        vars(self).update({name: getattr(function, name) for name in names})
+        named_like(function, self)
+        self.__wrapped__ = getattr(function, "__wrapped__", function)
+        self._function, self._clock = function, clock
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Call the function."""
+        if self._clock.to_pass:  # as in `count`, without another call
+            self._clock.to_pass -= 1
+            return self._function(*args, **kwargs)
+        return self._clock.count(self._function, args, kwargs, DISPATCH, sys._getframe(1))
+
+    def __get__(self, owner: Any, kind: Any = None) -> Any:
+        """Return a method, where the function is an attribute of a class."""
+        return self if owner is None else MethodType(self, owner)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the function has."""
+        return getattr(object.__getattribute__(self, "_function"), name)
+
+    def __reduce__(self) -> Any:
+        """Let copies, and other processes, have the function itself."""
+        return operator.attrgetter("_function"), (self,)
+
+    def __repr__(self) -> str:
+        return repr(self._function)
+
+
+def _is_of_host(kind: type) -> bool:
+    """Return whether values of a type are no arrays of JAX."""
+    return not kind.__module__.startswith(("jax", "jaxlib"))

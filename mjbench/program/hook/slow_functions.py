@@ -1,0 +1,181 @@
+"""Functions of MuJoCo that take much longer than a step: each call is timed."""
+
+import contextlib
+import os
+from collections.abc import Mapping, Sequence
+from types import FrameType, ModuleType
+from typing import Any
+
+from .call_clock import (
+    CALLBACKS,
+    COPY_OF_DATA,
+    EAGER_MJX,
+    PROCESS_START,
+    SOFTWARE_GL,
+    THREADED_ROLLOUT,
+    CallClock,
+)
+from .replaced import named_like
+from .watch import Watch
+
+# Methods: class of the module `mujoco`, method, callee.
+_METHODS = (
+    ("MjData", "__init__", "MjData"),
+    ("MjData", "__copy__", COPY_OF_DATA),
+    ("MjData", "__deepcopy__", COPY_OF_DATA),
+    ("MjModel", "__copy__", "copy of MjModel"),
+    ("MjModel", "__deepcopy__", "copy of MjModel"),
+    ("MjSpec", "compile", "compile"),
+    ("MjSpec", "recompile", "compile"),
+    ("Renderer", "__init__", "Renderer"),
+    ("Renderer", "update_scene", "update_scene"),
+    ("Renderer", "render", "render"),
+)
+_CONSTRUCTORS = (
+    ("MjModel", "from_xml_path"),
+    ("MjModel", "from_xml_string"),
+    ("MjModel", "from_binary_path"),
+    ("MjSpec", "from_file"),
+    ("MjSpec", "from_string"),
+)
+# What OpenGL calls itself where the processor draws.
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
+_GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2", "libOSMesa.so.8")
+_GL_RENDERER = 0x1F01
+
+
+class SlowFunctions:
+    """Replaces the slow functions of MuJoCo in this process."""
+
+    def __init__(self, calls: CallClock, watch: Watch) -> None:
+        """Replace nothing yet."""
+        self._calls, self._watch = calls, watch
+        self._has_seen_renderer = False
+
+    def install(self, module: ModuleType) -> None:
+        """Replace methods and callbacks in the module `mujoco`, which was just imported."""
+        for class_name, method, callee in _METHODS:
+            self._replace(getattr(module, class_name, None), method, callee)
+        for class_name, method in _CONSTRUCTORS:
+            self._replace(getattr(module, class_name, None), method, method, staticmethod)
+        for name in CALLBACKS:
+            setter = getattr(module, f"set_{name}", None)
+            if setter is not None:
+                setattr(module, f"set_{name}", self._setting(setter, name))
+
+    def _replace(self, owner: Any, method: str, callee: str, kind: Any = lambda call: call) -> None:
+        original = getattr(owner, method, None)
+        if original is None:
+            return
+        before = self._keep_copied if callee == COPY_OF_DATA else None
+        detail = self._look_at_renderer if callee == "Renderer" else None
+        with contextlib.suppress(AttributeError, TypeError):
+            timed = self._calls.slow(original, callee, before=before, detail=detail)
+            setattr(owner, method, kind(timed))
+
+    def _keep_copied(self, args: Sequence[Any]) -> None:
+        self._watch.keep_state(args[0].model, args[0], "copied")
+
+    def _setting(self, setter: Any, name: str) -> Any:
+        """Return what stands for a function that sets a callback."""
+
+        def set_callback(function: Any) -> Any:
+            has_code = hasattr(function, "__code__")
+            return setter(self._calls.callback(function, name) if has_code else function)
+
+        return named_like(setter, set_callback)
+
+    def _look_at_renderer(self, args: Sequence[Any], frame: FrameType | None) -> Sequence[Any]:
+        """Return the size of a renderer's images; note whether the processor draws them."""
+        if not self._has_seen_renderer and hasattr(os, "RTLD_NOLOAD"):
+            self._has_seen_renderer = True
+            if _draws_in_software():
+                self._calls.note(SOFTWARE_GL, frame)
+        return [args[0].height, args[0].width, os.environ.get("MUJOCO_GL", "")]
+
+    def install_processes(self, module: ModuleType) -> None:
+        """Time how long the start of a process takes."""
+        self._replace(module.BaseProcess, "start", PROCESS_START)
+
+    def install_rollout(self, module: ModuleType) -> None:
+        """Time `mujoco.rollout`, whose steps count as those of all simulations."""
+        if hasattr(module, "rollout"):
+            original, slow = module.rollout, self._calls.slow
+            timed = slow(original, "rollout", _rollout_steps)
+            threaded = slow(original, THREADED_ROLLOUT, _rollout_steps)
+
+            def call(*args: Any, **kwargs: Any) -> Any:
+                data: Any = kwargs.get("data", args[1] if len(args) > 1 else None)
+                is_list = isinstance(data, (list, tuple)) and len(data) > 0
+                with contextlib.suppress(Exception):
+                    model = args[0] if args else kwargs["model"]
+                    first = model[0] if isinstance(model, (list, tuple)) else model
+                    self._watch.keep_state(first, data[0] if is_list else data)
+                has_threads = is_list and len(data) > 1
+                return (threaded if has_threads else timed)(*args, **kwargs)
+
+            module.rollout = named_like(original, call)  # type: ignore[attr-defined]
+        if hasattr(module, "Rollout"):
+            timed = self._calls.slow(module.Rollout.rollout, "Rollout.rollout", _rollout_steps)
+            module.Rollout.rollout = timed
+
+    def install_batch(self, module: ModuleType) -> None:
+        """Time `mujoco.batch`."""
+        owner = getattr(module, "Batch", None)
+        for method, steps in (("rollout", _batch_rollout_steps), ("step", _batch_steps)):
+            original = getattr(owner, method, None)
+            if original is not None:
+                setattr(owner, method, self._calls.slow(original, f"Batch.{method}", steps))
+
+    def install_mjx(self, module: ModuleType) -> None:
+        """Count steps of MJX that run outside a compiled function."""
+        original = getattr(module, "step", None)
+        if original is None:
+            return
+        timed = self._calls.slow(original, EAGER_MJX)
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            positions = (getattr(each, "qpos", each) for each in args[1:2])
+            is_traced = any("Tracer" in type(each).__name__ for each in positions)
+            return (original if is_traced else timed)(*args, **kwargs)
+
+        module.step = named_like(original, call)  # type: ignore[attr-defined]
+
+
+def _draws_in_software() -> bool:
+    """Return whether the library of OpenGL that the program has loaded draws on the processor."""
+    import ctypes
+
+    for library in _GL_LIBRARIES:
+        with contextlib.suppress(OSError, AttributeError):
+            loaded = ctypes.CDLL(library, mode=os.RTLD_NOLOAD | os.RTLD_LAZY)
+            loaded.glGetString.restype = ctypes.c_char_p
+            name = (loaded.glGetString(_GL_RENDERER) or b"").decode(errors="replace").lower()
+            if any(each in name for each in _SOFTWARE):
+                return True
+    return False
+
+
+def _rollout_steps(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> tuple[int, int]:
+    """Return the steps of one simulation and of all, from the states that rollout returns."""
+    shape = result[0].shape
+    nstep = int(shape[-2])
+    return nstep, nstep * int(shape[0] if len(shape) == 3 else 1)
+
+
+def _batch_rollout_steps(
+    args: Sequence[Any], kwargs: Mapping[str, Any], result: Any
+) -> tuple[int, int]:
+    nstep = int(kwargs["nstep"] if "nstep" in kwargs else args[1])
+    return nstep, nstep * _batch_size(args, kwargs, 5)
+
+
+def _batch_steps(args: Sequence[Any], kwargs: Mapping[str, Any], result: Any) -> tuple[int, int]:
+    nstep = int(kwargs.get("nstep", args[2] if len(args) > 2 else 1))
+    return nstep, nstep * _batch_size(args, kwargs, 1)
+
+
+def _batch_size(args: Sequence[Any], kwargs: Mapping[str, Any], place: int) -> int:
+    """Return how many simulations of a batch a call steps; `ids` may name them."""
+    ids = kwargs.get("ids", args[place] if len(args) > place else None)
+    return int(args[0].nsim) if ids is None else len(ids)

@@ -1,0 +1,75 @@
+"""Start the clocks in the user's program, and in the processes that it forks."""
+
+import atexit
+import faulthandler
+import gc
+import os
+import sys
+from collections.abc import Callable
+from types import ModuleType
+
+from . import tracebacks
+from .call_clock import CallClock
+from .jax_functions import JaxFunctions
+from .replaced import AfterImport
+from .slow_functions import SlowFunctions
+from .step_clock import StepClock
+from .watch import Watch
+
+# Methods that begin a step of an environment: module, class, method.
+_ENVIRONMENTS = (
+    ("gymnasium.envs.mujoco.mujoco_env", "MujocoEnv", "do_simulation"),
+    ("dm_control.rl.control", "Environment", "step"),
+    ("dm_control.composer.environment", "Environment", "step"),
+    ("robosuite.environments.base", "MujocoEnv", "step"),
+)
+
+
+def start(folder: str, change: str = "") -> None:
+    """Start the clocks.
+
+    Args:
+      folder: for their files.
+      change: that the step clock applies; "" for none.
+    """
+    calls = CallClock(folder)
+    watch = Watch(folder, calls)
+    steps, slow, of_jax = (
+        StepClock(folder, calls, watch, change),
+        SlowFunctions(calls, watch),
+        JaxFunctions(calls),
+    )
+
+    def install(module: ModuleType) -> None:
+        steps.install(module)
+        slow.install(module)
+
+    def environment(class_name: str, method: str) -> Callable[[ModuleType], None]:
+        return lambda module: steps.install_environment(module, class_name, method)
+
+    def begin_process() -> None:
+        for clock in (calls, watch, steps, of_jax):
+            clock.begin_process()
+
+    actions: dict[str, Callable[[ModuleType], None]] = {
+        "mujoco": install,
+        "mujoco.rollout": slow.install_rollout,
+        "mujoco.batch": slow.install_batch,
+        "mujoco.mjx": slow.install_mjx,
+        "jax": of_jax.install,
+        "multiprocessing.process": slow.install_processes,
+    }
+    for module_name, class_name, method in _ENVIRONMENTS:
+        actions[module_name] = environment(class_name, method)
+    sys.meta_path.insert(0, AfterImport(actions))
+    gc.callbacks.append(steps.note_collection)
+    tracebacks.hide_clocks()
+    if not faulthandler.is_enabled():
+        # a file of its own, in which a crash leaves the line that the program was at
+        path = os.path.join(folder, f"{os.getpid()}.fault")
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+        faulthandler.enable(os.open(path, flags, 0o600), all_threads=False)
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=begin_process)
+    for clock in (steps, of_jax):
+        atexit.register(clock.end)

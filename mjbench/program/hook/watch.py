@@ -1,0 +1,147 @@
+"""What only a run shows: warnings, shared simulations, memory, and states of the models."""
+
+import contextlib
+import json
+import mmap
+import os
+import sys
+import time
+from _thread import get_ident
+from collections.abc import Callable
+from types import FrameType, ModuleType
+from typing import Any
+
+from .call_clock import HALVES, IN_TURN, SHARED_DATA, WARNING, CallClock
+
+# States of a model that are noted, to measure other calls on; models, and bytes of one.
+MAX_STATES, MAX_MODELS, MAX_MODEL_BYTES = 4, 4, 64 << 20
+# Between two looks at the memory of the process and the state of the simulation.
+LOOK_NS = 100_000_000
+
+
+class Watch:
+    """Looks at the simulations of this process while they are stepped."""
+
+    def __init__(
+        self, folder: str, calls: CallClock, now_ns: Callable[[], int] = time.perf_counter_ns
+    ) -> None:
+        """Begin to watch.
+
+        Args:
+          folder: for models and states.
+          calls: that count what is seen.
+          now_ns: the clock.
+        """
+        self._folder, self._calls, self._now_ns = folder, calls, now_ns
+        self.begin_process()
+
+    def begin_process(self) -> None:
+        """Begin anew, in a process that was forked."""
+        self._active: dict[int, int] = {}  # thread by the MjData that it steps
+        self._warnings: dict[int, list[int]] = {}
+        # number by model, and how many states of each kind were written
+        self._models: dict[int, tuple[int, dict[str, int]]] = {}
+        self._first_bytes = 0  # of memory, at the first look
+        self._next_look_ns = 0
+
+    def enter(self, data: int, frame: FrameType, now_ns: int) -> None:
+        """Note that a step of an MjData begins, which no other thread may step meanwhile."""
+        thread = get_ident()
+        if self._active.get(data, thread) != thread:
+            self._calls.add(SHARED_DATA, frame, now_ns, now_ns)
+        self._active[data] = thread
+
+    def leave(self, data: int) -> None:
+        """Note that the step ended."""
+        self._active.pop(data, None)
+
+    def note_turns(self, simulations: int, frame: FrameType, now_ns: int) -> None:
+        """Note that a burst of steps was of several simulations in turn."""
+        self._calls.add(IN_TURN, frame, now_ns, now_ns, all_steps=simulations)
+
+    def look(self, model: Any, data: Any, frame: FrameType | None, now_ns: int) -> None:
+        """Look at a simulation after a burst of steps, and at the process from time to time."""
+        with contextlib.suppress(Exception):
+            self.look_for_warnings(data, frame, now_ns)
+            if now_ns >= self._next_look_ns:
+                self._next_look_ns = now_ns + LOOK_NS
+                latest_bytes = _resident_bytes()
+                self._first_bytes = self._first_bytes or latest_bytes
+                self._calls.write_memory(self._first_bytes, latest_bytes)
+                self.keep_state(model, data)
+
+    def look_for_halves(self, model: Any, frame: FrameType | None) -> bool:
+        """Note, and return, whether halves of a step run a model that asks for Runge-Kutta."""
+        with contextlib.suppress(Exception):
+            module = sys.modules["mujoco"]
+            if model.opt.integrator == int(module.mjtIntegrator.mjINT_RK4):
+                now_ns = self._now_ns()
+                self._calls.add(HALVES, frame, now_ns, now_ns)
+                return True
+        return False
+
+    def look_for_warnings(self, data: Any, frame: FrameType | None, now_ns: int) -> None:
+        """Count warnings of a simulation since the last look, at the line that steps it."""
+        numbers = getattr(getattr(data, "warning", None), "number", None)
+        if numbers is None or (not numbers.any() and id(data) not in self._warnings):
+            return
+        numbers = [int(number) for number in numbers]
+        earlier = self._warnings.get(id(data))
+        if earlier is None:
+            earlier = [0] * len(numbers)
+        for kind, (number, before) in enumerate(zip(numbers, earlier, strict=True)):
+            more = number - before if number >= before else number  # it was reset meanwhile
+            if more > 0:
+                self._calls.add(f"{WARNING} {kind}", frame, now_ns, now_ns, calls=more)
+        self._warnings[id(data)] = numbers
+
+    def keep_state(self, model: Any, data: Any, kind: str = "states") -> None:
+        """Write a model once, and a few of its states, or of those that the program copies."""
+        if id(model) not in self._models and len(self._models) == MAX_MODELS:
+            return
+        number, states = self._models.setdefault(id(model), (len(self._models), {}))
+        if states.get(kind, 0) >= MAX_STATES:
+            return
+        module = sys.modules["mujoco"]
+        if module.mj_sizeModel(model) > MAX_MODEL_BYTES:
+            states[kind] = MAX_STATES
+            return
+        import numpy as np
+
+        spec = module.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(module.mj_stateSize(model, spec))
+        path = os.path.join(self._folder, f"{os.getpid()}.{number}")
+        if not states:
+            module.mj_saveModel(model, f"{path}.mjb", None)
+            with open(f"{path}.count", "w", encoding="utf-8") as sizes:
+                sizes.write(str(state.size))
+        get_state = module.mj_getState
+        getattr(get_state, "__wrapped__", get_state)(model, data, state, spec)
+        with open(f"{path}.{kind}", "ab") as file:
+            file.write(state.tobytes())
+        states[kind] = states.get(kind, 0) + 1
+
+
+def _resident_bytes() -> int:
+    """Return the memory of this process; 0 where the system does not say."""
+    try:
+        with open("/proc/self/statm", "rb") as file:
+            return int(file.read().split()[1]) * mmap.PAGESIZE
+    except OSError:
+        return 0
+
+
+def write_engine(folder: str, module: ModuleType) -> None:
+    """Write the release and the names of its timers and warnings, for those who read them."""
+    timer = getattr(module, "mjtTimer", None)
+    members = getattr(timer, "__members__", {})
+    names = {name.removeprefix("mjTIMER_"): int(value) for name, value in members.items()}
+    warnings = getattr(getattr(module, "mjtWarning", None), "__members__", {})
+    engine = {
+        "version": getattr(module, "__version__", ""),
+        "timers": names,
+        "warnings": {int(value): name.removeprefix("mjWARN_") for name, value in warnings.items()},
+    }
+    path = os.path.join(folder, "engine.json")
+    with open(path, "w", encoding="utf-8") as file:
+        json.dump(engine, file)
