@@ -50,6 +50,12 @@ class Activity(enum.StrEnum):
     """`MjData(model)`, copies of one, and states that are read or set as a whole."""
     COMPILING = "compiling by JAX"
     """JAX traces, lowers and compiles a function."""
+    DISPATCH = "calling compiled functions of JAX"
+    """JAX starts what a function computes; on a processor, it may compute it meanwhile."""
+    DEVICE_WAIT = "waiting for JAX"
+    """Until an array is computed, and copied to the host."""
+    TRANSFER = "transfers to the device"
+    """JAX copies arrays of the host."""
     REST = "the rest"
     """What is no call that is timed, where too few samples say what else it is."""
 
@@ -122,7 +128,8 @@ _STANDARD_THREADS = re.compile(r"^(threading|queue|concurrent/futures/(thread|_b
 _STANDARD_WAITING = re.compile(r"^(selectors|socket|asyncio/\w+)\.py$")
 _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
-_CLOCKS = ("program/hook/step_clock.py", "program/hook/call_clock.py")
+_CLOCKS = re.compile(r"program/hook/\w+\.py$")
+_CLOCK_OF_JAX = "program/hook/jax_functions.py"
 # What a line of Python does that calls libraries, where their stacks were not read.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
@@ -160,8 +167,8 @@ def _by_line(python: Sequence[Frame]) -> Activity | None:
     if not python:
         return None
     frame = python[-1]
-    if frame.file.endswith(_CLOCKS):
-        return Activity.PHYSICS
+    if _CLOCKS.search(frame.file):
+        return Activity.DISPATCH if frame.file.endswith(_CLOCK_OF_JAX) else Activity.PHYSICS
     text = source_line(frame.file, frame.line)
     return next((activity for pattern, activity in _LINES if pattern.search(text)), None)
 
@@ -264,7 +271,7 @@ def _by_python(python: Sequence[Frame], library: Sequence[Frame]) -> Activity | 
         return Activity.THREADS
     if library and library[0].function in ("write", "__write", "fsync", "open", "openat"):
         return Activity.LOGGING
-    if python[-1].file.endswith(_CLOCKS):
+    if _CLOCKS.search(python[-1].file):
         return Activity.BINDINGS if _interpreter(library) else Activity.PHYSICS
     return None
 
@@ -321,4 +328,4 @@ def is_engine_clock(stack: Sequence[Frame]) -> bool:
 
 def is_step_clock(frame: Frame) -> bool:
     """Return whether a frame is of the clocks, which stand for functions of the engine."""
-    return frame.is_python and frame.file.endswith(_CLOCKS)
+    return frame.is_python and _CLOCKS.search(frame.file) is not None

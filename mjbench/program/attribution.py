@@ -73,7 +73,7 @@ def loop_times(
 
 def _stepping(times: Sequence[LoopTime], pids: Collection[int]) -> list[LoopTime]:
     """Return the loops that step, but short ones; with those that wait while other processes do."""
-    stepping = [time for time in times if time.has_physics or time.is_timed(Activity.COMPILING)]
+    stepping = [time for time in times if time.has_physics or time.runs_jax]
     seen = {pid for time in stepping for pid in time.pids}
     for pid in sorted(set(pids) - seen):
         of_process = [time for time in times if pid in time.pids]

@@ -43,6 +43,7 @@ class CallRemedy:
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
       keeps_first: whether one call remains.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
+      overlaps: whether the rest of the loop could run meanwhile: no more than that rest is saved.
     """
 
     callees: tuple[str, ...]
@@ -53,6 +54,7 @@ class CallRemedy:
     needs_finding: bool = False
     keeps_first: bool = False
     is_bound: bool = False
+    overlaps: bool = False
 
 
 # What to do about a call in a loop. A call that stands in none of them is what the program is for.
@@ -96,12 +98,32 @@ CALL_REMEDIES = (
         keeps_first=True,
     ),
     CallRemedy(
-        callees=(call_clock.COMPILE,),
+        callees=(call_clock.COMPILE, call_clock.TRACE),
         text="JAX compiles {count} times here: call jax.jit once, before the loop, and give what"
         " varies as an argument",
         effect="nothing but rounding",
         codes=("MJB013",),
         keeps_first=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.DISPATCH,),
+        text="{count} calls of a compiled function: compile the loop itself, by jax.lax.scan over"
+        " steps that follow each other, or jax.vmap over independent ones",
+        effect="nothing but rounding",
+        is_bound=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.DEVICE_WAIT,),
+        text="{count} waits for JAX: keep arrays on the device, and wait for or convert results once"
+        " after the loop (jax.block_until_ready, np.asarray, float)",
+        is_bound=True,
+        overlaps=True,
+    ),
+    CallRemedy(
+        callees=(call_clock.TRANSFER,),
+        text="{count} transfers to the device: create the arrays there, or transfer them once before"
+        " the loop",
+        is_bound=True,
     ),
     CallRemedy(
         callees=(call_clock.THREADED_ROLLOUT,),
@@ -228,6 +250,9 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             if saved is not None:
                 whole = [*calls, *_beside(loop, remedy.trial)]
                 gain, basis = saved * _stands_for(loop, whole), Basis.PAIRED
+        if remedy.overlaps:
+            waits = [call for call in loop.calls if call.callee in remedy.callees]
+            gain = min(gain, 1 - _share(loop, waits))
         if remedy.keeps_first and count > 1:
             gain *= 1 - 1 / count
         text = finding.message if finding is not None else remedy.text

@@ -24,7 +24,10 @@ _ACTIVITIES: Mapping[str, Activity] = {
     **dict.fromkeys(("from_xml_path", "from_xml_string", "from_binary_path"), Activity.LOADING),
     **dict.fromkeys(("from_file", "from_string", "compile"), Activity.LOADING),
     **dict.fromkeys(("Renderer", "update_scene", "render"), Activity.RENDERING),
-    call_clock.COMPILE: Activity.COMPILING,
+    **dict.fromkeys((call_clock.TRACE, call_clock.COMPILE), Activity.COMPILING),
+    call_clock.DISPATCH: Activity.DISPATCH,
+    call_clock.DEVICE_WAIT: Activity.DEVICE_WAIT,
+    call_clock.TRANSFER: Activity.TRANSFER,
     call_clock.PROCESS_START: Activity.PROCESSES,
 }
 # What the clock notes that is no call.
@@ -41,7 +44,8 @@ class CallTime:
       thread: as Python numbers it.
       place: the line.
       loop: the outermost loop that runs it; None where none does.
-      calls: how many; where steps were timed in bursts, with an estimate of those between them.
+      calls: how many; where they were timed in bursts, with an estimate of those between them. What
+        JAX traces counts with what it compiles.
       seconds: that they took; likewise.
       first_ns: when the first began that was timed, on the clock of `time.perf_counter_ns`.
       last_ns: when the last ended that was timed.
@@ -78,6 +82,11 @@ class CallTime:
     def is_callback(self) -> bool:
         """Whether it is a Python function that MuJoCo calls in a step."""
         return self.callee.startswith(call_clock.CALLBACK)
+
+    @property
+    def is_of_jax(self) -> bool:
+        """Whether JAX does it."""
+        return self.callee in (call_clock.TRACE, call_clock.COMPILE, *call_clock.FAST_JAX)
 
     @property
     def is_step(self) -> bool:
@@ -179,8 +188,8 @@ def _read(file: Path, header: Header | None, warnings: Mapping[int, str]) -> Pro
             incidents.append(Incident(site["callee"], place, simulations))
         else:
             call = _call_time(int(file.stem), site["callee"], site["thread"], slot, stack)
-            if site.get("frame"):
-                height, width, backend = site["frame"]
+            if site.get("detail"):
+                height, width, backend = site["detail"]
                 call = replace(call, frame=(int(height), int(width)), backend=str(backend))
             calls.append(call)
             slots_of_calls.append(slot)
@@ -271,7 +280,7 @@ def _estimated(
 def _is_fast(callee: str) -> bool:
     """Return whether calls are timed only while steps are."""
     return (
-        callee in call_clock.FAST
+        callee in (*call_clock.FAST, *call_clock.FAST_JAX)
         or callee in call_clock.STEPS
         or callee.startswith(call_clock.CALLBACK)
     )

@@ -92,6 +92,11 @@ class LoopTime:
         """Whether the engine was seen in it."""
         return Activity.PHYSICS in self.activities
 
+    @property
+    def runs_jax(self) -> bool:
+        """Whether JAX compiles in it, or calls what it has compiled."""
+        return self.is_timed(Activity.COMPILING) or self.is_timed(Activity.DISPATCH)
+
     def error(self, share: float) -> float:
         """Return the standard error of a share, as that of a binomial proportion."""
         return math.sqrt(max(0.0, share * (1 - share)) / max(1, self.samples))

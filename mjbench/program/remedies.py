@@ -49,7 +49,15 @@ _READS_VIEWS = re.compile(
 # Activities that are changed line by line; each of the others, but physics, is one thing to change.
 _OF_LINES = {Activity.PYTHON, Activity.BINDINGS, Activity.NUMPY, Activity.ALLOCATION}
 # Activities that are no cost by themselves, or whose calls have remedies of their own.
-_OF_CALLS = {Activity.PHYSICS, Activity.COPYING, Activity.COMPILING, Activity.REST}
+_OF_CALLS = {
+    Activity.PHYSICS,
+    Activity.COPYING,
+    Activity.COMPILING,
+    Activity.DISPATCH,
+    Activity.DEVICE_WAIT,
+    Activity.TRANSFER,
+    Activity.REST,
+}
 
 
 def remedies(

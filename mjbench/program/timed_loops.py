@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
-from mjbench.program.hook.call_clock import COMPILE
+from mjbench.program.hook.call_clock import COMPILE, DISPATCH
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
 from mjbench.program.source_loops import SourceLoop
 
@@ -26,7 +26,7 @@ def with_calls(
     for loop, of_loop in by_loop.items():
         if loop in times:
             times[loop] = _timed(times[loop], of_loop)
-        elif any(call.is_step or call.callee == COMPILE for call in of_loop):
+        elif any(call.is_step or call.callee in (COMPILE, DISPATCH) for call in of_loop):
             times[loop] = _timed(_unsampled(loop, of_loop, main_pid), of_loop)
     return list(times.values())
 

@@ -1,6 +1,7 @@
 """What `mjbench run` prints: what to do first, and where the program's time goes."""
 
 import signal
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -8,7 +9,8 @@ from rich.console import Console
 
 from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
-from mjbench.program.activities import Activity
+from mjbench.program.activities import Activity, Place
+from mjbench.program.calls import CallTime
 from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
@@ -139,8 +141,10 @@ def _first(time: LoopTime, remedy: Remedy) -> str:
         return f"{remedy.text}{place}: {saved}"
     assert remedy.gain is not None, "wrong results come before"
     if remedy.basis == Basis.BOUND:
-        share = f"{percent(remedy.gain)} of the loop in {where(time)}"
-        return f"{remedy.activity}{place}: {share}; {remedy.text}"
+        share = remedy.gain if remedy.share is None else remedy.share
+        text = f"{remedy.activity}{place}: {percent(share)} of the loop in {where(time)}"
+        at_most = f"; that saves at most {percent(remedy.gain)}" if remedy.gain < share else ""
+        return f"{text}; {remedy.text}{at_most}"
     # the timer is read in all steps, and takes a part of them
     is_part = remedy.share is None or remedy.kind == RemedyKind.CLOCK
     now = "" if is_part else f" {percent(remedy.share or 0.0)} of the loop now;"
@@ -205,6 +209,7 @@ def _print_loop(out: Console, report: LoopReport, wall_s: float) -> None:
                     table.add_row(f"  {package or 'your code'}", percent(of_package), "", "")
     out.print(table)
     _print_lines(out, time)
+    _print_jax(out, time)
 
 
 def _print_remedies(out: Console, listed: Sequence[Remedy]) -> None:
@@ -254,6 +259,25 @@ def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> 
         text = line.place.text
         shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
         table.add_row(str(line.place), percent(line.share), str(line.main_activity), shown)
+    out.print(table)
+
+
+def _print_jax(out: Console, time: LoopTime) -> None:
+    """Print what calls of JAX take, by line."""
+    parts: dict[tuple[Place, str], list[CallTime]] = defaultdict(list)
+    for call in time.calls:
+        if call.is_of_jax:
+            parts[call.place, call.callee].append(call)
+    if not parts:
+        return
+    table = tables.plain_table(["line that calls JAX", "", "calls", "each", "share"], (2, 3, 4))
+    seconds = {key: sum(call.seconds for call in calls) for key, calls in parts.items()}
+    for key in sorted(parts, key=lambda key: -seconds[key])[:_MOST_LINES]:
+        place, callee = key
+        count = round(sum(call.calls for call in parts[key]))
+        each = duration(1e9 * seconds[key] / count) if count else ""
+        share = percent(seconds[key] / time.seconds)
+        table.add_row(str(place), callee, f"{count:,}" if count else "", each, share)
     out.print(table)
 
 

@@ -207,7 +207,10 @@ class JaxFunctions:
         self._compilations = [*earlier, (begin_ns, end_ns - begin_ns)]
         thread, own_ns = get_ident(), end_ns - begin_ns - inner_ns
         self._compiled_ns[thread] = self._compiled_ns.get(thread, 0) + own_ns
-        self._calls.add(_EVENTS[event], sys._getframe(1), begin_ns + inner_ns, end_ns)
+        callee = _EVENTS[event]
+        # a function that is traced and lowered is then compiled, which counts
+        count = int(callee == COMPILE)
+        self._calls.add(callee, sys._getframe(1), begin_ns + inner_ns, end_ns, calls=count)
 
 
 class CompiledFunction:
