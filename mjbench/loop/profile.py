@@ -184,7 +184,7 @@ def measure(
 
 
 @dataclass(frozen=True)
-class _Block:
+class Block:
     """The runs of a block.
 
     Attributes:
@@ -216,8 +216,8 @@ def step(request: LoopRequest, channel: Channel) -> None:
     starts = LoopStarts(model, request.starts, seed=request.seed)
     observation = starts.observation
     nrun = max(1, int(BLOCK_S / (starts.nstep * work.step_s(model))))
-    block = _Block(nrun, starts.nstep, starts.in_turn)
-    stages = _stages(model, block)
+    block = Block(nrun, starts.nstep, starts.in_turn)
+    shares = stages(model, block)
     clock_off = [habits.CLOCK_OFF] if has_clock(model) else []
     loop_ns, engine_ns, *clockless_ns = _step_ns(
         model, block, habits.BARE, habits.ONE_CALL, *clock_off
@@ -229,7 +229,7 @@ def step(request: LoopRequest, channel: Channel) -> None:
             engine_ns=engine_ns,
             clock_ns=loop_ns - clockless_ns[0] if clockless_ns else None,
             work=observation.work,
-            stages=stages,
+            stages=shares,
             warnings=observation.other_warnings(),
             starts=starts.starts,
             run_nstep=block.nstep,
@@ -237,7 +237,7 @@ def step(request: LoopRequest, channel: Channel) -> None:
     )
 
 
-def _step_ns(model: mujoco.MjModel, block: _Block, *of_habits: Habit) -> list[float]:
+def _step_ns(model: mujoco.MjModel, block: Block, *of_habits: Habit) -> list[float]:
     """Return the ns of a step in the loop of each habit, timed in turns: medians over rounds."""
     contenders = []
     for habit in of_habits:
@@ -249,7 +249,7 @@ def _step_ns(model: mujoco.MjModel, block: _Block, *of_habits: Habit) -> list[fl
     return [1e9 * statistics.median(seconds) / nstep for seconds in zip(*rounds, strict=True)]
 
 
-def _stages(model: mujoco.MjModel, block: _Block) -> dict[str, float]:
+def stages(model: mujoco.MjModel, block: Block) -> dict[str, float]:
     """Return the share of a step by stage, from the engine's timers: medians over blocks."""
     timer_s = _timer_s(model, block)
     timers = {name: compat.timer(name) for name in engine_stages.TIMERS}
@@ -258,7 +258,7 @@ def _stages(model: mujoco.MjModel, block: _Block) -> dict[str, float]:
     )
 
 
-def _timer_s(model: mujoco.MjModel, block: _Block) -> np.ndarray:
+def _timer_s(model: mujoco.MjModel, block: Block) -> np.ndarray:
     """Return (ntimer,) seconds by mjtTimer that a block takes: the median over blocks."""
     data, start = mujoco.MjData(model), block.new_start()
     needs_clock = not has_clock(model)

@@ -114,15 +114,15 @@ CALL_REMEDIES = (
     ),
     CallRemedy(
         callees=(call_clock.DEVICE_WAIT,),
-        text="{count} waits for JAX: keep arrays on the device, and wait for or convert results once"
-        " after the loop (jax.block_until_ready, np.asarray, float)",
+        text="{count} waits for JAX: keep arrays on the device, and wait for or convert results"
+        " once after the loop (jax.block_until_ready, np.asarray, float)",
         is_bound=True,
         overlaps=True,
     ),
     CallRemedy(
         callees=(call_clock.TRANSFER,),
-        text="{count} transfers to the device: create the arrays there, or transfer them once before"
-        " the loop",
+        text="{count} transfers to the device: create the arrays there, or transfer them once"
+        " before the loop",
         is_bound=True,
     ),
     CallRemedy(

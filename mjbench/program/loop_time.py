@@ -13,6 +13,8 @@ from mjbench.program.source_loops import SourceLoop
 
 # Fewer samples tell little.
 FEW_SAMPLES = 30
+# A loop of which physics takes this much has little else to change.
+MOSTLY_PHYSICS = 0.8
 # Lines with a smaller share of a loop are left out.
 LEAST_LINE_SHARE = 0.005
 
@@ -91,6 +93,11 @@ class LoopTime:
     def has_physics(self) -> bool:
         """Whether the engine was seen in it."""
         return Activity.PHYSICS in self.activities
+
+    @property
+    def is_mostly_physics(self) -> bool:
+        """Whether the engine takes nearly all of its time."""
+        return self.activities.get(Activity.PHYSICS, 0.0) >= MOSTLY_PHYSICS
 
     @property
     def runs_jax(self) -> bool:

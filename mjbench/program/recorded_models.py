@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 
@@ -24,6 +25,11 @@ class RecordedModel:
     states: np.ndarray
     copied: np.ndarray
     release: str
+
+    def load(self) -> mujoco.MjModel:
+        """Return the model; only MuJoCo of the same release can load it."""
+        name = "model.mjb"
+        return mujoco.MjModel.from_binary_path(name, {name: self.mjb})
 
 
 def read_all(folder: Path) -> Sequence[RecordedModel]:

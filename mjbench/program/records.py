@@ -8,6 +8,7 @@ from mjbench.program import (
     activities,
     attribution,
     call_remedies,
+    physics_cost,
     remedies,
     replacements,
     sampler,
@@ -16,6 +17,7 @@ from mjbench.program import (
 from mjbench.program.activities import Place
 from mjbench.program.launch import Observation
 from mjbench.program.loop_time import LoopTime
+from mjbench.program.physics_cost import PhysicsCost
 from mjbench.program.profiling import ProcessorUse
 from mjbench.program.remedy import Remedy
 from mjbench.program.step_times import StepTimes
@@ -33,6 +35,14 @@ class LoopReport:
 
     time: LoopTime
     remedies: Sequence[Remedy]
+
+
+def _physics(seen: Observation) -> PhysicsCost | None:
+    """Return what costs in the steps of a program."""
+    most = sorted(seen.steps, key=lambda each: -(each.nstep or 0))
+    return physics_cost.measure(
+        seen.models, next((each.stages for each in most if each.stages), {})
+    )
 
 
 def _own_files(times: Sequence[LoopTime], seen: Observation) -> list[str]:
@@ -66,6 +76,8 @@ class ProgramRow:
       memory_growth_bytes: by how much the memory of the process that grew most has grown since
         shortly after its first step; None where that is not known.
       crash: the line of Python that ran when a process of it crashed; None where none has.
+      physics: what costs in its steps; None where its first loop is not nearly all physics, or its
+        model could not be stepped again.
     """
 
     record_type: ClassVar[str] = "program"
@@ -85,6 +97,7 @@ class ProgramRow:
     processor: ProcessorUse | None = None
     memory_growth_bytes: int | None = None
     crash: Place | None = None
+    physics: PhysicsCost | None = None
 
     @classmethod
     def of(cls, name: str, seen: Observation) -> "ProgramRow":
@@ -124,6 +137,7 @@ class ProgramRow:
             processor=seen.processor,
             memory_growth_bytes=seen.calls.memory_growth_bytes,
             crash=seen.crash,
+            physics=_physics(seen) if times and times[0].is_mostly_physics else None,
         )
 
     def with_remedies(self, confirmed: Sequence[Remedy]) -> "ProgramRow":

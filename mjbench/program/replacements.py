@@ -171,7 +171,7 @@ def measure(models: Sequence[RecordedModel], questions: Sequence[Question]) -> M
 
 def answer(request: _Request, channel: Channel) -> None:
     """Measure all questions; runs in a child."""
-    model = _load(request.model.mjb)
+    model = request.model.load()
     data = mujoco.MjData(model)
     spec = compat.state_spec("INTEGRATION")
     for state in request.model.states[:1]:
@@ -184,11 +184,6 @@ def answer(request: _Request, channel: Channel) -> None:
         except (MjbenchError, mujoco.FatalError, *_LACKING):
             continue  # this release, this model, or this machine lacks something
         channel.send(_Answer(number, ratio))
-
-
-def _load(mjb: bytes) -> mujoco.MjModel:
-    name = "model.mjb"
-    return mujoco.MjModel.from_binary_path(name, {name: mjb})
 
 
 @dataclass(frozen=True)

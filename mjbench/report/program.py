@@ -11,7 +11,8 @@ from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
-from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime
+from mjbench.program.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
+from mjbench.program.physics_cost import CostKind
 from mjbench.program.records import LoopReport, ProgramRow
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.step_times import Durations, StepTimes
@@ -31,8 +32,6 @@ _MOST_LINES, _MOST_REMEDIES = 8, 6
 _MOST_TEXT = 60
 # Observing should cost no more; beyond it, the report says how to make it cost less.
 MAX_COST = 0.03
-# A loop of which physics takes this much has little else to change.
-MOSTLY_PHYSICS = 0.8
 # A loop of which JAX compiles for this share says little about its iterations.
 MOSTLY_COMPILING = 0.5
 
@@ -45,6 +44,7 @@ def print_program(out: Console, row: ProgramRow) -> None:
     _print_memory(out, row)
     for report in row.loops:
         _print_loop(out, report, row.wall_s)
+    _print_physics(out, row)
     for steps in _most_steps(row.steps):
         _print_steps(out, steps, len(row.steps))
     _print_cost(out, row)
@@ -102,12 +102,33 @@ def conclusion(row: ProgramRow) -> str:
         return "no loop was seen that steps MuJoCo"
     loop = row.loops[0]
     remedy = remedies.first(loop.remedies)
+    is_small = remedy is None or (remedy.gain or 0.0) < 1 - MOSTLY_PHYSICS
+    if loop.time.is_mostly_physics and is_small:
+        then = "" if remedy is None else f". Then, {_first(loop.time, remedy)}"
+        return _mostly_physics(row, loop.time) + then
     if remedy is None:
-        return _nothing_to_do(row, loop.time)
+        return _nothing_to_do(loop.time)
     return "first, " + _first(loop.time, remedy)
 
 
-def _nothing_to_do(row: ProgramRow, time: LoopTime) -> str:
+def _mostly_physics(row: ProgramRow, time: LoopTime) -> str:
+    """Return what costs most in the physics of a loop, and where to look next."""
+    physics = time.activities[Activity.PHYSICS]
+    text = f"physics takes {percent(physics)} of the loop in {where(time)}"
+    if row.physics is not None:
+        stage, share = row.physics.main_stage
+        text += f"; of a step, {percent(share)} is {stage}"
+        cost = row.physics.main_cost
+        if cost is not None:
+            plural = "" if cost.kind == CostKind.PAIR else f" ({cost.count:,})"
+            text += f", most of it {cost.name}{plural}: {percent(cost.share)}"
+    return (
+        f"{text}. `mjbench tune` tries settings of the model, `mjbench compare` other ways of"
+        " stepping it"
+    )
+
+
+def _nothing_to_do(time: LoopTime) -> str:
     """Return why no change is suggested, and where to look next."""
     if time.activities.get(Activity.COMPILING, 0.0) >= MOSTLY_COMPILING:
         seconds = time.activities[Activity.COMPILING] * time.seconds
@@ -117,20 +138,15 @@ def _nothing_to_do(row: ProgramRow, time: LoopTime) -> str:
             " before the loop shows what the others take"
         )
     physics = time.activities.get(Activity.PHYSICS, 0.0)
-    if time.samples < FEW_SAMPLES and physics < MOSTLY_PHYSICS:
+    if time.samples < FEW_SAMPLES:
         seconds = max(1.0, FEW_SAMPLES * time.seconds / max(1, time.samples))
         return (
             f"physics takes {percent(physics)} of the loop in {where(time)}; {time.samples} samples"
             f" are too few for the rest: let it run for {plain(seconds, 2)} s or longer"
         )
-    text = f"physics takes {percent(physics)} of the loop in {where(time)}"
-    stages = [step.stages for step in row.steps if step.stages]
-    if physics >= MOSTLY_PHYSICS and stages:
-        stage, share = max(stages[0].items(), key=lambda item: item[1])
-        text += f", {percent(share)} of a step in {stage}"
     return (
-        f"{text}; no change of the program is worth {percent(LEAST_GAIN)}: see `mjbench"
-        " tune` for settings of the model, and `mjbench compare` for other ways of stepping"
+        f"physics takes {percent(physics)} of the loop in {where(time)}; no change of the program"
+        f" is worth {percent(LEAST_GAIN)}"
     )
 
 
@@ -259,6 +275,16 @@ def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> 
         text = line.place.text
         shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
         table.add_row(str(line.place), percent(line.share), str(line.main_activity), shown)
+    out.print(table)
+
+
+def _print_physics(out: Console, row: ProgramRow) -> None:
+    """Print which parts of the model cost most in a step."""
+    if row.physics is None or not row.physics.costs:
+        return
+    table = tables.plain_table(["part of the model", "", "number", "of a step"], right=(2, 3))
+    for cost in row.physics.costs:
+        table.add_row(cost.name, str(cost.kind), f"{cost.count:,}", percent(cost.share))
     out.print(table)
 
 

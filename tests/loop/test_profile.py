@@ -26,8 +26,8 @@ def test_stages_are_shares_of_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
     model = models.load(models.resolve("cube_table"))
     for has_clock in (engine_clock.has_clock, lambda model: False):
         monkeypatch.setattr(profile, "has_clock", has_clock)
-        block = profile._Block(1, 20, lambda: workload.reset_to_start)
-        stages = profile._stages(model, block)
+        block = profile.Block(1, 20, lambda: workload.reset_to_start)
+        stages = profile.stages(model, block)
         assert sum(stages.values()) == pytest.approx(1.0)
         assert all(share >= 0 for share in stages.values())
         assert stages["constraint solver"] > 0

@@ -5,7 +5,6 @@ Only what `jax.jit` returns to the user's own code is replaced, not what package
 """
 
 import contextlib
-import operator
 import os
 import sys
 import time
@@ -240,9 +239,9 @@ class CompiledFunction:
         """Return what the function has."""
         return getattr(object.__getattribute__(self, "_function"), name)
 
-    def __reduce__(self) -> Any:
+    def __reduce_ex__(self, protocol: Any) -> Any:
         """Let copies, and other processes, have the function itself."""
-        return operator.attrgetter("_function"), (self,)
+        return self._function.__reduce_ex__(protocol)
 
     def __repr__(self) -> str:
         return repr(self._function)

@@ -1,0 +1,309 @@
+"""What costs in the steps of a program: stages of the engine, pairs of geoms, and sensors.
+
+The program's own model is stepped from states that the program was in, in a child process.
+"""
+
+import enum
+import itertools
+import statistics
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from mjbench.instrument import isolate, timing
+from mjbench.instrument.bounds import Share
+from mjbench.instrument.isolate import Channel
+from mjbench.loop import profile
+from mjbench.loop.loop_starts import LEAST_NSTEP, StartsInTurn
+from mjbench.program.recorded_models import RecordedModel
+from mjbench.simulation import compat, geom_pairs, work
+
+# Seconds to time pairs, and sensors; a child that is silent for longer than the limit is killed.
+BUDGET_S, LIMIT_S = 1.0, 30.0
+# Rounds, and seconds of a block.
+LEAST_ROUNDS, MOST_ROUNDS, BLOCK_S = 7, 200, 0.001
+# Pairs that are timed of two types that come as near, and of all; costs that are stored.
+PAIRS_OF_GROUP, MOST_PAIRS, MOST_COSTS = 8, 64, 6
+# A smaller share of a step is within what the times vary by.
+LEAST_SHARE = 0.02
+
+
+class CostKind(enum.StrEnum):
+    """What costs."""
+
+    PAIR = "pair of geoms"
+    """The narrow phase of the collision of two geoms."""
+    TYPES = "pairs of types"
+    """That of all geoms of two types, one with another."""
+    SENSORS = "sensors"
+    """All sensors of one type."""
+
+
+class Nearness(enum.IntEnum):
+    """How near two geoms came."""
+
+    FAR = 0
+    NEAR = 1
+    """Their bounding spheres overlapped."""
+    TOUCHING = 2
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a part of the model costs.
+
+    Attributes:
+      kind: of the part.
+      name: of the geoms, or of the types.
+      count: pairs, or sensors.
+      share: of the time of a step.
+    """
+
+    kind: CostKind
+    name: str
+    count: int
+    share: Share
+
+
+@dataclass(frozen=True)
+class PhysicsCost:
+    """Where the time of a program's steps goes.
+
+    Attributes:
+      step_ns: a step from the states that the program was in.
+      stages: share of a step by stage, as timed in the program; where that was not possible, from
+        the states that it was in.
+      costs: parts of the model with a share that can be told, the largest first.
+    """
+
+    step_ns: float
+    stages: Mapping[str, Share]
+    costs: Sequence[Cost]
+
+    @property
+    def main_stage(self) -> tuple[str, float]:
+        """The stage that takes most of a step, and its share.
+
+        Collision is one stage here. So are sensors, which no timer of the engine is about.
+        """
+        is_phase = {name: "collision" in name for name in self.stages}
+        parts = {name: share for name, share in self.stages.items() if not is_phase[name]}
+        parts.pop("other", None)
+        parts["collision"] = sum(share for name, share in self.stages.items() if is_phase[name])
+        of_sensors = (cost.share for cost in self.costs if cost.kind == CostKind.SENSORS)
+        parts["sensors"] = sum(of_sensors)
+        return max(parts.items(), key=lambda part: part[1])
+
+    @property
+    def main_cost(self) -> Cost | None:
+        """What costs most in that stage; None where the stage has no parts that can be told."""
+        kinds = {
+            "sensors": (CostKind.SENSORS,),
+            "collision": (CostKind.PAIR, CostKind.TYPES),
+        }.get(self.main_stage[0], ())
+        return next((cost for cost in self.costs if cost.kind in kinds), None)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """To the child: which model to step, and the stages of a step, where they are known."""
+
+    model: RecordedModel
+    stages: Mapping[str, float]
+
+
+def measure(models: Sequence[RecordedModel], stages: Mapping[str, float]) -> PhysicsCost | None:
+    """Return what costs in steps of a program; None where its models cannot be stepped here.
+
+    Args:
+      models: of the program; the first that this process's MuJoCo can load is used.
+      stages: shares of a step that were timed in the program; empty where none were.
+    """
+    usable = [model for model in models if model.release == mujoco.__version__]
+    messages: list[PhysicsCost] = []
+    if usable and len(usable[0].states):
+        request = _Request(usable[0], stages)
+        isolate.run("mjbench.program.physics_cost:answer", request, messages.append, LIMIT_S)
+    return messages[0] if messages else None
+
+
+def answer(request: _Request, channel: Channel) -> None:
+    """Measure what costs; runs in a child."""
+    model, states = request.model.load(), request.model.states
+    stages = request.stages or _stages(model, states)
+    step_s, of_sensors = _sensors(model, states)
+    narrow_share = stages["narrow-phase collision"]
+    of_pairs = _pairs(model, states, narrow_share) if narrow_share >= LEAST_SHARE else ()
+    costs = [*of_pairs, *of_sensors]
+    largest = sorted(costs, key=lambda cost: -cost.share)
+    told = [cost for cost in largest if cost.share >= LEAST_SHARE]
+    channel.send(PhysicsCost(1e9 * step_s, stages, told[:MOST_COSTS]))
+
+
+def _stages(model: mujoco.MjModel, states: np.ndarray) -> Mapping[str, float]:
+    nstep = max(LEAST_NSTEP, int(profile.BLOCK_S / work.step_s(model) / len(states)))
+    block = profile.Block(len(states), nstep, lambda: StartsInTurn(model, states))
+    return profile.stages(model, block)
+
+
+def _medians(
+    model: mujoco.MjModel,
+    states: np.ndarray,
+    prepares: Sequence[Callable[[], None]],
+    function: Callable[[mujoco.MjModel, mujoco.MjData], None],
+) -> list[float]:
+    """Return the seconds of a call after each preparation of the model, timed in turns."""
+    data, spec, turn = mujoco.MjData(model), compat.state_spec("INTEGRATION"), itertools.count()
+
+    def contender(prepare: Callable[[], None], calls: int) -> timing.Contender:
+        def before() -> None:
+            prepares[0]()
+            mujoco.mj_setState(model, data, states[next(turn) // len(prepares) % len(states)], spec)
+            mujoco.mj_forward(model, data)
+            prepare()
+
+        def block() -> None:
+            for _ in range(calls):
+                function(model, data)
+
+        return timing.Contender(block, before)
+
+    one_s = min(timing.block_s(contender(prepares[0], 1)) for _ in range(3))
+    calls = max(1, int(BLOCK_S / max(one_s, 1e-7)))
+    contenders = [contender(prepare, calls) for prepare in prepares]
+    rounds = timing.rounds(contenders, BUDGET_S, LEAST_ROUNDS, MOST_ROUNDS)
+    return [statistics.median(seconds) / calls for seconds in zip(*rounds, strict=True)]
+
+
+def _sensors(model: mujoco.MjModel, states: np.ndarray) -> tuple[float, list[Cost]]:
+    """Return the seconds of a step, and what the sensors of each type cost of it.
+
+    Those of a type are left out, where no stage of a step needs them.
+    """
+    types, needs = np.array(model.sensor_type), np.array(model.sensor_needstage)
+    kinds = [] if not compat.flag_enabled(model, "sensor") else [int(kind) for kind in set(types)]
+
+    def without(kind: int | None) -> Callable[[], None]:
+        def prepare() -> None:
+            model.sensor_needstage[:] = np.where(types == kind, 0, needs)
+
+        return prepare
+
+    step_s, *less_s = _medians(
+        model, states, [without(kind) for kind in (None, *kinds)], mujoco.mj_step
+    )
+    model.sensor_needstage[:] = needs
+    return step_s, [
+        Cost(
+            CostKind.SENSORS,
+            mujoco.mjtSensor(kind).name.removeprefix("mjSENS_").lower(),
+            int((types == kind).sum()),
+            min(1.0, max(0.0, 1 - seconds / step_s)),
+        )
+        for kind, seconds in zip(kinds, less_s, strict=True)
+    ]
+
+
+def _pairs(model: mujoco.MjModel, states: np.ndarray, narrow_share: float) -> Iterator[Cost]:
+    """Yield what collisions of geoms cost, by types, and of the pair that costs most.
+
+    `mj_collision` is timed where only one pair may collide, and where only one may that is far
+    apart. What is more for a pair is its weight in the share of the narrow phase.
+    """
+    pairs = geom_pairs.read(model).geoms
+    nearness = _nearness(model, states, pairs)
+    groups: dict[tuple[str, Nearness], list[tuple[int, int]]] = defaultdict(list)
+    for (first, second), each in zip(pairs, nearness, strict=True):
+        if each != Nearness.FAR:
+            types = " and ".join(sorted(_type_name(model, geom) for geom in (first, second)))
+            groups[types, Nearness(each)].append((int(first), int(second)))
+    timed = [pair for group in groups.values() for pair in _some(group)][:MOST_PAIRS]
+    if not timed:
+        return
+    far = [int(geom) for geom in pairs[nearness == Nearness.FAR][:1].flat]
+    weights = _weights(model, states, timed, far)
+    of_types: dict[str, float] = defaultdict(float)
+    counts = Counter[str]()
+    for (types, _), group in groups.items():
+        known = [weights[pair] for pair in group if pair in weights]
+        counts[types] += len(group)
+        of_types[types] += len(group) * statistics.fmean(known) if known else 0.0
+    total = sum(of_types.values())
+    if not total > 0:
+        return
+    for types, weight in of_types.items():
+        if counts[types] > 1:
+            yield Cost(CostKind.TYPES, types, counts[types], narrow_share * weight / total)
+    pair = max(timed, key=lambda each: weights[each])
+    names = " and ".join(_geom_name(model, geom) for geom in pair)
+    yield Cost(CostKind.PAIR, names, 1, narrow_share * weights[pair] / total)
+
+
+def _weights(
+    model: mujoco.MjModel,
+    states: np.ndarray,
+    pairs: Sequence[tuple[int, int]],
+    far: Sequence[int],
+) -> dict[tuple[int, int], float]:
+    """Return the seconds that each pair adds to `mj_collision`, more than one that is far apart.
+
+    Args:
+      model: whose filters are changed, and restored.
+      states: that are cycled through.
+      pairs: of geoms.
+      far: a pair of geoms that do not touch; none where there is none.
+    """
+    contype, conaffinity = np.array(model.geom_contype), np.array(model.geom_conaffinity)
+
+    def only(pair: Sequence[int]) -> Callable[[], None]:
+        def prepare() -> None:
+            model.geom_contype[:] = model.geom_conaffinity[:] = 0
+            model.geom_contype[list(pair)] = model.geom_conaffinity[list(pair)] = 1
+
+        return prepare
+
+    def restore() -> None:
+        model.geom_contype[:], model.geom_conaffinity[:] = contype, conaffinity
+
+    prepares = [restore, *(only(pair) for pair in (far, *pairs))]
+    _, far_s, *pairs_s = _medians(model, states, prepares, mujoco.mj_collision)
+    restore()
+    return {pair: max(0.0, each_s - far_s) for pair, each_s in zip(pairs, pairs_s, strict=True)}
+
+
+def _nearness(model: mujoco.MjModel, states: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Return (npair,) how near two geoms came to each other in the states."""
+    data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
+    nearness = np.zeros(len(pairs), dtype=int)
+    nearness[np.asarray(model.geom_rbound == 0)[pairs].any(axis=1)] = Nearness.NEAR  # a plane
+    reach = (model.geom_rbound + model.geom_margin)[pairs].sum(axis=1)
+    for state in states:
+        mujoco.mj_setState(model, data, state, spec)
+        mujoco.mj_forward(model, data)
+        first, second = (data.geom_xpos[pairs[:, i]] for i in range(2))
+        is_near = np.linalg.norm(first - second, axis=1) < reach
+        touching = {tuple(sorted(map(int, contact.geom))) for contact in data.contact}
+        touches = [tuple(sorted(map(int, pair))) in touching for pair in pairs]
+        nearness = np.maximum(nearness, np.where(touches, Nearness.TOUCHING, is_near))
+    return nearness
+
+
+def _some(pairs: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
+    """Return some pairs of all, spread over them."""
+    return pairs[:: -(-len(pairs) // PAIRS_OF_GROUP)]
+
+
+def _type_name(model: mujoco.MjModel, geom: int) -> str:
+    return str(mujoco.mjtGeom(int(model.geom_type[geom])).name).removeprefix("mjGEOM_").lower()
+
+
+def _geom_name(model: mujoco.MjModel, geom: int) -> str:
+    """Return the type and the name of a geom; its body's where it has none."""
+    kind, name = _type_name(model, geom), model.geom(geom).name
+    if name:
+        return f"{kind} “{name}”"
+    body = model.body(int(model.geom_bodyid[geom])).name
+    return f"{kind} {geom} of body “{body}”" if body else f"{kind} {geom}"
