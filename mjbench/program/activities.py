@@ -134,6 +134,7 @@ _CLOCK_OF_JAX = "program/hook/jax_functions.py"
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),
     (re.compile(r"\bsleep\("), Activity.SLEEPING),
+    (re.compile(r"\.acquire\(|\bwith [\w.]*lock\b"), Activity.THREADS),
     (re.compile(r"\bprint\(|\.(write|flush|savez?|tofile)\("), Activity.LOGGING),
     (re.compile(r"\b(np|numpy|scipy)\.|\.(copy|mean|sum|dot|clip)\(| @ "), Activity.NUMPY),
     (re.compile(r"\.(joint|body|geom|site|sensor|actuator)\("), Activity.BINDINGS),
@@ -319,6 +320,11 @@ def is_own(frame: Frame) -> bool:
     """Return whether a frame is a line of the user's own code."""
     is_source = frame.is_python and not frame.file.startswith("<")
     return is_source and not package_of(frame.file) and "/program/hook/" not in frame.file
+
+
+def steps_on_threads(stack: Sequence[Frame]) -> bool:
+    """Return whether a stack waits for the engine's own threads, which need no GIL."""
+    return any(_THREADED_ENGINE.search(frame.file) for frame in stack)
 
 
 def is_engine_clock(stack: Sequence[Frame]) -> bool:

@@ -19,9 +19,10 @@ from types import FrameType
 
 from mjbench.errors import InputError, MachineError, shown
 from mjbench.instrument import scratch
-from mjbench.program import activities, calls, recorded_models, sampler, step_times
+from mjbench.program import activities, calls, gil_waits, recorded_models, sampler, step_times
 from mjbench.program.activities import Place
 from mjbench.program.calls import ProgramCalls
+from mjbench.program.gil_waits import GilWait
 from mjbench.program.profiling import (
     ProcessorClock,
     ProcessorUse,
@@ -87,6 +88,7 @@ class Observation:
       calls: what its processes called, by line.
       models: that it stepped, with a few states of each.
       crash: the line of Python that ran when a process crashed; None where none has.
+      gil_waits: threads that wait for the GIL.
     """
 
     exit_code: int
@@ -103,6 +105,7 @@ class Observation:
     calls: ProgramCalls = ProgramCalls()  # noqa: RUF009 - it is frozen
     models: Sequence[RecordedModel] = ()
     crash: Place | None = None
+    gil_waits: Sequence[GilWait] = ()
 
 
 @dataclass
@@ -188,7 +191,12 @@ def attach(pid: int, seconds: float, sampling: Sampling = _USUAL_SAMPLING) -> Ob
             has_native=sampling.has_native,
             paused_share=profiling.paused_share,
             problem=problem,
+            gil_waits=_gil_waits(profiling, threads),
         )
+
+
+def _gil_waits(profiling: Profiling, threads: Sequence[ThreadSamples]) -> Sequence[GilWait]:
+    return gil_waits.gil_waits(profiling.thread_times.times(), threads, profiling.holders())
 
 
 def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampling) -> Observation:
@@ -233,6 +241,7 @@ def _run(program: Program, folder: Path, seconds: float | None, sampling: Sampli
         calls=calls.read_all(folder, step_times.read_headers(folder)),
         models=recorded_models.read_all(folder),
         crash=_crash(folder),
+        gil_waits=() if profiling is None else _gil_waits(profiling, threads),
     )
 
 

@@ -1,15 +1,18 @@
 """The profiler beside a program, and what it costs: its rate follows from how long it stops it."""
 
+import contextlib
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mjbench.errors import InputError
 from mjbench.instrument import machine
 from mjbench.program import sampler, samples
+from mjbench.program.gil_waits import Holders
 from mjbench.program.samples import ThreadSamples
+from mjbench.program.thread_times import ThreadTimes
 
 # Looks after which the profiler's rate is lowered if it stops the program for too long: 3 seconds.
 LOOKS_TO_ADAPT, MAX_PAUSED_SHARE = 300, 0.01
@@ -19,6 +22,8 @@ MANY_CHILDREN, MANY_RATE_HZ = 2, 20
 LOOK_S, LATER_LOOK_S = 0.01, 0.03
 # Looks from one list of the program's processes to the next: to list them takes longer than a look.
 LOOKS_PER_LIST = 30
+# Seconds for which the holders of the GIL are sampled, if a process has several busy threads.
+HOLDERS_S, HOLDERS_RATE_HZ = 3.0, 100
 # Fewer samples per second tell too little, whatever they cost.
 LEAST_RATE_HZ = 3
 # The state of a process that a profiler has stopped.
@@ -123,6 +128,9 @@ class Profiling:
       has_many_children: whether the program has so many child processes that samples are fewer.
       earlier_cpu_s: processor seconds of profilers at earlier rates.
       problem: why samples could not be read; "" where they could.
+      thread_times: of the program's threads.
+      holding: the profiler of threads that hold the GIL; None where no process has several busy
+        threads.
     """
 
     pid: int
@@ -140,6 +148,8 @@ class Profiling:
     has_many_children: bool = False
     earlier_cpu_s: float = 0.0
     problem: str = ""
+    thread_times: ThreadTimes = field(default_factory=ThreadTimes)
+    holding: "_Holding | None" = None
 
     @classmethod
     def begin(
@@ -160,6 +170,8 @@ class Profiling:
         """See whether the profiler has begun, and whether there are many processes by now."""
         if self.looks_listed % LOOKS_PER_LIST == 0:
             self.children = _children(self.folder, self.pid)
+            self.thread_times.look((self.pid, *self.children))
+            self._look_for_holders()
         self.looks_listed += 1
         if self.begin_s is None and self.sampler.has_begun:
             self.begin_s = time.monotonic()
@@ -170,6 +182,19 @@ class Profiling:
             rate = self.sampling.rate_hz or min(self.rate_hz, MANY_RATE_HZ)
             if rate != self.rate_hz:
                 self._restart(rate)
+
+    def _look_for_holders(self) -> None:
+        """Sample the holders of the GIL for a while, once a process has several busy threads."""
+        if self.holding is not None:
+            self.earlier_cpu_s += self.holding.look()
+        elif self.begin_s is not None and (pid := self.thread_times.contending()) is not None:
+            rate, seconds = HOLDERS_RATE_HZ, HOLDERS_S
+            beside = sampler.start(pid, self.folder, rate, False, seconds, of_holders=True)
+            self.holding = _Holding(pid, beside)
+
+    def holders(self) -> Holders | None:
+        """Return who held the GIL; None where that is not known."""
+        return None if self.holding is None else self.holding.holders()
 
     @property
     def adapts(self) -> bool:
@@ -238,6 +263,38 @@ class Profiling:
             return []
         file.unlink()
         return seen if self.begin_s is None else samples.spread_over(seen, end_s - self.begin_s)
+
+
+@dataclass
+class _Holding:
+    """The profiler of threads that hold the GIL.
+
+    Attributes:
+      pid: of the process.
+      sampler: the profiler.
+      begin_s: when it was started, on the clock of `time.monotonic`.
+      cpu_s: its processor seconds at the latest look.
+    """
+
+    pid: int
+    sampler: sampler.Sampler
+    begin_s: float = field(default_factory=time.monotonic)
+    cpu_s: float = 0.0
+
+    def look(self) -> float:
+        """Return the processor seconds since the latest look."""
+        earlier_s, self.cpu_s = self.cpu_s, max(self.cpu_s, self.sampler.cpu_s())
+        return self.cpu_s - earlier_s
+
+    def holders(self) -> Holders | None:
+        """Return what it has seen, once it has ended; None where it could not."""
+        seconds = min(HOLDERS_S, time.monotonic() - self.begin_s)
+        self.sampler.stop()
+        with contextlib.suppress(InputError):
+            seen = samples.read(self.sampler.file)
+            of_process = [each for each in seen if each.thread.pid == self.pid]
+            return Holders(self.pid, of_process, round(seconds * HOLDERS_RATE_HZ))
+        return None
 
 
 def _children(folder: Path, pid: int) -> list[int]:

@@ -15,6 +15,7 @@ from mjbench.program import (
     wrong_results,
 )
 from mjbench.program.activities import Place
+from mjbench.program.gil_waits import GilWait
 from mjbench.program.launch import Observation
 from mjbench.program.loop_time import LoopTime
 from mjbench.program.physics_cost import PhysicsCost
@@ -78,6 +79,8 @@ class ProgramRow:
       crash: the line of Python that ran when a process of it crashed; None where none has.
       physics: what costs in its steps; None where its first loop is not nearly all physics, or its
         model could not be stepped again.
+      gil_waits: threads that wait for the GIL, those that wait longest first; none where JAX runs,
+        whose waits look alike.
     """
 
     record_type: ClassVar[str] = "program"
@@ -98,6 +101,7 @@ class ProgramRow:
     memory_growth_bytes: int | None = None
     crash: Place | None = None
     physics: PhysicsCost | None = None
+    gil_waits: Sequence[GilWait] = ()
 
     @classmethod
     def of(cls, name: str, seen: Observation) -> "ProgramRow":
@@ -137,6 +141,7 @@ class ProgramRow:
             processor=seen.processor,
             memory_growth_bytes=seen.calls.memory_growth_bytes,
             crash=seen.crash,
+            gil_waits=() if any(call.is_of_jax for call in seen.calls.calls) else seen.gil_waits,
             physics=_physics(seen) if times and times[0].is_mostly_physics else None,
         )
 

@@ -117,7 +117,12 @@ def can_read_libraries() -> bool:
 
 
 def start(
-    pid: int, folder: Path, rate_hz: int, has_native: bool, seconds: float | None = None
+    pid: int,
+    folder: Path,
+    rate_hz: int,
+    has_native: bool,
+    seconds: float | None = None,
+    of_holders: bool = False,
 ) -> Sampler:
     """Sample a process and those that it starts, until it ends or `Sampler.stop`.
 
@@ -128,14 +133,17 @@ def start(
       has_native: whether stacks of libraries are read, too, where this platform can; each sample
         then stops the program for a moment.
       seconds: after which it ends by itself, at the latest; None for never.
+      of_holders: whether only the thread that holds the GIL is sampled.
 
     Raises:
       UnavailableError: the profiler is not installed.
     """
-    file, log = folder / "samples.json", folder / "sampler.log"
+    name = "holders" if of_holders else "sampler"
+    file, log = folder / f"{name}.json", folder / f"{name}.log"
     command = [program(), "record", "--pid", str(pid), "--rate", str(rate_hz)]
     command += ["--format", "speedscope", "--output", str(file)]
-    command += ["--threads", "--idle", "--full-filenames", "--subprocesses"]
+    command += ["--threads", "--full-filenames", "--subprocesses"]
+    command += ["--gil"] if of_holders else ["--idle"]
     command += ["--native"] if has_native and can_read_libraries() else ["--nonblocking"]
     command += ["--duration", str(math.ceil(seconds) + 1)] if seconds is not None else []
     with log.open("wb") as output:

@@ -45,6 +45,7 @@ def print_program(out: Console, row: ProgramRow) -> None:
     for report in row.loops:
         _print_loop(out, report, row.wall_s)
     _print_physics(out, row)
+    _print_gil(out, row)
     for steps in _most_steps(row.steps):
         _print_steps(out, steps, len(row.steps))
     _print_cost(out, row)
@@ -276,6 +277,22 @@ def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> 
         shown = text if len(text) <= _MOST_TEXT else text[: _MOST_TEXT - 1] + "…"
         table.add_row(str(line.place), percent(line.share), str(line.main_activity), shown)
     out.print(table)
+
+
+def _print_gil(out: Console, row: ProgramRow) -> None:
+    """Print which thread waits longest for the GIL, and for which thread."""
+    if not row.gil_waits:
+        return
+    wait = row.gil_waits[0]
+    others = len(row.gil_waits) - 1
+    also = f"; {others} more wait, too" if others else ""
+    out.print(
+        f"Threads: at least {percent(wait.share)} of the time of {wait.thread} waits for the GIL{also};"
+        f" {wait.holder} holds it for {percent(wait.holder_share)} of the time, most often at"
+        f" {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads without the GIL, and"
+        " each process has a GIL of its own.",
+        soft_wrap=True,
+    )
 
 
 def _print_physics(out: Console, row: ProgramRow) -> None:

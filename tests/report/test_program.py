@@ -9,6 +9,7 @@ from rich.console import Console
 
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
+from mjbench.program.gil_waits import GilWait
 from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import LoopTime
 from mjbench.program.physics_cost import Cost, CostKind, PhysicsCost
@@ -142,6 +143,16 @@ def test_the_costly_parts_of_the_model_are_listed() -> None:
     program.print_program(Console(file=out, width=200), row(NEARLY_PHYSICS, physics=PHYSICS))
     (line,) = (line for line in out.getvalue().splitlines() if line.startswith("rangefinder"))
     assert line.split() == ["rangefinder", "sensors", "8", "20", "%"]
+
+
+def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_holds_it() -> None:
+    waits = [GilWait(f"worker {i}", 1, 0.37 - 0.1 * i, "planner", 0.8, PLACE) for i in range(3)]
+    out = io.StringIO()
+    program.print_program(Console(file=out, width=200), row(MIXED, gil_waits=waits))
+    assert (
+        "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too; planner"
+        " holds it for 80 % of the time, most often at train.py:7." in out.getvalue()
+    )
 
 
 def test_calls_of_jax_are_listed_by_line() -> None:
