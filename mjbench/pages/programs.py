@@ -34,7 +34,8 @@ def _section(
         tables=[_remedies(report), _lines("Lines of the program", time)],
         notes=[
             f"{time.samples:,} samples of this loop;"
-            f" observing took {program.cost(row)} of the program's time."
+            f" observing took {program.cost(row)} of the program's time.",
+            *filter(None, [program.gil_wait(row)]),
         ],
     )
 

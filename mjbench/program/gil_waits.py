@@ -1,7 +1,7 @@
 """How long threads of Python wait for the interpreter's lock (GIL), and which thread holds it.
 
 The kernel says for how long a thread was blocked. Samples say what share of that it slept, waited
-for a lock, or for a file. The rest is the GIL's, but no more than the time for which others held it.
+for a lock, or for a file. The rest is the GIL's, but no more than others held it.
 """
 
 from collections import Counter

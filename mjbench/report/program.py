@@ -45,7 +45,8 @@ def print_program(out: Console, row: ProgramRow) -> None:
     for report in row.loops:
         _print_loop(out, report, row.wall_s)
     _print_physics(out, row)
-    _print_gil(out, row)
+    if row.gil_waits:
+        out.print(gil_wait(row), soft_wrap=True)
     for steps in _most_steps(row.steps):
         _print_steps(out, steps, len(row.steps))
     _print_cost(out, row)
@@ -279,19 +280,18 @@ def _print_line_table(out: Console, heading: str, lines: Sequence[LineTime]) -> 
     out.print(table)
 
 
-def _print_gil(out: Console, row: ProgramRow) -> None:
-    """Print which thread waits longest for the GIL, and for which thread."""
+def gil_wait(row: ProgramRow) -> str:
+    """Return which thread waits longest for the GIL, and for which thread; "" where none does."""
     if not row.gil_waits:
-        return
+        return ""
     wait = row.gil_waits[0]
     others = len(row.gil_waits) - 1
     also = f"; {others} more wait, too" if others else ""
-    out.print(
-        f"Threads: at least {percent(wait.share)} of the time of {wait.thread} waits for the GIL{also};"
-        f" {wait.holder} holds it for {percent(wait.holder_share)} of the time, most often at"
-        f" {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads without the GIL, and"
-        " each process has a GIL of its own.",
-        soft_wrap=True,
+    return (
+        f"Threads: at least {percent(wait.share)} of the time of {wait.thread} waits for the"
+        f" GIL{also}; {wait.holder} holds it for {percent(wait.holder_share)} of the time, most"
+        f" often at {wait.place}. mujoco.rollout and mujoco.batch.Batch step on threads without the"
+        " GIL, and each process has a GIL of its own."
     )
 
 

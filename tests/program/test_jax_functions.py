@@ -137,7 +137,8 @@ for i in range(20):
     np.asarray(y)
     float(y.sum())
     jax.device_get(y)
-    np.asarray([1.0])
+    assert np.asarray([1.0], np.float32).dtype == np.asarray(a=[1], dtype="f4").dtype == "f4"
+    assert np.array([2], dtype=np.int8, ndmin=2).shape == np.array(object=[[2]]).shape
     jnp.asarray(y)
 print(double(2), double.__name__, inspect.signature(double))
 print(isinstance(double, jax.stages.Wrapped), double.__wrapped__(2))

@@ -32,10 +32,7 @@ def test_two_busy_threads_of_one_process_contend(monkeypatch):
     busy, idle = ThreadTime(1, 1, 10.0, 5.0, 0.0), ThreadTime(1, 2, 10.0, 0.1, 0.0)
     other = ThreadTime(2, 3, 10.0, 5.0, 0.0)
     times = ThreadTimes()
-    for listed, expected in (
-        ([busy, idle, other], None),
-        ([busy, idle, busy, other], 1),
-        ([], None),
-    ):
+    several = [busy, idle, busy, other]
+    for listed, expected in (([busy, idle, other], None), (several, 1), ([], None)):
         monkeypatch.setattr(times, "times", lambda listed=listed: listed)
         assert times.contending() == expected

@@ -150,8 +150,8 @@ def test_the_thread_that_waits_longest_for_the_gil_is_named_with_the_one_that_ho
     out = io.StringIO()
     program.print_program(Console(file=out, width=200), row(MIXED, gil_waits=waits))
     assert (
-        "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too; planner"
-        " holds it for 80 % of the time, most often at train.py:7." in out.getvalue()
+        "Threads: at least 37 % of the time of worker 0 waits for the GIL; 2 more wait, too;"
+        " planner holds it for 80 % of the time, most often at train.py:7." in out.getvalue()
     )
 
 

@@ -41,6 +41,9 @@ _WAITING_METHODS = (
 )
 
 
+_NONE = object()  # stands for an argument that is not given
+
+
 class JaxFunctions:
     """Times the calls of JAX in this process."""
 
@@ -89,21 +92,35 @@ class JaxFunctions:
         module.device_put = self._timed(module.device_put, TRANSFER)  # type: ignore[attr-defined]
         for name in ("asarray", "array"):
             # NumPy reads an array that is in the host's memory without calling its methods
-            self._replace_conversion(numpy, name, DEVICE_WAIT, lambda kind: kind is array_type)
-            self._replace_conversion(module.numpy, name, TRANSFER, _is_of_host)
+            setattr(numpy, name, self._to_host(getattr(numpy, name), array_type))
+            setattr(module.numpy, name, self._to_device(getattr(module.numpy, name)))
 
-    def _replace_conversion(
-        self, module: Any, name: str, callee: str, is_meant: Callable[[type], bool]
-    ) -> None:
-        """Time a function that makes an array of its first argument, if that is of some types."""
-        function = getattr(module, name)
+    def _to_host(self, function: Any, array_type: type) -> Any:
+        """Return what stands for a function of NumPy that makes an array, be it of one of JAX."""
+
+        # with the names of its first arguments: most calls have no others
+        def call(a: Any = _NONE, /, dtype: Any = None, *args: Any, **kwargs: Any) -> Any:
+            if type(a) is array_type:
+                given = (a, dtype, *args)
+                return self.count(function, given, kwargs, DEVICE_WAIT, sys._getframe(1))
+            if a is _NONE:
+                return function(dtype=dtype, **kwargs)
+            if args or kwargs:
+                return function(a, dtype, *args, **kwargs)
+            return function(a, dtype)
+
+        return named_like(function, call)
+
+    def _to_device(self, function: Any) -> Any:
+        """Return what stands for a function of JAX that makes an array of one of the host."""
 
         def call(*args: Any, **kwargs: Any) -> Any:
-            if not args or not is_meant(type(args[0])):
+            # arrays and tracers of JAX are on the device
+            if not args or type(args[0]).__module__.startswith("jax"):
                 return function(*args, **kwargs)
-            return self.count(function, args, kwargs, callee, sys._getframe(1))
+            return self.count(function, args, kwargs, TRANSFER, sys._getframe(1))
 
-        setattr(module, name, named_like(function, call))
+        return named_like(function, call)
 
     def _timed(self, function: Any, callee: str) -> Any:
         def call(*args: Any, **kwargs: Any) -> Any:
@@ -245,8 +262,3 @@ class CompiledFunction:
 
     def __repr__(self) -> str:
         return repr(self._function)
-
-
-def _is_of_host(kind: type) -> bool:
-    """Return whether values of a type are no arrays of JAX."""
-    return not kind.__module__.startswith(("jax", "jaxlib"))
