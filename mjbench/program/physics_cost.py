@@ -136,7 +136,8 @@ def answer(request: _Request, channel: Channel) -> None:
     stages = request.stages or _stages(model, states)
     step_s, of_sensors = _sensors(model, states)
     narrow_share = stages["narrow-phase collision"]
-    of_pairs = _pairs(model, states, narrow_share) if narrow_share >= LEAST_SHARE else ()
+    has_pairs = narrow_share >= LEAST_SHARE
+    of_pairs = _pairs(model, states, narrow_share, step_s) if has_pairs else ()
     costs = [*of_pairs, *of_sensors]
     largest = sorted(costs, key=lambda cost: -cost.share)
     told = [cost for cost in largest if cost.share >= LEAST_SHARE]
@@ -207,7 +208,9 @@ def _sensors(model: mujoco.MjModel, states: np.ndarray) -> tuple[float, list[Cos
     ]
 
 
-def _pairs(model: mujoco.MjModel, states: np.ndarray, narrow_share: float) -> Iterator[Cost]:
+def _pairs(
+    model: mujoco.MjModel, states: np.ndarray, narrow_share: float, step_s: float
+) -> Iterator[Cost]:
     """Yield what collisions of geoms cost, by types, and of the pair that costs most.
 
     `mj_collision` is timed where only one pair may collide, and where only one may that is far
@@ -220,7 +223,9 @@ def _pairs(model: mujoco.MjModel, states: np.ndarray, narrow_share: float) -> It
         if each != Nearness.FAR:
             types = " and ".join(sorted(_type_name(model, geom) for geom in (first, second)))
             groups[types, Nearness(each)].append((int(first), int(second)))
-    timed = [pair for group in groups.values() for pair in _some(group)][:MOST_PAIRS]
+    affordable = int(BUDGET_S / LEAST_ROUNDS / (BLOCK_S + 2 * step_s))
+    some = [pair for group in groups.values() for pair in _some(group)]
+    timed = some[: min(MOST_PAIRS, max(1, affordable))]
     if not timed:
         return
     far = [int(geom) for geom in pairs[nearness == Nearness.FAR][:1].flat]

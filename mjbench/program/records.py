@@ -157,6 +157,10 @@ class ProgramRow:
 
         That is pauses, the step clock, and processor time on cores that the program could use.
         """
-        clock = max((step.cost_share for step in self.steps), default=0.0)
+        clocks = [step.cost_share for step in self.steps] or [
+            sum(call.clock_s for call in report.time.calls) / report.time.seconds
+            for report in self.loops
+        ]
+        clock = max(clocks, default=0.0)
         displaced = self.processor.displaced_share if self.processor else 0.0
         return (self.paused_share or 0.0) + clock + displaced

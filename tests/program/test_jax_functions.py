@@ -101,6 +101,13 @@ def test_bursts_cost_no_more_than_their_share_and_stand_for_all_calls(clock, tmp
     assert clock._calls_timed * clock.cost_ns < 1.5 * pacing.MAX_COST_SHARE * clock._now_ns()
 
 
+def test_a_burst_that_another_thread_has_ended_is_not_ended_again(clock):
+    clock._timed(lambda: None, call_clock.DISPATCH)()
+    clock._end_burst(clock._now_ns())
+    clock._end_burst(clock._now_ns())
+    assert clock._calls_timed == 1
+
+
 def test_a_fork_begins_anew(clock, tmp_path):
     clock.to_pass = 5
     clock.begin_process()
@@ -112,6 +119,7 @@ def test_a_fork_begins_anew(clock, tmp_path):
 PROGRAM = """
 import copy, functools, inspect, pickle
 import jax, jax.numpy as jnp, numpy as np
+jax.config.update("jax_num_cpu_devices", 2)  # not once a device has started
 
 @jax.jit
 def double(x):

@@ -58,7 +58,7 @@ def test_pairs_share_the_narrow_phase_by_what_each_adds_to_collision(model, stat
 
     time_by(monkeypatch, seconds)
     before = np.array(model.geom_contype), np.array(model.geom_conaffinity)
-    costs = {cost.name: cost for cost in physics_cost._pairs(model, states, 0.9)}
+    costs = {cost.name: cost for cost in physics_cost._pairs(model, states, 0.9, 1e-5)}
     # a pair of boxes adds 6 µs; two of a box and the floor, and one of a sphere, 1 µs each
     assert costs["box “a” and box “b”"].share == pytest.approx(0.9 * 6 / 9)
     assert costs["box and plane"] == Cost(

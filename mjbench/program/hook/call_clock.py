@@ -103,6 +103,7 @@ class CallClock:
         self._next = itertools.count(1).__next__
         self._names: int | None = None
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
+        self.cost_ns = 0  # of calls of JAX
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
         self.is_observing = True  # until the first step, all is seen
         path = os.path.join(self._folder, f"{os.getpid()}.calls")

@@ -62,7 +62,7 @@ class JaxFunctions:
         """
         self._calls, self._now_ns = calls, now_ns
         self._pacer, self._burst = Pacer(now_ns, processor_ns), Burst(calls)
-        self.cost_ns = 0  # of a timed call
+        self.cost_ns = self.passed_ns = 0  # of a call that is timed, and of one that is passed on
         self.begin_process()
 
     def begin_process(self) -> None:
@@ -72,7 +72,7 @@ class JaxFunctions:
         self._compilations: list[tuple[int, int]] = []
         self._compiled_ns: dict[int, int] = {}  # by thread
         self.to_pass = self._planned_to_pass = 0
-        self._calls_timed = self._burst_calls = self._latest_calls = 0
+        self._calls_timed = self._calls_passed = self._burst_calls = self._latest_calls = 0
         self._burst_begin_ns = self._burst_end_ns = self._period_ns = 0
 
     def install(self, module: ModuleType) -> None:
@@ -83,17 +83,25 @@ class JaxFunctions:
         monitoring.register_event_duration_secs_listener(self.note_event)
         self._calibrate()
         module.jit = self._jit(module.jit)  # type: ignore[attr-defined]
-        array_type = type(module.numpy.zeros(()))
+        self._replace(module, "block_until_ready", DEVICE_WAIT)
+        self._replace(module, "device_get", DEVICE_WAIT)
+        self._replace(module, "device_put", TRANSFER)
+        # not of an array: to create one would start a device, which the program may yet choose
+        array_type = getattr(sys.modules.get("jax._src.array"), "ArrayImpl", None)
         for name in _WAITING_METHODS:
-            with contextlib.suppress(AttributeError, TypeError):
-                setattr(array_type, name, self._timed(getattr(array_type, name), DEVICE_WAIT))
-        for name in ("block_until_ready", "device_get"):
-            setattr(module, name, self._timed(getattr(module, name), DEVICE_WAIT))
-        module.device_put = self._timed(module.device_put, TRANSFER)  # type: ignore[attr-defined]
+            self._replace(array_type, name, DEVICE_WAIT)
         for name in ("asarray", "array"):
-            # NumPy reads an array that is in the host's memory without calling its methods
-            setattr(numpy, name, self._to_host(getattr(numpy, name), array_type))
             setattr(module.numpy, name, self._to_device(getattr(module.numpy, name)))
+            # NumPy reads an array that is in the host's memory without calling its methods; Numba
+            # compiles calls of the functions that it knew when it was imported
+            if array_type is not None and "numba" not in sys.modules:
+                setattr(numpy, name, self._to_host(getattr(numpy, name), array_type))
+
+    def _replace(self, owner: Any, name: str, callee: str) -> None:
+        original = getattr(owner, name, None)
+        if original is not None:
+            with contextlib.suppress(AttributeError, TypeError):
+                setattr(owner, name, self._timed(original, callee))
 
     def _to_host(self, function: Any, array_type: type) -> Any:
         """Return what stands for a function of NumPy that makes an array, be it of one of JAX."""
@@ -178,18 +186,23 @@ class JaxFunctions:
     def _begin_burst(self) -> None:
         if self._planned_to_pass:
             self._burst.pass_on(self._planned_to_pass / self._latest_calls)
+            self._calls_passed += self._planned_to_pass
             self._planned_to_pass = 0
         self._burst_begin_ns = self._now_ns()
 
     def _end_burst(self, end_ns: int) -> None:
         """End a burst: decide how many calls to pass through until the next one."""
+        calls, self._burst_calls = self._burst_calls, 0
+        if not calls:  # another thread has ended it
+            return
         self._burst.write()
-        self._calls_timed += self._burst_calls
-        self._latest_calls, self._burst_calls = self._burst_calls, 0
-        self._period_ns = max(1, (end_ns - self._burst_begin_ns) // self._latest_calls)
+        self._calls_timed += calls
+        self._latest_calls = calls
+        self._period_ns = max(1, (end_ns - self._burst_begin_ns) // calls)
         cost_ns = self._calls_timed * self.cost_ns
         self.to_pass = self._pacer.calls_to_pass(cost_ns, self._period_ns)
         self._planned_to_pass, self._burst_end_ns = self.to_pass, end_ns
+        self._calls.cost_ns = cost_ns + self._calls_passed * self.passed_ns
 
     def end(self) -> None:
         """Write what the last burst left; called when the process ends by itself."""
@@ -198,10 +211,11 @@ class JaxFunctions:
             until_ns = min(self._burst_end_ns + passed * self._period_ns, self._now_ns())
             self._burst.pass_on(passed / self._latest_calls, until_ns)
             self._planned_to_pass = self.to_pass
+            self._calls.cost_ns += passed * self.passed_ns
         self._burst.write()
 
     def _calibrate(self) -> None:
-        """Measure what a timed call costs, on a clock without a file."""
+        """Measure what a call costs, on a clock without a file."""
         calls = CallClock(os.devnull, self._now_ns)
         calls.count_as_own(__file__, True)
         scratch = JaxFunctions(calls, self._now_ns, lambda: 0)
@@ -211,6 +225,8 @@ class JaxFunctions:
 
         timed = scratch._timed(nothing, DISPATCH)
         self.cost_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
+        scratch.to_pass = sys.maxsize
+        self.passed_ns = max(0, cold_cost_ns(timed, nothing, self._now_ns))
 
     def note_event(self, event: str, seconds: float, **_: Any) -> None:
         """Count what JAX says that it did; what happened inside it was counted already."""

@@ -308,7 +308,8 @@ class StepClock:
         return self._calls_passed + self._planned_to_pass - self._to_pass
 
     def _cost_ns(self) -> int:
-        return self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
+        own_ns = self._calls_timed * self.cold_ns + self._passed() * self.passed_ns
+        return own_ns + self._calls.cost_ns
 
     def _go_away(self) -> None:
         """Give the program the engine's own functions, until it resets a simulation."""
@@ -330,7 +331,7 @@ class StepClock:
         """Return what stands for a function that resets a simulation."""
 
         def call(_: Any, *args: Any, **kwargs: Any) -> Any:
-            if self._is_away and self._pacer.has_earned(self._cost_ns()):
+            if self._is_away and self._pacer.has_earned(self._cost_ns() - self._calls.cost_ns):
                 self._come_back()
             if self._calls.is_observing and len(args) > 1:
                 self._watch.look_for_warnings(args[1], sys._getframe(1), self._now_ns())
