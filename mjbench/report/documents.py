@@ -44,7 +44,7 @@ from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebExperimentsRecord, WebRecord
+from mjbench.web.records import WebRecord
 
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {
@@ -68,7 +68,6 @@ RECORD_TYPES: Mapping[str, type] = {
     TuneRecord.record_type: TuneRecord,
     EngineTuneRecord.record_type: EngineTuneRecord,
     WebRecord.record_type: WebRecord,
-    WebExperimentsRecord.record_type: WebExperimentsRecord,
 }
 
 
@@ -291,12 +290,11 @@ class TuneDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class WebDocument:
-    """What `mjbench web --json` writes; `experiments` has an item for each build."""
+    """What `mjbench web --json` writes."""
 
     schema: int = SCHEMA
     machine: Machine
     results: Sequence[WebRow]
-    experiments: Sequence[WebExperimentsRecord]
 
 
 @dataclass(frozen=True, kw_only=True)
