@@ -319,6 +319,31 @@ def new_rollout_pool() -> str:
     return f"ns for 64 runs of 5 steps: {calls:.0f} with new threads, {one:.0f} with kept ones"
 
 
+def row_of_two_moments() -> str:
+    """MJB015: beside the height in qpos, xpos is that of the state before the step."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    heights: dict[str, list[float]] = {"after": [], "again": [], "before": []}
+    ends = set()
+    for way, differences in heights.items():
+        data = mujoco.MjData(model)
+        for _ in range(100):
+            height = data.qpos[2]
+            mujoco.mj_step(model, data)
+            if way != "before":
+                height = data.qpos[2]
+            if way == "again":
+                mujoco.mj_kinematics(model, data)
+            differences.append(abs(height - data.body("box").xpos[2]))
+        ends.add(data.qpos.tobytes())
+    assert len(ends) == 1
+    largest = {way: max(differences) for way, differences in heights.items()}
+    return (
+        f"height in qpos and xpos: {1000 * largest['after']:.1f} mm apart after a step,"
+        f" {1000 * largest['again']:g} with mj_kinematics,"
+        f" {1000 * largest['before']:g} with qpos of before the step"
+    )
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -333,6 +358,7 @@ FAULTS = {
     "MJB012": new_renderer,
     "MJB013": new_jitted_function,
     "MJB014": new_rollout_pool,
+    "MJB015": row_of_two_moments,
 }
 
 

@@ -211,3 +211,31 @@ keeps them between calls.
 
 Results: none change.
 """
+
+ROW_OF_TWO_MOMENTS = """\
+`mj_step` computes positions, contacts, forces and sensors of the state that it begins with, and
+then integrates. After it, `qpos`, `qvel`, `act` and `time` belong to the new state, and all else to
+the one before, until something computes it again. In a row with both, one is a step late.
+
+    mujoco.mj_step(model, data)
+    log.append((data.qpos.copy(), data.site("tip").xpos.copy()))
+
+    mujoco.mj_step(model, data)     # instead: both of the new state
+    mujoco.mj_kinematics(model, data)
+    log.append((data.qpos.copy(), data.site("tip").xpos.copy()))
+
+    qpos = data.qpos.copy()         # or: both of the state before, at no cost
+    mujoco.mj_step(model, data)
+    log.append((qpos, data.site("tip").xpos.copy()))
+
+`mj_kinematics` computes positions of bodies, geoms and sites; contacts, forces and sensors need
+`mj_forward`. A row before the step, in a loop, mixes the same two moments. With `RK4`, positions
+are of the last of its four stages, and sensors of the state before. What no step moves, such as the
+position of a fixed body, is right in either state.
+
+There is no finding for an observation: for what a function returns, or what a policy gets. It may
+be late on purpose, as in Gymnasium's environments, and a policy that was trained on it expects it.
+
+Results: the rows hold one moment. In MuJoCo 4.0.0 the simulation stays as it is, bit for bit; in
+3.3.1 and before, `mj_forward` changes later states by the solver's tolerance.
+"""

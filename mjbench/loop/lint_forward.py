@@ -99,15 +99,23 @@ def _is_step_of(statement: ast.stmt, call: ast.Call) -> bool:
 
 def _enough(uses: DataUses) -> tuple[str, ...] | None:
     """Return the functions that compute all that is read; None where that is not known."""
-    computed = uses.fields - STATE
-    unknown = computed.difference(*COMPUTED.values())
     other = uses.functions - _INDEPENDENT - _JACOBIANS - set(_RECOMPUTES)
-    if not uses.is_known or unknown or other:
+    if not uses.is_known or other:
+        return None
+    return enough_for(uses.fields - STATE, bool(uses.functions & _JACOBIANS))
+
+
+def enough_for(computed: Set[str], with_jacobians: bool = False) -> tuple[str, ...] | None:
+    """Return the functions that compute fields of the present state; None for those of others.
+
+    Args:
+      computed: fields, none of them of the state itself.
+      with_jacobians: whether they compute what Jacobians need, too.
+    """
+    if computed - set().union(*COMPUTED.values()):
         return None
     needed = {name for name, fields in COMPUTED.items() if computed & fields}
-    if uses.functions & _JACOBIANS:
-        needed.add("mj_comPos")
-    if needed - {"mj_kinematics"}:
+    if with_jacobians or needed - {"mj_kinematics"}:
         needed.add("mj_comPos")
     if needed:
         needed.add("mj_kinematics")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from mjbench.loop import lint_explanations as explanations
 from mjbench.loop.lint_forward import forward_after_step
 from mjbench.loop.lint_match import Match
+from mjbench.loop.lint_moments import rows_of_two_moments
 from mjbench.loop.lint_new_objects import (
     compiled_models,
     copied_data,
@@ -212,5 +213,12 @@ RULES = (
         " open, or pass persistent_pool=True",
         new_rollout_pools,
         explanations.NEW_ROLLOUT_POOL,
+    ),
+    Rule(
+        "MJB015",
+        "a row mixes the new state with what is still computed from the one before",
+        rows_of_two_moments,
+        explanations.ROW_OF_TWO_MOMENTS,
+        is_wrong_result=True,
     ),
 )

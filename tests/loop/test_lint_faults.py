@@ -60,6 +60,13 @@ def test_halves_of_runge_kutta_are_steps_of_euler(faults: ModuleType) -> None:
     assert "by halves, as by Euler" in faults.halves_of_runge_kutta()
 
 
+def test_a_row_of_two_moments_is_late_by_a_step(faults: ModuleType) -> None:
+    shown = faults.row_of_two_moments()
+    apart = re.search(r"([\d.]+) mm apart", shown)
+    assert apart is not None and float(apart[1]) > 1
+    assert shown.endswith("0 with mj_kinematics, 0 with qpos of before the step")
+
+
 def test_threads_that_share_an_mjdata_are_a_fault(faults: ModuleType) -> None:
     """What happens differs from run to run; that each MjData of its own is right does not."""
     assert faults.shared_data().endswith("with one MjData, 1 state with four")
