@@ -344,6 +344,25 @@ def row_of_two_moments() -> str:
     )
 
 
+def written_view() -> str:
+    """MJB016: an observation that is a view is scaled in place, and moves the box."""
+    model = mujoco.MjModel.from_xml_string(BOXES.format(integrator="Euler"))
+    heights = {}
+    for way in ("view", "copy"):
+        data = mujoco.MjData(model)
+
+        def state(data: mujoco.MjData = data) -> np.ndarray:
+            return data.qpos
+
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+            observation = state() if way == "view" else state().copy()
+            observation *= 2
+        heights[way] = data.qpos[2]
+    view, copied = heights["view"], heights["copy"]
+    return f"height after 10 steps: {view:.1f} with scaled views, {copied:.1f} with scaled copies"
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -359,6 +378,7 @@ FAULTS = {
     "MJB013": new_jitted_function,
     "MJB014": new_rollout_pool,
     "MJB015": row_of_two_moments,
+    "MJB016": written_view,
 }
 
 

@@ -239,3 +239,21 @@ be late on purpose, as in Gymnasium's environments, and a policy that was traine
 Results: the rows hold one moment. In MuJoCo 4.0.0 the simulation stays as it is, bit for bit; in
 3.3.1 and before, `mj_forward` changes later states by the solver's tolerance.
 """
+
+WRITTEN_VIEW = """\
+A function that returns `data.qpos`, or a slice of it, returns a view: an array that shows the
+memory of the MjData. A caller that writes into it, to scale or clip an observation, writes into the
+simulation, and the next step goes on from there.
+
+    def state(self):
+        return self.data.qpos       # write: return self.data.qpos.copy()
+
+    obs = env.state()
+    obs -= mean                     # or here: obs = env.state() - mean
+
+There is no finding where the caller seems to set the state: where `mj_forward` or the like
+follows, in a method called `reset` or `set_...`, or where the function is named after the field or
+as a view.
+
+Results: the simulation keeps its own state, so all later states differ.
+"""

@@ -18,6 +18,7 @@ from mjbench.loop.lint_new_objects import (
     new_renderers,
     new_rollout_pools,
 )
+from mjbench.loop.lint_written_views import written_views
 from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
 from mjbench.loop.script_names import last_name
 from mjbench.loop.stepping_script import SteppingScript
@@ -219,6 +220,13 @@ RULES = (
         "a row mixes the new state with what is still computed from the one before",
         rows_of_two_moments,
         explanations.ROW_OF_TWO_MOMENTS,
+        is_wrong_result=True,
+    ),
+    Rule(
+        "MJB016",
+        "this writes into the simulation, through a view that a function returns; copy it",
+        written_views,
+        explanations.WRITTEN_VIEW,
         is_wrong_result=True,
     ),
 )

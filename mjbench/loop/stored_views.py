@@ -88,7 +88,8 @@ class StoredViews:
         return WritesThrough(self._script.tree)
 
     @cached_property
-    def _helpers(self) -> HelperViews:
+    def helpers(self) -> HelperViews:
+        """The views that functions of the script give to their callers."""
         return HelperViews(self._script, self._writes, self._views_in)
 
     def all(self) -> Iterator[StoredView]:
@@ -119,7 +120,7 @@ class StoredViews:
                 if self._is_of_the_one_data(view, body.inner):
                     yield StoredView(view)
             renewed = _bound(body.inner) - _bound_by_inner_loops(body.inner)
-            for view in self._helpers.stored(value, renewed):
+            for view in self.helpers.stored(value, renewed):
                 yield StoredView(view, is_returned=True)
 
     def _collected(self, comprehension: ast.ListComp) -> Iterator[StoredView]:
@@ -129,7 +130,7 @@ class StoredViews:
         if any(map(self._writes.through_entries, names)):
             return
         inner, element = nodes_inside(comprehension), comprehension.elt
-        for view in self._helpers.stored(element, ()):
+        for view in self.helpers.stored(element, ()):
             yield StoredView(view, is_returned=True)
         for view in element.elts if isinstance(element, ast.Tuple) else [element]:
             if self._script.is_view(view) and self._is_of_the_one_data(view, inner):

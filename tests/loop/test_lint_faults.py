@@ -67,6 +67,12 @@ def test_a_row_of_two_moments_is_late_by_a_step(faults: ModuleType) -> None:
     assert shown.endswith("0 with mj_kinematics, 0 with qpos of before the step")
 
 
+def test_an_observation_that_is_a_view_moves_the_box(faults: ModuleType) -> None:
+    heights = re.findall(r"[\d.]+(?= with)", faults.written_view())
+    assert len(heights) == 2
+    assert float(heights[0]) > 100 * float(heights[1]) > 10
+
+
 def test_threads_that_share_an_mjdata_are_a_fault(faults: ModuleType) -> None:
     """What happens differs from run to run; that each MjData of its own is right does not."""
     assert faults.shared_data().endswith("with one MjData, 1 state with four")
