@@ -151,7 +151,7 @@ class Hoisting:
     def _refusal(self, call: ast.Call, loop: Loop | None) -> str:
         """Return why a call cannot be hoisted out of a loop; empty if it can."""
         if loop is None:
-            return "no loop around it steps"
+            return "it is in a function that the loop calls"
         lines = self._lines[call.lineno - 1 : call.end_lineno]
         if len(lines) > 1 and any("#" in line for line in lines[:-1]):
             return "a comment stands in it"

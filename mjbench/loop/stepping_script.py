@@ -267,13 +267,10 @@ class SteppingScript:
         """Return whether a function of NumPy itself is called, such as `np.zeros(…)`."""
         return isinstance(node.func, ast.Attribute) and dotted_name(node.func.value) in _NUMPY
 
-    def runs_each_step(self, node: ast.AST, loop: SteppingLoop) -> bool:
-        """Return whether `loop` is the innermost around a node that calls `mj_step` itself."""
-        return self.step_loop_around(node) is loop.node
-
-    def is_conditional(self, node: ast.AST, loop: SteppingLoop) -> bool:
-        """Return whether a node of a loop is under an `if`: it runs in some iterations only."""
-        while node is not loop.node:
+    def is_conditional(self, node: ast.AST) -> bool:
+        """Return whether a node is under an `if` of its loop that steps, or of its function."""
+        loop = self.step_loop_around(node)
+        while node is not loop and not isinstance(node, FUNCTIONS):
             node = self.parents[node]
             if isinstance(node, ast.If):
                 return True
