@@ -363,6 +363,24 @@ def written_view() -> str:
     return f"height after 10 steps: {view:.1f} with scaled views, {copied:.1f} with scaled copies"
 
 
+def steps_in_a_row() -> str:
+    """MJB017: an action is held for several steps, one call each; one call takes them all."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    one, other = mujoco.MjData(model), mujoco.MjData(model)
+
+    def in_a_loop() -> None:
+        for _ in range(10):
+            mujoco.mj_step(model, one)
+
+    def in_one_call() -> None:
+        mujoco.mj_step(model, other, 10)
+
+    in_a_loop(), in_one_call()
+    assert one.qpos[0] == other.qpos[0] != 0 and one.qvel[0] == other.qvel[0]
+    calls, one_call = _ns(in_a_loop, 500), _ns(in_one_call, 500)
+    return f"ns for 10 steps: {calls:.0f} in ten calls, {one_call:.0f} in one"
+
+
 FAULTS = {
     "MJB001": stored_view,
     "MJB002": named_access,
@@ -379,6 +397,7 @@ FAULTS = {
     "MJB014": new_rollout_pool,
     "MJB015": row_of_two_moments,
     "MJB016": written_view,
+    "MJB017": steps_in_a_row,
 }
 
 

@@ -18,10 +18,10 @@ from mjbench.loop.lint_new_objects import (
     new_renderers,
     new_rollout_pools,
 )
-from mjbench.loop.lint_repeats import Loop, step_loop_of_helper
+from mjbench.loop.lint_repeats import Loop, names_in, step_loop_of_helper
 from mjbench.loop.lint_written_views import written_views
 from mjbench.loop.lint_wrong_results import halves_of_runge_kutta, shared_data
-from mjbench.loop.script_names import last_name
+from mjbench.loop.script_names import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingLoop, SteppingScript
 from mjbench.loop.stored_views import StoredViews
 
@@ -144,6 +144,22 @@ def _serial_simulations(script: SteppingScript) -> Iterator[Match]:
             yield Match(loop.node)
 
 
+def _steps_in_a_row(script: SteppingScript) -> Iterator[Match]:
+    """Yield calls of mj_step that a loop does nothing but repeat, a given number of times."""
+    for call in script.calls:
+        statement = script.parents[call]
+        loop = script.parents.get(statement)
+        if not isinstance(loop, ast.For) or loop.body != [statement] or loop.orelse:
+            continue
+        is_range = isinstance(loop.iter, ast.Call) and dotted_name(loop.iter.func) == "range"
+        inner = [n for n in ast.walk(statement) if isinstance(n, ast.Call)]
+        is_plain = last_name(call.func) == "mj_step" and len(call.args) == 2 and not call.keywords
+        if not (is_range and is_plain and inner == [call]):
+            continue
+        if names_in(loop.target).isdisjoint(names_in(call)):
+            yield Match(call, callee="mj_step")
+
+
 RULES = (
     Rule(
         STORED_VIEW,
@@ -245,5 +261,11 @@ RULES = (
         written_views,
         explanations.WRITTEN_VIEW,
         is_wrong_result=True,
+    ),
+    Rule(
+        "MJB017",
+        "nothing happens between these steps: take them in one call, mj_step(model, data, nstep)",
+        _steps_in_a_row,
+        explanations.STEPS_IN_A_ROW,
     ),
 )

@@ -49,33 +49,6 @@ def outermost_loop(file: str, line: int) -> SourceLoop | None:
 
 
 @cache
-def loop_is_one_call(file: str, line: int) -> bool:
-    """Return whether a loop does nothing but make the call on a line, in each iteration.
-
-    Args:
-      file: path of the file.
-      line: of the call, from 1.
-    """
-    try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return False
-    return any(
-        isinstance(node, ast.For)
-        and len(node.body) == 1
-        and isinstance(statement := node.body[0], ast.Expr)
-        and isinstance(statement.value, ast.Call)
-        and not any(
-            isinstance(each, ast.Call)
-            for each in ast.walk(statement.value)
-            if each is not statement.value
-        )
-        and statement.lineno <= line <= (statement.end_lineno or statement.lineno)
-        for node in ast.walk(tree)
-    )
-
-
-@cache
 def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
     """Return the lines of a file that read attributes, each with the attribute's name.
 
