@@ -21,12 +21,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mjbench.loop.certain_names import DATA, MODEL, CertainNames, Loop
+from mjbench.loop.lint_repeats import COMPREHENSIONS
 from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.loop.python_source import Program
 from mjbench.loop.script_names import dotted_name, last_name
 from mjbench.loop.stepping_script import SteppingScript
 
-_COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 _NAME_TO_ID, _ELEMENT_TYPES = "mujoco.mj_name2id", "mujoco.mjtObj."
 
 
@@ -158,7 +158,7 @@ class Hoisting:
         for above in self._above(call, loop):
             if isinstance(above, ast.JoinedStr):
                 return "it is in an f-string"
-            if isinstance(above, _COMPREHENSIONS):
+            if isinstance(above, COMPREHENSIONS):
                 return "it is in a comprehension"
         return self._variation(call, loop)
 

@@ -85,7 +85,7 @@ class _Following:
         self._is_known = True
         self._is_kept = False
         self._names: dict[str, list[ast.Name]] = {}
-        for node in ast.walk(script.tree):
+        for node in script.nodes:
             if isinstance(node, ast.Name):
                 self._names.setdefault(node.id, []).append(node)
         self._values = {id(target): value for target, value in assignments(script.tree)}

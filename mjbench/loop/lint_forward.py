@@ -51,14 +51,11 @@ def forward_after_step(script: SteppingScript) -> Iterator[Match]:
         if any("set_mjcb" in each for each in script.bindings.identifiers):
             return  # mj_forward calls what the script installs
         data = call.args[1]
-        if isinstance(data, ast.Name) and any(_steps(script, call)):
+        loops = (each.loop for each in iterations(script, call))
+        if isinstance(data, ast.Name) and any(map(script.steps_inside, loops)):
             instead = _enough(uses_of(script, data))
             if instead is not None:
                 yield Match(call, "", _message(name, call, instead), name, instead)
-
-
-def _steps(script: SteppingScript, call: ast.Call) -> Iterator[bool]:
-    return (script.steps_inside(each.loop) for each in iterations(script, call))
 
 
 def _follows_step(script: SteppingScript, call: ast.Call) -> bool:

@@ -192,7 +192,7 @@ def _is_written(script: SteppingScript, writes: WritesThrough, function: ast.Fun
     """Return whether a caller may write through what a helper returns."""
     uses: list[ast.expr] = [call for call in script.calls if last_name(call.func) == function.name]
     if function.decorator_list:  # a property
-        attributes = (node for node in ast.walk(script.tree) if isinstance(node, ast.Attribute))
+        attributes = (node for node in script.nodes if isinstance(node, ast.Attribute))
         uses = [attribute for attribute in attributes if attribute.attr == function.name]
     return any(_writes(script, writes, use) for use in uses)
 

@@ -30,11 +30,10 @@ _PROMISES_VIEW = re.compile(r"(^|_)(view|ref|pointer|ptr|proxy|buffer)s?(_|$)")
 
 def written_views(script: SteppingScript) -> Iterator[Match]:
     """Yield what writes into a view that a name got from a function of the script."""
-    nodes = list(ast.walk(script.tree))
-    if not any(isinstance(n, ast.Attribute) and FIELDS.match(n.attr) for n in nodes):
+    if not any(isinstance(n, ast.Attribute) and FIELDS.match(n.attr) for n in script.nodes):
         return
     helpers = StoredViews(script).helpers
-    for node in nodes:
+    for node in script.nodes:
         if not isinstance(node, ast.expr | ast.stmt):
             continue
         for name in _written(node):

@@ -69,15 +69,14 @@ class StoredViews:
 
     def __init__(self, script: SteppingScript):
         """Look at a script."""
-        tree = script.tree
         self._script = script
         self._loops = {loop.node: loop for loop in (*script.loops, *script.environment_loops)}
         self._counted = {
-            dotted_name(node.target) for node in ast.walk(tree) if isinstance(node, ast.AugAssign)
+            dotted_name(node.target) for node in script.nodes if isinstance(node, ast.AugAssign)
         } - {""}
         self._renewed_attributes = {
             node.attr
-            for function in ast.walk(tree)
+            for function in script.nodes
             if isinstance(function, FUNCTIONS) and function.name != "__init__"
             for node in ast.walk(function)
             if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)

@@ -56,13 +56,9 @@ def lines_reading(file: str, names: tuple[str, ...]) -> tuple[tuple[int, str], .
       file: path of the file.
       names: of the attributes.
     """
-    try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ()
     return tuple(
         (node.lineno, node.attr)
-        for node in ast.walk(tree)
+        for node in ast.walk(_tree(file))
         if isinstance(node, ast.Attribute) and node.attr in names
     )
 
@@ -76,12 +72,9 @@ def source_line(file: str, line: int) -> str:
 
 @cache
 def _loops(file: str) -> tuple[SourceLoop, ...]:
-    try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ()
     return tuple(
-        SourceLoop(file, node.lineno, node.end_lineno or node.lineno) for node in _outermost(tree)
+        SourceLoop(file, node.lineno, node.end_lineno or node.lineno)
+        for node in _outermost(_tree(file))
     )
 
 
@@ -100,6 +93,14 @@ def _outermost(scope: ast.AST) -> list[ast.stmt | ast.expr]:
 def _functions(loop: ast.AST) -> list[ast.AST]:
     """Return the functions that are defined inside a loop: their lines run when they are called."""
     return [node for node in ast.walk(loop) if isinstance(node, _FUNCTIONS)]
+
+
+def _tree(file: str) -> ast.Module:
+    """Return the syntax of a file; that of an empty one where it cannot be parsed."""
+    try:
+        return ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ast.Module(body=[], type_ignores=[])
 
 
 @cache
