@@ -229,9 +229,9 @@ the one before, until something computes it again. In a row with both, one is a 
     log.append((qpos, data.site("tip").xpos.copy()))
 
 `mj_kinematics` computes positions of bodies, geoms and sites; contacts, forces and sensors need
-`mj_forward`. A row before the step, in a loop, mixes the same two moments. With `RK4`, positions
-are of the last of its four stages, and sensors of the state before. What no step moves, such as the
-position of a fixed body, is right in either state.
+`mj_forward`. The second way is for single steps of other integrators than `RK4`, after which
+positions are those of the last of its four stages. A row at the top of a loop mixes the same two
+moments. What no step moves, such as the position of a fixed body, is right in either state.
 
 There is no finding for an observation: for what a function returns, or what a policy gets. It may
 be late on purpose, as in Gymnasium's environments, and a policy that was trained on it expects it.

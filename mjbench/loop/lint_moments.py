@@ -55,6 +55,23 @@ class _Reading:
     field: str
 
 
+@dataclass(frozen=True)
+class _LastStep:
+    """The last step before a row.
+
+    Attributes:
+      model: that is stepped, as it is written.
+      data: the dotted name of its MjData.
+      is_single: whether it is one call for one step, so that the state may be copied before it.
+      computed_since: fields of the new state that were computed after it.
+    """
+
+    model: str
+    data: str
+    is_single: bool
+    computed_since: frozenset[str]
+
+
 def rows_of_two_moments(script: SteppingScript) -> Iterator[Match]:
     """Yield rows that hold the new state beside what is computed from another one."""
     stored_views = StoredViews(script)
@@ -118,9 +135,10 @@ def _mixed(script: SteppingScript, row: ast.expr, body: _Body) -> Iterator[Match
         fields = [reading.field for reading in readings if reading.data == data]
         state = [field for field in fields if field in _INTEGRATED]
         computed = {field for field in fields if _is_computed(field)}
-        late = _late(script, row, body, data, computed) if state and computed else ()
-        if late:
-            yield Match(row, message=_message(script, body, data, state, sorted(late)))
+        last = _last_step(script, row, body, data) if state and computed else None
+        late = sorted(computed - last.computed_since) if last else ()
+        if last and late:
+            yield Match(row, message=_message(last, state, late))
 
 
 def _is_computed(field: str) -> bool:
@@ -145,10 +163,8 @@ def _readings(script: SteppingScript, node: ast.AST) -> Iterator[_Reading]:
         yield _Reading(dotted_name(access.func.value), prefix + node.attr)
 
 
-def _late(
-    script: SteppingScript, row: ast.expr, body: _Body, data: str, fields: set[str]
-) -> set[str]:
-    """Return which of the computed fields of a row are not of the new state; none if uncertain."""
+def _last_step(script: SteppingScript, row: ast.expr, body: _Body, data: str) -> _LastStep | None:
+    """Return the last step of an MjData before a row; None where it is not certain."""
     around = set(_above(script, row, body))
     place = row.lineno, row.col_offset
     own = {*ast.walk(row)}
@@ -156,18 +172,23 @@ def _late(
     calls.sort(key=lambda call: (call.lineno, call.col_offset), reverse=True)
     before = [call for call in calls if (call.lineno, call.col_offset) < place]
     after = [] if _is_method(body) else calls[: len(calls) - len(before)]
+    computed: set[str] = set()
     for call in (*before, *after):  # the latest first; what stands after the row ran before it
-        name, given = last_name(call.func), call.args[1:2]
         if _is_harmless(script, call):
             continue
+        name, given = last_name(call.func), call.args[1:2]
         branches = {n for n in _above(script, call, body) if isinstance(n, _BRANCHES)}
         if not given or dotted_name(given[0]) != data or not branches <= around:
-            return set()
+            return None
         if name in COMPUTED:
-            fields = fields - COMPUTED[name]
-        else:
-            return fields if is_step(call) and name != "mj_step1" else set()
-    return set()
+            computed |= COMPUTED[name]
+            continue
+        if not is_step(call) or name == "mj_step1":
+            return None
+        loops = {n for n in _above(script, call, body) if isinstance(n, ast.For | ast.While)}
+        is_single = not call.args[2:] and not call.keywords and loops <= {*around, body.node}
+        return _LastStep(ast.unparse(call.args[0]), data, is_single, frozenset(computed))
+    return None
 
 
 def _above(script: SteppingScript, node: ast.AST, body: _Body) -> Iterator[ast.AST]:
@@ -185,20 +206,15 @@ def _is_harmless(script: SteppingScript, call: ast.Call) -> bool:
     return origin in _HARMLESS_MODULES or (name in _HARMLESS and not script.functions.called(call))
 
 
-def _message(
-    script: SteppingScript, body: _Body, data: str, state: Sequence[str], late: Sequence[str]
-) -> str:
-    model = next(
-        ast.unparse(n.args[0])
-        for n in body.inner
-        if isinstance(n, ast.Call) and is_step(n) and dotted_name(n.args[1]) == data
-    )
-    calls = ", ".join(f"{name}({model}, {data})" for name in enough_for({*late}) or ["mj_forward"])
+def _message(last: _LastStep, state: Sequence[str], late: Sequence[str]) -> str:
+    functions = enough_for({*late}) or ["mj_forward"]
+    calls = ", ".join(f"{name}({last.model}, {last.data})" for name in functions)
     old, new = _listed(late), _listed(state)
     verb = "belongs" if len(late) == 1 else "belong"
+    copies = f", or copy {new} before the step and the rest after it" if last.is_single else ""
     return (
-        f"{old} still {verb} to the state before the step, {new} to the one after it: call {calls}"
-        f" before this row, or copy {new} before the step and the rest after it"
+        f"{old} still {verb} to the state before the last step, {new} to the one after it: call"
+        f" {calls} before this row{copies}"
     )
 
 

@@ -145,4 +145,12 @@ def test_the_message_says_what_computes_what_is_read(tmp_path: Path, row: str, c
 def test_the_message_says_which_fields_are_of_which_state(tmp_path: Path) -> None:
     row = "log.append((data.time, data.qpos.copy(), data.xpos.copy(), data.ncon))"
     (message,) = found(tmp_path, STEP, row)
-    assert message.startswith("ncon and xpos still belong to the state before the step, qpos and")
+    assert message.startswith("ncon and xpos still belong to the state before the last step, qpos")
+
+
+def test_a_copy_of_the_state_is_offered_before_a_single_step_alone(tmp_path: Path) -> None:
+    (message,) = found(tmp_path, STEP, ROW)
+    assert message.endswith(", or copy qpos before the step and the rest after it")
+    for steps in ("mujoco.mj_step(model, data, 5)", f"for _ in range(5): {STEP}"):
+        (message,) = found(tmp_path, steps, ROW)
+        assert message.endswith("call mj_kinematics(model, data) before this row")
