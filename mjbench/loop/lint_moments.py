@@ -134,14 +134,15 @@ def _mixed(script: SteppingScript, row: ast.expr, body: _Body) -> Iterator[Match
     for data in dict.fromkeys(reading.data for reading in readings):
         fields = [reading.field for reading in readings if reading.data == data]
         state = [field for field in fields if field in _INTEGRATED]
-        computed = {field for field in fields if _is_computed(field)}
+        computed = {field for field in fields if is_computed(field)}
         last = _last_step(script, row, body, data) if state and computed else None
         late = sorted(computed - last.computed_since) if last else ()
         if last and late:
             yield Match(row, message=_message(last, state, late))
 
 
-def _is_computed(field: str) -> bool:
+def is_computed(field: str) -> bool:
+    """Return whether a step computes a field of MjData from the state that it begins with."""
     is_array = bool(FIELDS.match(field)) and field not in _OF_NO_MOMENT
     return is_array or field in _COMPUTED_NUMBERS
 

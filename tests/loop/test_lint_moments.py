@@ -2,8 +2,13 @@
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
+from commands import ROOT
 from linted import findings
+
+from mjbench.loop.lint_moments import is_computed
 
 LOOP = """
 import csv, time
@@ -154,3 +159,21 @@ def test_a_copy_of_the_state_is_offered_before_a_single_step_alone(tmp_path: Pat
     for steps in ("mujoco.mj_step(model, data, 5)", f"for _ in range(5): {STEP}"):
         (message,) = found(tmp_path, steps, ROW)
         assert message.endswith("call mj_kinematics(model, data) before this row")
+
+
+@pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "IMPLICITFAST"])
+@pytest.mark.parametrize("name", ["humanoid", "muscle_arm", "cube_table", "gripper"])
+def test_a_step_leaves_what_it_computed_as_it_was_before_it(name: str, integrator: str) -> None:
+    model = mujoco.MjModel.from_xml_path(str(ROOT / "models" / f"{name}.xml"))
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    data, before = mujoco.MjData(model), mujoco.MjData(model)
+    data.ctrl[:] = 0.3
+    mujoco.mj_step(model, data, 50)
+    mujoco.mj_copyData(before, model, data)
+    mujoco.mj_forward(model, before)
+    mujoco.mj_step(model, data)
+    assert not np.array_equal(data.qpos, before.qpos)
+    fields = [f for f in dir(data) if is_computed(f) and f != "contact"]
+    assert len(fields) > 80
+    for field in fields:
+        assert np.array_equal(getattr(data, field), getattr(before, field)), field
