@@ -19,7 +19,6 @@ from mjbench.program.hook import call_clock
 from mjbench.program.loop_time import LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured, Question, Trial
-from mjbench.program.source_loops import loop_is_one_call
 from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
@@ -57,6 +56,13 @@ class CallRemedy:
 
 # What to do about a call in a loop. A call that stands in none of them is what the program is for.
 CALL_REMEDIES = (
+    CallRemedy(
+        callees=("mj_step",),
+        text="nothing happens between these steps: call mj_step(model, data, nstep) once",
+        trial=Trial.ONE_CALL,
+        codes=("MJB017",),
+        needs_finding=True,
+    ),
     CallRemedy(
         callees=("mj_forward",),
         text="mj_forward computes what the next mj_step computes again",
@@ -131,8 +137,6 @@ CALL_REMEDIES = (
     ),
 )
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
-_ONE_CALL_ADVICE = "nothing happens between these steps: call mj_step(model, data, nstep) once"
-_ONE_CALL = Question(Trial.ONE_CALL)
 ACCESS_BY_NAME = Question(Trial.NAMED_ACCESS)
 
 
@@ -149,8 +153,6 @@ def questions(
     for loop in loops:
         if _steps_s(loop) > LEAST_GAIN * loop.seconds:
             asked[_no_timer(loop)] = None
-            if any(loop_is_one_call(loop.loop.file, call.place.line) for call in steps_of(loop)):
-                asked[_ONE_CALL] = None
         for context in _contexts(loop, findings):
             if context.remedy.trial is not None and _share(loop, context.calls) >= LEAST_GAIN:
                 asked[_question(context)] = None
@@ -222,6 +224,13 @@ def of_calls(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
             if saved_s is None:
                 continue  # most of the call is its steps
             gain, basis = min(share, saved_s * count / loop.seconds), Basis.PAIRED
+        elif remedy.trial == Trial.ONE_CALL:
+            saved = measured.saved(_question(context))
+            if saved is None:
+                continue  # most of the call is its step
+            # the pair includes what Python does around each call
+            share += loop.activities.get(Activity.BINDINGS, 0.0)
+            gain, basis = saved * min(1.0, share), Basis.PAIRED
         elif remedy.trial is not None:
             saved = measured.saved(_question(context))
             basis = Basis.BOUND
@@ -250,6 +259,8 @@ def _question(context: _Context) -> Question:
     assert remedy.trial is not None, "only calls that are replaced have a question"
     if remedy.trial == Trial.FUNCTIONS:
         return Question(remedy.trial, () if finding is None else tuple(finding.instead))
+    if remedy.trial == Trial.ONE_CALL:
+        return Question(remedy.trial)
     if remedy.trial == Trial.POOL:
         count, steps = sum(call.calls for call in calls), sum(call.steps for call in calls)
         all_steps = sum(call.all_steps for call in calls)
@@ -338,25 +349,6 @@ def of_steps(loop: LoopTime, measured: Measured) -> Iterator[Remedy]:
             share=share,
             effect="nothing but mjData.timer, which stays empty",
         )
-    by_place: dict[Place, list[CallTime]] = defaultdict(list)
-    for call in steps_of(loop):
-        by_place[call.place].append(call)
-    for place, calls in by_place.items():
-        saved = measured.saved(_ONE_CALL)
-        # the pair includes what Python does around each call
-        share = _share(loop, calls) + loop.activities.get(Activity.BINDINGS, 0.0)
-        if saved is not None and loop_is_one_call(loop.loop.file, place.line):
-            yield Remedy(
-                RemedyKind.CALL,
-                Activity.PHYSICS,
-                place,
-                _ONE_CALL_ADVICE,
-                saved * min(1.0, share),
-                None,
-                basis=Basis.PAIRED,
-                share=share,
-                effect="nothing",
-            )
 
 
 def of_turns(loop: LoopTime, measured: Measured, incidents: Sequence[Incident]) -> Iterator[Remedy]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mjbench.loop.lint import Finding
-from mjbench.program import call_remedies, confirm, remedies, source_loops
+from mjbench.program import call_remedies, confirm, remedies
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
@@ -241,16 +241,21 @@ def test_the_timer_of_the_python_package_is_measured_on_the_model():
 
 def test_steps_with_nothing_between_them_are_one_call(tmp_path):
     file = tmp_path / "train.py"
-    file.write_text("for _ in range(9):\n    mj_step(model, data)\n    # and no more\n")
-    bare = replace(step(), place=Place(str(file), 2, "main"))
-    time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 3))
-    measured = Measured({Question(Trial.ONE_CALL): ratio(0.8)})
-    (remedy,) = remedies.remedies(time, [], measured)
+    bare = replace(step(), place=Place(str(file), 3, "main"))
+    time = replace(loop_of(bare), loop=SourceLoop(str(file), 1, 5))
+    question = Question(Trial.ONE_CALL)
+    held = "for _ in range(9):\n    for _ in range(5):\n        mj_step(m, d)\n        {}\n    {}\n"
+    file.write_text(held.format("# and no more", "d.ctrl[:] = policy(d)"))
+    findings = remedies.findings_of([str(file)])
+    assert question in call_remedies.questions([time], findings)
+    (remedy,) = remedies.remedies(time, findings, Measured({question: ratio(0.8)}))
+    assert (remedy.code, remedy.place.line, remedy.effect) == ("MJB017", 3, "nothing")
     assert remedy.gain == pytest.approx(0.1)
-    file.write_text("for _ in range(9):\n    mj_step(model, data)\n    policy(data)\n")
-    source_loops.loop_is_one_call.cache_clear()
-    source_loops._text.cache_clear()
-    assert remedies.remedies(time, [], measured) == []
+    assert remedies.remedies(time, findings, Measured({})) == [], "not measured"
+    file.write_text(held.format("d.ctrl[:] = policy(d)", "pass"))
+    findings = remedies.findings_of([str(file)])
+    assert question not in call_remedies.questions([time], findings)
+    assert remedies.remedies(time, findings, Measured({question: ratio(0.8)})) == []
 
 
 def test_simulations_in_turn_are_advised_where_a_batch_is_faster():
