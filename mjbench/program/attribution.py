@@ -13,6 +13,8 @@ from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
 # Loops with a smaller share of the time of all loops that step are left out.
 LEAST_LOOP_SHARE = 0.05
+# Share of a line's samples that may show a step that it does not make.
+_MOST_TORN_SHARE = 0.05
 # The `_bootstrap` of this module begins a process, which may be a fork.
 _PROCESS_MODULE = "multiprocessing/process.py"
 
@@ -161,6 +163,7 @@ def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> L
         lines=_own_lines(resolved),
         inner_functions=_inner_functions(resolved),
         engine_clock=clock_s / total_s,
+        building=_building_line(resolved),
     )
 
 
@@ -212,6 +215,41 @@ def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
         package = packages[place].most_common(1)[0][0] if packages[place] else ""
         times.append(LineTime(place, sum(shares.values()), shares, package))
     return large(times)
+
+
+def _building_line(resolved: Sequence[tuple[_Sample, Activity]]) -> LineTime | None:
+    """Return the outermost line under which models are built and nothing steps."""
+    total_s = sum(sample.seconds for sample, _ in resolved)
+    by_line: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
+    steps_s: dict[Place, float] = defaultdict(float)
+    for sample, activity in resolved:
+        is_slow_call = sample.stack[-1].file.endswith(activities.CALL_CLOCK)
+        for place in _own_places(sample):
+            by_line[place].append((activity, sample.seconds))
+            if activity == Activity.PHYSICS and not is_slow_call:
+                steps_s[place] += sample.seconds
+    # a torn stack may show a step under another line
+    without_steps = {
+        place
+        for place, parts in by_line.items()
+        if steps_s[place] < _MOST_TORN_SHARE * sum(seconds for _, seconds in parts)
+    }
+    built_s: dict[Place, float] = defaultdict(float)
+    for sample, activity in resolved:
+        outermost = next((each for each in _own_places(sample) if each in without_steps), None)
+        if activity == Activity.BUILDING and outermost is not None:
+            built_s[outermost] += sample.seconds
+    if not built_s:
+        return None
+    place = max(built_s, key=lambda each: built_s[each])
+    shares = shares_of(by_line[place], total_s)
+    return LineTime(place, sum(shares.values()), shares)
+
+
+def _own_places(sample: _Sample) -> list[Place]:
+    """Return the lines of the user's code on a stack, from the loop inward, each once."""
+    own = [frame for frame in _inner(sample) if is_own(frame)]
+    return list(dict.fromkeys(_shown_place(each.file, each.line, each.function) for each in own))
 
 
 def _called_package(sample: _Sample, own: Frame) -> str:

@@ -71,6 +71,8 @@ class LoopTime:
         by share; the place of each is the line that samples saw most often.
       engine_clock: share of the timer of MuJoCo's Python package.
       calls: of functions that are timed one by one, from lines of this loop.
+      building: the outermost line under which models are built and nothing steps, with all that it
+        takes; None where none are built.
     """
 
     loop: SourceLoop
@@ -86,6 +88,7 @@ class LoopTime:
     inner_functions: Sequence[LineTime]
     engine_clock: Share
     calls: Sequence[CallTime] = ()
+    building: LineTime | None = None
 
     @property
     def has_physics(self) -> bool:

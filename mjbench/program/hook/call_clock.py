@@ -268,16 +268,26 @@ class CallClock:
         begin_ns: int,
         line: tuple[str, int, str] | None,
     ) -> list[int] | None:
-        """Return the slot of a call, by the line of the user's code; None where there is none."""
-        owns = self._is_own
+        """Return the slot of a call, by the line of the user's code.
+
+        Where no line of the process is the user's, it is that of an installed package; None where
+        there is none either.
+        """
+        owns, of_package = self._is_own, None
         if frame is None and self._latest is not None:
             return self._new_slot(callee, get_ident(), self._latest, begin_ns)
         while frame is not None:
             file = frame.f_code.co_filename
             if owns[file] if file in owns else self._owns(file):
                 break
+            if _begins_process(frame):
+                frame = None
+                break
+            if of_package is None and "-packages" in file:
+                of_package = frame
             frame = frame.f_back
-        else:
+        frame = frame or of_package
+        if frame is None:
             return None
         # by its identity: to hash the code itself takes microseconds
         key = (callee, id(frame.f_code), frame.f_lasti, get_ident())
@@ -320,7 +330,7 @@ class CallClock:
         count = 0
         while frame is not None and count < MAX_STACK:
             file = frame.f_code.co_filename
-            if frame.f_code.co_name == _PROCESS_FUNCTION and file.endswith(_PROCESS_MODULE):
+            if _begins_process(frame):
                 return
             if self._owns(file) or "-packages" in file:
                 yield frame
@@ -609,6 +619,12 @@ class CallClock:
         self.add(
             COMPILE, sys._getframe(1), begin_ns + inner_ns, end_ns, calls=1 if is_compile else 0
         )
+
+
+def _begins_process(frame: FrameType) -> bool:
+    """Return whether what is below a frame on the stack belongs to the process's parent."""
+    code = frame.f_code
+    return code.co_name == _PROCESS_FUNCTION and code.co_filename.endswith(_PROCESS_MODULE)
 
 
 def _leaf(value: Any) -> Any:
