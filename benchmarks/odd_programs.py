@@ -1,7 +1,7 @@
-"""Small programs that depend on what most programs never look at: how they end, how they were
-started, and which objects MuJoCo's functions are.
+"""Small programs that depend on what most programs never look at.
 
-Each prints what it sees; nothing in it varies from run to run. `same_behaviour` runs them.
+That is how they end, how they were started, and which objects MuJoCo's functions are. Each
+prints what it sees; nothing in it varies from run to run. `same_behaviour` runs them.
 """
 
 import signal
@@ -81,7 +81,10 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     ),
     "wrong arguments of the engine": OddProgram(_STEPS + "mujoco.mj_step(1, 2)"),
     "too few arguments of the engine": OddProgram(_STEPS + "mujoco.mj_step(model)"),
-    "unknown keyword of the engine": OddProgram(_STEPS + "mujoco.mj_step(model, data, steps=2)"),
+    "unknown keyword of the engine": OddProgram(
+        _STEPS + "try:\n    mujoco.mj_step(model, data, steps=2)\n"
+        "except TypeError as error:\n    print('steps' in str(error))"
+    ),
     "wrong model": OddProgram(
         "import mujoco\ntry:\n    mujoco.MjModel.from_xml_string('<mujoco')\n"
         "except ValueError as error:\n    print(error)\nmujoco.MjModel.from_xml_path('none.xml')"
@@ -168,7 +171,9 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     "module": OddProgram("", arguments=("-m", "package", "x"), files=_PACKAGE),
     "module in a package": OddProgram("", arguments=("-m", "package.part"), files=_PACKAGE),
     "missing module": OddProgram("", arguments=("-m", "no_such_module")),
-    "folder": OddProgram("", arguments=("folder",), files={"folder/__main__.py": "print(__file__)"}),
+    "folder": OddProgram(
+        "", arguments=("folder",), files={"folder/__main__.py": "print(__file__)"}
+    ),
     "runpy": OddProgram(
         "import runpy\nrunpy.run_module('package', run_name='__main__')\n"
         "print(sorted(runpy.run_path('other.py'))[-1])",
@@ -207,8 +212,9 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     "no end of line": OddProgram("print(1)\nif True:\n    print(2)"),
     "encoding of streams": OddProgram(
         "import sys, locale, decimal\n"
-        "print(sys.stdout.encoding, sys.stdout.errors, sys.stdout.line_buffering, sys.stderr.errors,"
-        " locale.getlocale(), locale.getpreferredencoding(), decimal.getcontext(), '\\u00e4')"
+        "print(sys.stdout.encoding, sys.stdout.errors, sys.stdout.line_buffering,"
+        " sys.stderr.errors, locale.getlocale(), locale.getpreferredencoding(),"
+        " decimal.getcontext(), '\\u00e4')"
     ),
     "reads its own source": OddProgram(
         "import inspect\ndef f():\n    return 1  # one\n"
@@ -229,7 +235,8 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     ),
     "os.execv": OddProgram(
         _STEPS + "import os, sys\nsys.stdout.flush()\n"
-        "if len(sys.argv) < 4:\n    os.execv(sys.executable, [sys.executable, *sys.argv, 'again'])\n"
+        "if len(sys.argv) < 4:\n"
+        "    os.execv(sys.executable, [sys.executable, *sys.argv, 'again'])\n"
         "print(sys.argv)\nsys.exit(6)"
     ),
     "child of the same interpreter": OddProgram(
@@ -245,7 +252,8 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     "pool of processes that fails": OddProgram(
         "from concurrent.futures import ProcessPoolExecutor\ndef f(x):\n    return 1 // x\n"
         "if __name__ == '__main__':\n    with ProcessPoolExecutor(1) as pool:\n"
-        "        print(list(pool.map(f, [1])))\n        try:\n            pool.submit(f, 0).result()\n"
+        "        print(list(pool.map(f, [1])))\n"
+        "        try:\n            pool.submit(f, 0).result()\n"
         "        except ZeroDivisionError as error:\n            print(repr(error))"
     ),
     "threads": OddProgram(
@@ -308,10 +316,12 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     ),
     "unit tests": OddProgram(
         "import unittest, mujoco\nclass Test(unittest.TestCase):\n    def test_it(self):\n"
-        "        self.assertEqual(1, 2)\nunittest.main(argv=['x'], testRunner="
-        "unittest.TextTestRunner(stream=open('out.txt', 'w'), descriptions=False))"
+        "        self.assertEqual(1, 2)\nimport io\n"
+        "runner = unittest.TextTestRunner(io.StringIO())\n"
+        "print(unittest.main(argv=['x'], testRunner=runner, exit=False).result.failures[0][1])"
     ),
-    "doctest": OddProgram("def f():\n    '''\n    >>> f()\n    1\n    '''\n    return 2\n"
+    "doctest": OddProgram(
+        "def f():\n    '''\n    >>> f()\n    1\n    '''\n    return 2\n"
         "import doctest\nprint(doctest.testmod())"
     ),
     # MuJoCo's objects
@@ -322,8 +332,10 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
         "    print(f.__name__, f.__qualname__, f.__module__, len(f.__doc__ or ''), callable(f))"
     ),
     "signature": OddProgram(
-        _STEPS + "import inspect\nfor f in (mujoco.mj_step, mujoco.mj_forward, mujoco.mj_resetData,"
-        " mujoco.Renderer.render, mujoco.Renderer):\n    try:\n        print(inspect.signature(f))\n"
+        _STEPS + "import inspect\n"
+        "for f in (mujoco.mj_step, mujoco.mj_forward, mujoco.mj_resetData,"
+        " mujoco.Renderer.render, mujoco.Renderer):\n"
+        "    try:\n        print(inspect.signature(f))\n"
         "    except ValueError as error:\n        print('none', str(error)[:20])"
     ),
     "kinds of functions": OddProgram(
@@ -338,7 +350,8 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
     ),
     "function of its own in place of mj_step": OddProgram(
         _STEPS + "original, count = mujoco.mj_step, [0]\n"
-        "def counted(*arguments, **more):\n    count[0] += 1\n    return original(*arguments, **more)\n"
+        "def counted(*arguments, **more):\n    count[0] += 1\n"
+        "    return original(*arguments, **more)\n"
         "mujoco.mj_step = counted\nfor _ in range(500):\n    mujoco.mj_step(model, data)\n"
         "print(count, mujoco.mj_step is counted)\nmujoco.mj_step = original\n"
         "mujoco.mj_step(model, data)\nprint(count, round(data.time, 3))"

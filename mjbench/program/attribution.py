@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from mjbench.program import activities, timed_loops
 from mjbench.program.activities import Activity, Place, is_own
 from mjbench.program.calls import CallTime
-from mjbench.program.loop_time import FEW_SAMPLES, LineTime, LoopTime, large, shares_of
+from mjbench.program.loop_time import (
+    FEW_SAMPLES,
+    LEAST_REPEATS,
+    LineTime,
+    LoopTime,
+    large,
+    shares_of,
+)
 from mjbench.program.samples import Frame, ThreadSamples
 from mjbench.program.source_loops import SourceLoop, outermost_loop, source_line
 
@@ -61,7 +68,8 @@ def loop_times(
                 assert loop is not None, "the frame was chosen because it is in a loop"
                 activity = activities.activity(stack, thread.has_native)
                 by_loop[loop].append(_Sample(thread, stack, position, activity))
-    sampled = [_loop_time(loop, samples, main_pid) for loop, samples in by_loop.items()]
+    loading = _loading_lines(calls)
+    sampled = [_loop_time(loop, samples, main_pid, loading) for loop, samples in by_loop.items()]
     times = [
         timed_loops.with_collections(
             time, sum((collections_s or {}).get(pid, 0.0) for pid in time.pids)
@@ -125,7 +133,21 @@ def _own_begin(stack: Sequence[Frame]) -> int:
     return begins[-1] if begins else 0
 
 
-def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> LoopTime:
+def _loading_lines(calls: Sequence[CallTime]) -> set[tuple[str, int]]:
+    """Return the lines that load or compile a model again and again."""
+    counts: dict[tuple[str, int], float] = defaultdict(float)
+    for call in calls:
+        if call.activity == Activity.LOADING:
+            counts[call.place.file, call.place.line] += call.calls
+    return {line for line, count in counts.items() if count >= LEAST_REPEATS}
+
+
+def _loop_time(
+    loop: SourceLoop,
+    samples: Sequence[_Sample],
+    main_pid: int,
+    loading: Collection[tuple[str, int]],
+) -> LoopTime:
     resolved = _resolved(samples)
     by_activity = shares_of((activity, sample.seconds) for sample, activity in resolved)
     total_s = sum(sample.seconds for sample in samples)
@@ -163,7 +185,7 @@ def _loop_time(loop: SourceLoop, samples: Sequence[_Sample], main_pid: int) -> L
         lines=_own_lines(resolved),
         inner_functions=_inner_functions(resolved),
         engine_clock=clock_s / total_s,
-        building=_building_line(resolved),
+        building=_building_line(resolved, loading),
     )
 
 
@@ -217,8 +239,10 @@ def _own_lines(resolved: Sequence[tuple[_Sample, Activity]]) -> list[LineTime]:
     return large(times)
 
 
-def _building_line(resolved: Sequence[tuple[_Sample, Activity]]) -> LineTime | None:
-    """Return the outermost line under which models are built and nothing steps."""
+def _building_line(
+    resolved: Sequence[tuple[_Sample, Activity]], loading: Collection[tuple[str, int]]
+) -> LineTime | None:
+    """Return the outermost line under which models are built or loaded, and nothing steps."""
     total_s = sum(sample.seconds for sample, _ in resolved)
     by_line: dict[Place, list[tuple[Activity, float]]] = defaultdict(list)
     steps_s: dict[Place, float] = defaultdict(float)
@@ -236,8 +260,12 @@ def _building_line(resolved: Sequence[tuple[_Sample, Activity]]) -> LineTime | N
     }
     built_s: dict[Place, float] = defaultdict(float)
     for sample, activity in resolved:
-        outermost = next((each for each in _own_places(sample) if each in without_steps), None)
-        if activity == Activity.BUILDING and outermost is not None:
+        places = _own_places(sample)
+        outermost = next((each for each in places if each in without_steps), None)
+        is_built = activity == Activity.BUILDING or any(
+            (each.file, each.line) in loading for each in places
+        )
+        if is_built and outermost is not None:
             built_s[outermost] += sample.seconds
     if not built_s:
         return None

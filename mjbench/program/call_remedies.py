@@ -16,7 +16,7 @@ from mjbench.loop.lint_rules import NAMED_ACCESS
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime, Incident
 from mjbench.program.hook import call_clock
-from mjbench.program.loop_time import LoopTime
+from mjbench.program.loop_time import LEAST_REPEATS, LoopTime
 from mjbench.program.remedy import LEAST_GAIN, Basis, Remedy, RemedyKind
 from mjbench.program.replacements import Measured, Question, Trial
 from mjbench.program.source_loops import loop_is_one_call
@@ -24,8 +24,6 @@ from mjbench.simulation import package_timer
 
 # The most that a pair stands for; steps after a new MjData that tell what its memory costs them.
 _MOST_GAIN, _MOST_STEPS = 0.99, 50
-# A call in a loop that is made less often than this belongs to the set-up.
-_LEAST_REPEATS = 3
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class CallRemedy:
       needs_finding: whether only lint's finding shows the context, such as what is read afterwards.
       keeps_first: whether one call remains.
       is_bound: whether the same has to be computed elsewhere, so that less is saved.
+      is_of_loop: whether it is about all these calls in a loop together.
     """
 
     callees: tuple[str, ...]
@@ -51,6 +50,7 @@ class CallRemedy:
     needs_finding: bool = False
     keeps_first: bool = False
     is_bound: bool = False
+    is_of_loop: bool = False
 
 
 # What to do about a call in a loop. A call that stands in none of them is what the program is for.
@@ -85,6 +85,7 @@ CALL_REMEDIES = (
         effect="nothing, if the model is the same",
         codes=("MJB011",),
         keeps_first=True,
+        is_of_loop=True,
     ),
     CallRemedy(
         callees=("Renderer",),
@@ -181,9 +182,12 @@ def _contexts(loop: LoopTime, findings: Sequence[Finding]) -> Iterator[_Context]
         for call in loop.calls:
             if call.callee in remedy.callees:
                 by_place[call.place].append(call)
+        if remedy.is_of_loop and by_place:
+            place = max(by_place, key=lambda each: sum(call.seconds for call in by_place[each]))
+            by_place = {place: [call for calls in by_place.values() for call in calls]}
         for place, calls in by_place.items():
             finding = _finding_of(remedy, place, loop, findings)
-            repeats = sum(call.calls for call in calls) >= _LEAST_REPEATS
+            repeats = sum(call.calls for call in calls) >= LEAST_REPEATS
             if finding is not None or (repeats and not remedy.needs_finding):
                 at = place if finding is None else _place(finding)
                 nstep = sum(call.all_steps for call in steps_of(loop))
@@ -277,9 +281,7 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
     count = sum(call.calls for call in calls)
     if question.trial == Trial.RENDERER:
         frames = [
-            call
-            for call in loop.calls
-            if call.activity == Activity.RENDERING and call not in calls
+            call for call in loop.calls if call.activity == Activity.RENDERING and call not in calls
         ]
         most = max((call.calls for call in frames), default=1.0)
         beside, part = frames, min(1.0, count / most)

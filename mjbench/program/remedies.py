@@ -121,11 +121,12 @@ def _savings(loop: LoopTime, findings: Sequence[Finding], measured: Measured) ->
     """Yield what saves time, in any order."""
     of_calls = list(call_remedies.of_calls(loop, findings, measured))
     whole = loop.activities.keys() - _OF_LINES - _OF_CALLS
-    if loop.building is not None and loop.samples >= FEW_SAMPLES:
-        # a model that is built is compiled, too
-        of_calls = [remedy for remedy in of_calls if remedy.activity != Activity.LOADING]
-        whole -= {Activity.LOADING}
-        yield _of_building(loop, loop.building)
+    if _has_building(loop):
+        # a model that is built is compiled, too, and has an MjData of its own
+        of_model = {Activity.LOADING, Activity.COPYING}
+        of_calls = [remedy for remedy in of_calls if remedy.activity not in of_model]
+        whole -= of_model
+        yield _of_building(loop)
     yield from of_calls
     yield from call_remedies.of_steps(loop, measured)
     if loop.samples < FEW_SAMPLES:
@@ -169,8 +170,25 @@ def _of_activity(loop: LoopTime, activity: Activity) -> Remedy:
     return _remedy(loop, kind, activity, place, _ADVICE[activity], loop.activities[activity])
 
 
-def _of_building(loop: LoopTime, line: LineTime) -> Remedy:
+def _has_building(loop: LoopTime) -> bool:
+    """Return whether samples show more of the models that are built than the calls that load."""
+    loading = {
+        (call.place.file, call.place.line)
+        for call in loop.calls
+        if call.activity == Activity.LOADING
+    }
+    line = loop.building
+    return (
+        line is not None
+        and loop.samples >= FEW_SAMPLES
+        and (line.place.file, line.place.line) not in loading
+    )
+
+
+def _of_building(loop: LoopTime) -> Remedy:
     """Return what to do about models that are built in a loop: compiling is a part of it."""
+    line = loop.building
+    assert line is not None, "models are built"
     return _remedy(
         loop,
         RemedyKind.ACTIVITY,

@@ -79,6 +79,7 @@ _ENVIRONMENTS = (
 _NONE = object()  # stands for an argument that is not given
 _HERE = os.path.dirname(os.path.abspath(__file__))
 _now_ns, _processor_ns = time.perf_counter_ns, time.process_time_ns
+_HIGH_DESCRIPTOR = 500
 # Of a thread's identifier, so that it fits a record.
 _THREAD_BITS = 2**63 - 1
 
@@ -625,7 +626,6 @@ def _replacement(call: Any, function: Any) -> Any:
     take half as long again.
     """
     _copy_names(function, call)
-    call.__module__ = "mujoco"
     return MethodType(call, _MuJoCo())
 
 
@@ -739,9 +739,35 @@ def _without_own(frames: Any) -> Any:
         if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
             rest.append(frames)
         frames = frames.tb_next
-    for frame, following in zip(rest, [*rest[1:], None], strict=True):
+    following = None
+    for frame in reversed(rest):
         frame.tb_next = following
-    return rest[0] if rest else None
+        following = frame
+    return following
+
+
+def _note_crashes(path: str) -> None:
+    """Let a crash leave the line that the program was at, in a file of its own.
+
+    The program sees a fault handler that is not enabled, until it enables it itself.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+
+        # a number that no file of the program gets, even if the program closes what it inherits
+        high = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _HIGH_DESCRIPTOR)
+        os.close(descriptor)
+        descriptor = high
+    enable, is_enabled = faulthandler.enable, faulthandler.is_enabled
+    enable(descriptor, all_threads=False)
+
+    def enable_for_program(*args: Any, **kwargs: Any) -> None:
+        faulthandler.is_enabled = is_enabled
+        enable(*args, **kwargs)
+
+    faulthandler.enable = _like(enable_for_program, enable)
+    faulthandler.is_enabled = _like(lambda: False, is_enabled)
 
 
 def start(folder: str, calls: Any, change: str = "") -> StepClock:
@@ -774,10 +800,7 @@ def start(folder: str, calls: Any, change: str = "") -> StepClock:
     gc.callbacks.append(clock.note_collection)
     _hide_from_tracebacks()
     if not faulthandler.is_enabled():
-        # a file of its own, in which a crash leaves the line that the program was at
-        path = os.path.join(folder, f"{os.getpid()}.fault")
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        faulthandler.enable(os.open(path, flags, 0o600), all_threads=False)
+        _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=clock.begin_process)
     atexit.register(clock.end)
