@@ -8,7 +8,6 @@ from benchmarks import own_programs
 QUICK = (
     "forward_after_step",
     "planner_copies",
-    "simulations_in_turn",
     "stored_views",
     "halves_of_rk4",
     "diverged",
