@@ -2,8 +2,8 @@
 
 `fit` estimates the mean of launches, with equal weight on each residue (see `placements`), after
 leaving out launches that something else on the machine disturbed. An interval or an e-value of it
-may be computed after every launch, and launching stopped at any time. `benchmarks/
-verdict_simulation.py` measures how often verdicts that rest on them are wrong.
+may be computed after every launch, and launching stopped at any time.
+`benchmarks/studies/verdict_simulation.py` measures how often verdicts that rest on them are wrong.
 """
 
 import functools
