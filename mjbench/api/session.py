@@ -73,9 +73,7 @@ class Session:
         """Return what was measured, as a run file would hold it.
 
         Args:
-          records: that were measured.
           arguments: that say what was asked for.
-          files: that were given.
         """
         header = runs.RunHeader(
             runs.SCHEMA,
@@ -108,9 +106,6 @@ def one_interrupt(clock: Callable[[], float] = time.monotonic) -> Iterator[None]
 
     A handler of the program's own stays in place. In another thread than the main one nothing
     changes: Ctrl-C does not reach it.
-
-    Args:
-      clock: returns seconds.
     """
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:

@@ -70,7 +70,6 @@ class RunContext:
 
     Attributes:
       out: console for people; standard error while JSON goes to standard output.
-      interrupted: whether the user stopped the work.
       resumed_records: of the run that is continued; empty for a new one.
     """
 

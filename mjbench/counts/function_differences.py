@@ -105,7 +105,6 @@ class NetDifference:
     """By how much the instructions of one function differ, or of some between which cost moved.
 
     Attributes:
-      names: of the functions.
       difference: candidate minus baseline, instructions per step, together.
     """
 
@@ -132,7 +131,6 @@ def _self_costs(count: ModelCount, names: Mapping[str, str]) -> dict[str, float]
     """Return what each function executes itself, by name; unnamed ones by library.
 
     Args:
-      count: of a model.
       names: to use instead of others.
     """
     costs: dict[str, float] = defaultdict(float)

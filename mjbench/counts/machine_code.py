@@ -128,7 +128,6 @@ def compare(
 
     Args:
       baseline: the function's instructions.
-      candidate: the same.
       renamed: functions that have another name in the candidate, by their name in the baseline.
     """
     working = [[i for i in code if not i.is_nop] for code in (baseline, candidate)]

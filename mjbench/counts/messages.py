@@ -25,7 +25,6 @@ class ModelRequest:
     """A model to count, and its workload.
 
     Attributes:
-      source: of the model.
       workload_file: a pickle of `workload.portable`; the program creates it where it is missing.
       sample: the workload to create.
     """
@@ -57,7 +56,6 @@ class CountRequest:
     """The program's work.
 
     Attributes:
-      version: that MuJoCo must have there.
       tasks: to count, in this order.
     """
 
@@ -71,7 +69,6 @@ class CountedWork:
 
     Attributes:
       steps: number of steps of one pass.
-      work: contacts, constraints, solver iterations per step.
       diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
@@ -90,11 +87,7 @@ class CountedWork:
 
 @dataclass(frozen=True)
 class CountedOperation:
-    """An operation that was done between two markers.
-
-    Attributes:
-      repeats: how often.
-    """
+    """An operation that was done between two markers."""
 
     repeats: int
 

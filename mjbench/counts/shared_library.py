@@ -68,7 +68,6 @@ class SharedLibrary:
 
     Attributes:
       symbols: of all functions, by address; several may stand for one function.
-      code: the sections of code.
       constants: the sections of constant data.
       imported: names of functions of other libraries, by the address that code calls (in `.plt`).
     """

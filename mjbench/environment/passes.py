@@ -33,7 +33,6 @@ class Pass:
 
     Attributes:
       step_ns: (nstep,) of each step of the environment.
-      reset_ns: of each reset.
       lengths: steps of each episode that ended.
       returned: fingerprint of what the steps returned; of nothing where passes took turns.
     """

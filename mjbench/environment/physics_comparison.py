@@ -116,7 +116,6 @@ def prepare(
     Args:
       physics: that a plain loop does as the environment did.
       variants: the paths, the plain loop first.
-      channel: to the parent.
     """
     workload, observation = work.observe_healthy(physics.workload)
     if workload.nbatch < physics.workload.nbatch:

@@ -204,12 +204,7 @@ def engine_timed(timer: LayerTimer, elsewhere: Sequence[Binding]) -> Iterator[No
 
 @contextlib.contextmanager
 def functions_timed(timer: LayerTimer, callees: Sequence[Callee]) -> Iterator[None]:
-    """Time functions of an environment while the block runs; what cannot be replaced is not timed.
-
-    Args:
-      timer: to charge.
-      callees: what to time.
-    """
+    """Time functions of an environment while the block runs, but not what cannot be replaced."""
     with contextlib.ExitStack() as restoring:
         for callee in callees:
             owner, attribute = callee.owner, callee.attribute

@@ -28,8 +28,6 @@ def added(
 
     Args:
       record: of an environment that was measured.
-      source: of the environment.
-      plan: which forms.
 
     Raises:
       MachineError: no process can be started.

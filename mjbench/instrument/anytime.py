@@ -51,7 +51,6 @@ class Evidence:
     """What launches show about their mean.
 
     Attributes:
-      interval: of the mean.
       e_positive: e-value against "the mean is at most 0" (see `e_value`).
       e_negative: e-value against "the mean is at least 0".
     """
@@ -153,7 +152,6 @@ def _disturbed(cells: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return which cells `fit` leaves out.
 
     Args:
-      cells: see `fit`.
       counts: of launches, of shape (comparisons, residues).
     """
     residues = cells.shape[1]

@@ -63,7 +63,6 @@ class Software:
     """What must be the same for results of one machine to be of the same software.
 
     Attributes:
-      python: its version.
       versions: of the packages that a result depends on, with their names.
       flags: environment variables that change speed or results, with their names.
     """

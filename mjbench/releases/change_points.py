@@ -40,8 +40,6 @@ class Segment:
       end: index after the last release.
       first: fitted log ratio of the first release.
       last: fitted log ratio of the last release.
-      first_variance: of `first`.
-      last_variance: of `last`.
     """
 
     begin: int
@@ -81,7 +79,6 @@ class Excursion:
     The newest release has no next one, so it cannot be an excursion yet.
 
     Attributes:
-      index: of the release.
       change: of the log ratio, from the mean of the segments around it.
     """
 
@@ -236,7 +233,6 @@ def _is_located(
     """Return whether the releases beside a change point are clearly on their own sides of it.
 
     Args:
-      point: the change.
       old: fitted log ratio before it.
       new: fitted log ratio after it.
       log_ratios: of all releases.

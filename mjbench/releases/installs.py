@@ -173,8 +173,6 @@ class InstallSize:
     """An install, and what it takes up.
 
     Attributes:
-      name: of the install.
-      size_bytes: of its files.
       unused_s: seconds since it was last used.
     """
 

@@ -75,7 +75,6 @@ class MovableInstall:
         """Create a moved install in a new folder, and have this process import from it.
 
         Args:
-          folder: to create.
           others: that `link_others` filled.
           placement: how far libraries are moved.
 

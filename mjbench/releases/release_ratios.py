@@ -149,7 +149,6 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
     """Return whether no more launches are needed, or too little time is left for them.
 
     Args:
-      launches: so far.
       seconds: that they took, with whatever else was timed in them.
     """
     count = len(launches)
@@ -166,7 +165,6 @@ def completed_share(count: int, seconds: float) -> float:
 
     Args:
       count: of launches so far.
-      seconds: that they took.
     """
     return min(1.0, max(count / MAX_LAUNCHES, seconds / TARGET_S))
 
@@ -177,11 +175,8 @@ class RatioRecord:
 
     Attributes:
       model: its name; empty for an operation that builds its own.
-      release: of MuJoCo.
       build: tells builds of one version apart.
       reference: release that it is compared with.
-      status: how the measurement ended.
-      detail: one line; empty when ok.
       launches: in the order they ran.
       problem: why the libraries were not moved; empty where they were.
       drift: largest difference of what both computed.
@@ -221,9 +216,6 @@ class StepRatioRecord(RatioRecord):
       diverged: simulations that diverged in the release; none of them is timed.
       reference_diverged: in the reference.
       run_drift: largest differences for runs from the same starts, at several points.
-      nbatch: simulations of a run.
-      nstep: steps of each.
-      starts: where start states came from.
     """
 
     record_type: ClassVar[str] = "step_ratio"

@@ -17,8 +17,6 @@ def print_counts(out: Console, counts: Sequence[InstructionsRow], top: int) -> N
     """Print instructions per step of every model and release, then stages and functions of each.
 
     Args:
-      out: where to.
-      counts: what was counted.
       top: how many functions to list.
     """
     headings = ["model", "release", "instructions/step", "outside the engine/step", ""]
@@ -62,7 +60,6 @@ def print_explanation(
     """Print what changed from one release to another on one model.
 
     Args:
-      out: where to.
       baseline: the model in the old release.
       candidate: the model in the new one.
       row: what explains their difference.

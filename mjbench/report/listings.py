@@ -18,7 +18,6 @@ class PathRow:
     """A way of stepping.
 
     Attributes:
-      path: its name.
       summary: what it is, in a few words.
       closed_loop: whether a policy can choose each control from the state before it.
       unavailable: why it cannot run here; None if it can.

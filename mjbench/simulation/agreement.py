@@ -31,9 +31,6 @@ class Difference:
 
     Attributes:
       field: the MjData field.
-      index: of the entry within the field.
-      simulation: index of the simulation.
-      got: the value.
       expected: the reference's value.
       step: number of steps after which the difference first shows; None if unknown.
       is_reordered: whether the simulations had been reordered since the run was prepared, and no

@@ -18,7 +18,6 @@ class PlanFile:
     """A file that was read; it refuses what is wrong with the place where it stands.
 
     Attributes:
-      path: of the file.
       values: by table, and within a table by key; the table before the first heading is empty.
     """
 

@@ -57,12 +57,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class CellResult:
-    """A cell that is complete.
-
-    Attributes:
-      cell: what was measured.
-      section: of the run set.
-    """
+    """A cell that is complete."""
 
     cell: Cell
     section: Section
@@ -119,9 +114,6 @@ class Collector:
 
         A command that ended otherwise than its records say has not written all of them.
 
-        Args:
-          code: its exit code.
-
         Raises:
           InputError: the lines are not those of a run file.
         """
@@ -162,7 +154,6 @@ def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
     """Return the result of a cell that has none, because its command never wrote one.
 
     Args:
-      cell: what was to be measured.
       failure: how it ended last.
       machine: on which it ended so.
     """

@@ -59,7 +59,6 @@ class Waiting:
         """Return the next cells that have not failed and that one command measures.
 
         Args:
-          label: of the machine.
           needs_quiet: whether they need a quiet machine.
           most: so many at most.
         """

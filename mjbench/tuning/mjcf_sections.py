@@ -38,7 +38,6 @@ class Element:
     """An element of a file.
 
     Attributes:
-      name: of the element.
       attributes: as XML defines their values: entities replaced, line ends as spaces.
       start: byte at which its start tag begins.
       end: byte at which its end tag begins; without a meaning where it has none.
@@ -93,7 +92,6 @@ class Document:
       text: its bytes.
       visible: the same bytes, with spaces for what comments hold.
       codec: Python's name of its encoding.
-      root: its root element.
       files: values of `file` of its `<include>` and `<model>` elements.
     """
 

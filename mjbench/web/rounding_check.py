@@ -32,8 +32,6 @@ class FirstDifference:
     Attributes:
       step: number of steps after which it does; 0 is the start itself.
       field: of MjData.
-      index: of the entry within the field.
-      simulation: index of the simulation.
       difference: in SI units; 0 where only the sign of a zero differs.
     """
 
@@ -55,7 +53,6 @@ class PointDifference:
     Attributes:
       step: after so many steps.
       difference: the largest up to then, of any simulation (see `rounding_reference.differences`).
-      shadow: that of the shadow.
     """
 
     step: NonNegativeInt
@@ -68,10 +65,8 @@ class StepErrors:
     """How far single steps are from those of C.
 
     Attributes:
-      count: of them.
       error: the largest.
       shadow: the shadow's largest.
-      median_error: the median.
       median_shadow: the shadow's median.
     """
 
