@@ -113,12 +113,7 @@ class NetDifference:
 
 
 def largest_differences(functions: Sequence[FunctionDifference], count: int) -> list[NetDifference]:
-    """Return what accounts for most of a difference, the largest first.
-
-    Args:
-      functions: that differ.
-      count: how many to return at most.
-    """
+    """Return what accounts for most of a difference, the largest first."""
     groups = moved_groups(functions)
     moved = {function.name for group in groups for function in group}
     groups += [[function] for function in functions if function.name not in moved]

@@ -47,7 +47,6 @@ class Instruction:
 
     Attributes:
       shape: the mnemonic and the operands; equal shapes do the same, perhaps to other data.
-      size_bytes: length of its encoding.
       displacements: of operands in memory, and large factors of 64-bit registers, such as the size
         of a struct.
       addends: large numbers added to 64-bit registers, such as the offset of a field.

@@ -26,7 +26,6 @@ class ModelRequest:
 
     Attributes:
       workload_file: a pickle of `workload.portable`; the program creates it where it is missing.
-      sample: the workload to create.
     """
 
     source: ModelSource
@@ -69,7 +68,6 @@ class CountedWork:
 
     Attributes:
       steps: number of steps of one pass.
-      diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning, by its name.
       healthy: (nbatch,) bool: the simulations that did not diverge.
       followed: what the release did from the states of the workload's probe; None without one.

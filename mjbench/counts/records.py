@@ -42,7 +42,6 @@ class InstructionsRow:
       steps: number of steps counted.
       work: contacts, constraints, solver iterations per step.
       repeats: how much a second pass over the same work differed, as a share.
-      diverged: number of simulations that diverged.
       warnings: how many of the others raised each warning of MuJoCo; None where it was not counted.
       seconds: time of counting, divided equally among the models counted together.
       build: tells builds of one version apart; empty where it is unknown.

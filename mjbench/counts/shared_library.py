@@ -34,7 +34,6 @@ class Symbol:
     Attributes:
       name: as in the table; that of a C++ function is mangled.
       address: of its first byte, as the file gives it.
-      size_bytes: length of its code.
     """
 
     name: str

@@ -48,7 +48,6 @@ class LayeredPass:
     """A pass in which the functions inside a step were timed, too.
 
     Attributes:
-      times: of the same steps.
       layers: what each function that was called took, with the timer's cost.
     """
 

@@ -100,7 +100,6 @@ def described(number: int, difference: Difference) -> str:
 
     Args:
       number: of the environment's step after which it shows.
-      difference: the first entry.
     """
     return (
         f"{difference.field}[{difference.index}] is {difference.got!r} in the environment and"

@@ -93,7 +93,6 @@ class LayerSamples:
     """What a function inside the step took in each round.
 
     Attributes:
-      layer: that it belongs to.
       name: of the function, or of the wrapper's or environment's class.
       calls: of it, per step of the environment.
       timed_calls: of these, how many were timed.

@@ -56,10 +56,8 @@ class EnvironmentRequest:
     """An environment to measure.
 
     Attributes:
-      source: where it comes from.
       nstep: steps of the environment; None to choose them.
       variants: paths to compare it with, the plain loop first.
-      budget_s: seconds for all rounds.
     """
 
     source: EnvironmentSource

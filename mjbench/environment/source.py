@@ -41,7 +41,6 @@ class EnvironmentSource:
     """Where an environment comes from.
 
     Attributes:
-      origin: what makes it.
       module: of the factory; the domain of dm_control; empty for a Gymnasium id.
       attribute: the factory's name, with dots where it is inside a class; the task of dm_control;
         the id of Gymnasium.

@@ -50,7 +50,6 @@ class LayerTime:
     """What one function, or the lines of the step itself, took in a pass.
 
     Attributes:
-      layer: that it belongs to.
       name: of the function or wrapper.
       calls: of it.
       timed_calls: calls of it that were timed, and so cost inside it.

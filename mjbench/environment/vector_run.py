@@ -38,7 +38,6 @@ class VectorPlan:
     """Which vectorised forms to measure.
 
     Attributes:
-      budget_s: seconds for all rounds.
       limit_s: a child that is silent for longer is killed.
     """
 
@@ -229,9 +228,7 @@ class _Form:
 
     Attributes:
       environments: of Gymnasium.
-      singles: that do the same.
       batched: actions of all environments, for each step.
-      returned: by the last step.
     """
 
     environments: Any

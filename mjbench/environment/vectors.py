@@ -26,9 +26,6 @@ def added(
 ) -> EnvironmentRecord:
     """Return a record with the vectorised forms of its environment, measured in child processes.
 
-    Args:
-      record: of an environment that was measured.
-
     Raises:
       MachineError: no process can be started.
     """

@@ -32,7 +32,6 @@ class Interval:
       mean: of the launches, with equal weight on each residue.
       low: lower end; minus infinity with too few launches.
       high: upper end; infinity with too few launches.
-      count: number of launches.
     """
 
     mean: float

@@ -44,7 +44,6 @@ class Condition:
     """One thing that was looked at.
 
     Attributes:
-      grade: how bad it is.
       remedy: what to do; empty where nothing need be done.
     """
 

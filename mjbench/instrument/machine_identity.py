@@ -24,10 +24,7 @@ class MachineKind:
     """What machines share that may be the same one.
 
     Attributes:
-      cpu: the processor's name.
       architecture: such as `x86_64`.
-      usable_cores: that a process may use.
-      hypervisor: whether it is a virtual machine.
     """
 
     cpu: str

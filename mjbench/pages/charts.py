@@ -52,7 +52,6 @@ def quantity(field: str, title: str, *, log: bool = False, **scale: Any) -> Spec
 
     Args:
       field: title of the column.
-      log: whether the axis is logarithmic.
       scale: further properties of the scale.
     """
     kind = {"type": "log"} if log else {}

@@ -61,7 +61,6 @@ class DataTable:
     """A table.
 
     Attributes:
-      columns: of each row.
       rows: cells, one a column.
     """
 
@@ -77,7 +76,6 @@ class Figure:
     Attributes:
       alternative: what can be seen in it, in a sentence.
       specification: in Vega-Lite; its data are `data`.
-      data: behind it.
     """
 
     title: str
@@ -113,7 +111,6 @@ class Report:
     Attributes:
       conclusions: the main ones of its sections.
       sections: in the order of their runs.
-      machines: what the runs ran on.
     """
 
     title: str

@@ -170,11 +170,7 @@ def install_names() -> list[str]:
 
 @dataclass(frozen=True)
 class InstallSize:
-    """An install, and what it takes up.
-
-    Attributes:
-      unused_s: seconds since it was last used.
-    """
+    """An install, and what it takes up."""
 
     name: str
     size_bytes: int

@@ -30,7 +30,6 @@ class FileVersion:
 
     Attributes:
       size: in bytes.
-      modified_ns: when it was written.
     """
 
     size: int
@@ -76,7 +75,6 @@ class MovableInstall:
 
         Args:
           others: that `link_others` filled.
-          placement: how far libraries are moved.
 
         Returns:
           The folder of the package that the process must import.

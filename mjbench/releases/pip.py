@@ -80,7 +80,6 @@ def _error(version: str, local: bool, reason: str) -> InputError | MachineError:
     """Return the error that stands for a failure of pip.
 
     Args:
-      version: that it had to install.
       local: whether from local wheels; the index then had to provide only what they need.
     """
     try:

@@ -161,11 +161,7 @@ def are_enough(launches: Sequence[LaunchRatio], seconds: float) -> bool:
 
 
 def completed_share(count: int, seconds: float) -> float:
-    """Return the share of a release's launches that is done, at least; see `are_enough`.
-
-    Args:
-      count: of launches so far.
-    """
+    """Return the share of a release's launches that is done, at least; see `are_enough`."""
     return min(1.0, max(count / MAX_LAUNCHES, seconds / TARGET_S))
 
 

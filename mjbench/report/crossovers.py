@@ -43,7 +43,6 @@ class Crossover:
     """Where one accelerated path overtakes C on one model.
 
     Attributes:
-      path: the accelerated path.
       nbatch: least number of simulations from which on it is faster at every size; None at none.
       largest: largest number of simulations at which both were timed.
       rival: the best C path there.

@@ -30,7 +30,6 @@ class Difference:
     """The first entry in which states differ.
 
     Attributes:
-      field: the MjData field.
       expected: the reference's value.
       step: number of steps after which the difference first shows; None if unknown.
       is_reordered: whether the simulations had been reordered since the run was prepared, and no

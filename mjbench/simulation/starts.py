@@ -238,9 +238,7 @@ def settled(
     Args:
       settle_nstep: steps before the first; the run is twice as long.
       hold: steps per control.
-      seed: of controls and perturbations.
       spread: scales both; at 0 the controls are the keyframe's.
-      perturbs: whether velocities are perturbed.
     """
     after = settle_nstep + (np.arange(nbatch) * settle_nstep) // nbatch
     run = _settling_run(model, after, hold, seed, spread)

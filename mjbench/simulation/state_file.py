@@ -246,7 +246,6 @@ def draw(
 
     Args:
       hold: steps per control.
-      seed: of rows and random controls.
       spread: scales the noise of random controls.
       given: controls of the user's own; None for none.
 

@@ -38,11 +38,9 @@ class NodeState:
     """What a calibration saw.
 
     Attributes:
-      usable_cores: that this process may use.
       cores_had: that as many threads as usable cores got.
       busy_cores: of the machine, that others kept busy.
       stolen: share of the processor time that the host gave to others.
-      neighbours: other mjbench that measure.
     """
 
     cores: int

@@ -36,11 +36,7 @@ class Left:
 
 @dataclass(frozen=True)
 class Reported:
-    """A node says something of an assignment.
-
-    Attributes:
-      message: from the node.
-    """
+    """A node says something of an assignment."""
 
     number: int
     message: Message

@@ -71,7 +71,6 @@ class Plan:
       paths: that releases are compared by.
       metrics: that they are compared by; of paths other than the plain loop, only the time.
       machines: labels of machines, each of which measures all cells; empty for one on any machine.
-      rules: for nodes.
     """
 
     models: tuple[ModelSource, ...]

@@ -77,7 +77,6 @@ class PlanFile:
         """Return the error that something is wrong at a place.
 
         Args:
-          text: what is wrong.
           table: in which it stands; empty before the first one.
           key: of the value; empty for the table itself.
           item: of a list, where it is a text.

@@ -86,7 +86,6 @@ class Collector:
         """Take what is measured.
 
         Args:
-          cells: of one kind.
           record_types: the class of each record of a run file by its `type`.
         """
         self._cells = tuple(cells)
@@ -151,12 +150,7 @@ def _is_answer(record: Record, cell: Cell) -> bool:
 
 
 def failed(cell: Cell, failure: Failure, machine: Machine) -> CellResult:
-    """Return the result of a cell that has none, because its command never wrote one.
-
-    Args:
-      failure: how it ended last.
-      machine: on which it ended so.
-    """
+    """Return the result of a cell that has none, because its command never wrote one."""
     began = datetime.now(UTC).isoformat(timespec="seconds")
     header = RunHeader(runs.SCHEMA, cell.kind.value, machine, {}, began=began)
     record = _failed_record(cell, failure)

@@ -29,7 +29,6 @@ class Progress:
 
     Attributes:
       done: cells with a result, earlier ones included.
-      running: what nodes measure.
     """
 
     done: int
@@ -43,7 +42,6 @@ class Summary:
 
     Attributes:
       outcomes: of the cells that were measured now, in the order in which they were complete.
-      nodes: what became of each.
       reasons: why nodes did not measure, where they are why cells are missing.
       finished: what the nodes said of each command that ended.
     """

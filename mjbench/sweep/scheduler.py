@@ -24,7 +24,6 @@ class Node:
     """A node of the cluster.
 
     Attributes:
-      id: tells nodes apart.
       name: for people.
       host: of nodes on one machine the same; they do not measure at once.
       label: of the machine; empty without one.
@@ -75,7 +74,6 @@ class NodeRecord:
     Attributes:
       is_there: whether it can be given work.
       cells: results that it delivered.
-      busy_s: seconds for which it measured.
       failed: how often its command or its worker failed.
       reason: why it refused or failed last; empty if it never did.
     """

@@ -75,7 +75,6 @@ class EngineBaseline:
 
     Attributes:
       runs: of C.
-      motion: how far the model moves.
       default_sizes: of the engine's buffers (see `AcceleratedPath.default_buffer_sizes`).
     """
 

@@ -60,7 +60,6 @@ class EngineSearch:
 
         Args:
           plan: of the search; all effects are allowed.
-          measurements: what is measured, and how.
         """
         self._model, self._engine, self._nbatch, self._plan = model, engine, nbatch, plan
         self._measure, self._advance, self._clock = measurements, advance, clock

@@ -48,9 +48,6 @@ def combinations(
     They are the fastest of each knob among the free settings, among those and the equivalent ones,
     and among all; each other setting together with all that cost no accuracy; and random choices of
     the others. None is a setting alone.
-
-    Args:
-      faster: settings that are faster alone.
     """
     chosen: dict[frozenset[str], tuple[Setting, ...]] = {}
 

@@ -72,7 +72,6 @@ class StartTag:
     Attributes:
       end: behind its `>`.
       last: behind its last attribute; behind its name where it has none.
-      values: of its attributes, by name.
       quote: of its last attribute; `"` where it has none.
       is_empty: whether it is the whole element, as in `<option/>`.
     """

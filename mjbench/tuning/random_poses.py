@@ -19,7 +19,6 @@ def draw(
 
     Args:
       start: (nq,) where joints start.
-      count: how many poses.
     """
     kinds, limited = np.asarray(model.jnt_type), np.asarray(model.jnt_limited).astype(bool)
     low, high = np.array(model.jnt_range).T

@@ -81,7 +81,6 @@ class TuneRecord:
       seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, as `allowed_error` has it.
-      only: the largest effect allowed.
       present: what the present settings do, on the starts of the second look; its error is the
         larger of both looks.
       attempts: settings that were tried, alone and together.

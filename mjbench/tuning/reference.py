@@ -113,7 +113,6 @@ class Baseline:
 
     Attributes:
       motion: how far the model moves within the horizon.
-      present: runs with the present settings.
       reference: of the converged model, within the horizon.
       unavoidable: (ncontrol,) how far runs with present settings are from themselves at the end of
         each control of the horizon, as shares of the motion: what their solver's tolerance and

@@ -63,7 +63,6 @@ class SearchPlan:
       seed: of starts and controls; the second look has the next one.
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      only: the largest effect allowed.
       hold: steps for which each control is held.
       skip: names of knobs that are left alone.
     """
@@ -101,11 +100,7 @@ class Search:
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet.
-
-        Args:
-          measurements: what is measured, and how.
-        """
+        """Measure nothing yet."""
         self._model, self._settings, self._plan = model, settings, plan
         self._measure, self._advance, self._clock = measurements, advance, clock
         self._begin_s = clock()

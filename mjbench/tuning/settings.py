@@ -65,7 +65,6 @@ class Setting:
     """One value of a knob.
 
     Attributes:
-      label: what people read, such as `solver=CG`.
       loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.

@@ -78,7 +78,6 @@ class WarmUp:
     """What came before blocks were steady.
 
     Attributes:
-      first_ns: of the first block.
       seconds: of all blocks before the first that was about as fast as the last ones.
     """
 
@@ -281,7 +280,6 @@ def warm_up(
 
     Args:
       time_block: runs a block, and returns its nanoseconds.
-      least_s: seconds that it takes at least.
     """
     begin, blocks = clock(), [time_block()]
     while True:

@@ -65,7 +65,6 @@ class CReference:
       block_file: holds the workload of a timed block, final states included.
       digest: of all start states and controls.
       traced: what C does.
-      block: size of a timed block.
       compile_ms: to compile the model, with loading its files.
     """
 
@@ -100,9 +99,6 @@ def prepare(
     """Load a model, draw its workload, and see what C does with it.
 
     The files of the result last as long as the pool.
-
-    Args:
-      sizes: of the work.
 
     Raises:
       InputError: the model cannot be loaded, or every simulation of it diverges.
@@ -144,11 +140,7 @@ def prepare(
 
 
 def block_size(run: ReferenceRun, step_s: float) -> RunSize:
-    """Return the size of a timed block: first steps of first simulations.
-
-    Args:
-      run: the whole workload.
-    """
+    """Return the size of a timed block: first steps of first simulations."""
     nbatch, nstep = run.states.shape[1], len(run.states) - 1
     fitting = max(_MIN_BLOCK_NSTEP, int(_BLOCK_S / step_s))
     block_nstep = min(nstep, whole_holds(fitting, run.hold))
@@ -193,7 +185,6 @@ def timed_paths(
     They step without the timer of MuJoCo's Python package, which the builds do not have either.
 
     Args:
-      reference: the model and its workload.
       core: that they run on; None for any.
 
     Raises:

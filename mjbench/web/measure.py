@@ -39,8 +39,6 @@ class WebPlan:
 
     Attributes:
       release: of MuJoCo, for C.
-      sizes: of the work.
-      budget_s: seconds of timed rounds.
     """
 
     release: ReleaseSpec

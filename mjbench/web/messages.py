@@ -24,7 +24,6 @@ class Instantiated:
 
     Attributes:
       version: of the engine.
-      import_ms: to import its module.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
       has_threadpool: whether the engine can have a thread pool of its own.
     """
@@ -86,7 +85,6 @@ class Instantiate(Request[Instantiated]):
     """Import a build's module, and instantiate its WebAssembly.
 
     Attributes:
-      script: the module's file.
       nthread: workers of a build with threads.
     """
 

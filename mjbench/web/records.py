@@ -29,9 +29,7 @@ class StartUp:
     """What a build takes before its first step, in a fresh process.
 
     Attributes:
-      import_ms: to import the module.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
-      compile_ms: to compile the model.
       first_ns: per step of the first block.
       warm_up_s: seconds of blocks before the first that was about as fast as the last ones.
       heap_bytes: of the module once it is instantiated.
@@ -75,7 +73,6 @@ class WebRecord:
     """One model, in C and in the WebAssembly builds of the same release.
 
     Attributes:
-      node: version of Node.
       status: `ok`, or why it was not measured to the end.
       nbatch: simulations that were compared; None where there was no workload.
       nstep: steps of each; None likewise.
