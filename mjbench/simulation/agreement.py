@@ -221,11 +221,11 @@ def counter_changes(baseline: Mapping[str, float], candidate: Mapping[str, float
     """Return the counters of work that differ, such as `contacts 1 → 5`."""
     return [
         f"{name.replace('_', ' ')} {_count(baseline[name])} → {_count(candidate[name])}"
-        for name in changed_counters(baseline, candidate)
+        for name in _changed_counters(baseline, candidate)
     ]
 
 
-def changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
+def _changed_counters(baseline: Mapping[str, float], candidate: Mapping[str, float]) -> list[str]:
     """Return the names of the counters of work that differ, of those that both have."""
     return [
         name
