@@ -19,7 +19,6 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
-from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.contest import ContestRecord
@@ -298,21 +297,6 @@ class WebDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FallsDocument:
-    """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
-
-    schema: int = SCHEMA
-    samples: int
-    angles: Sequence[AngleFalls]
-    ways: Sequence[PathFalls]
-
-    @classmethod
-    def of(cls, experiment: FallExperiment) -> "FallsDocument":
-        """Return the document of an experiment."""
-        return cls(samples=experiment.samples, angles=experiment.angles, ways=experiment.paths)
-
-
-@dataclass(frozen=True, kw_only=True)
 class DoctorDocument:
     """What `mjbench doctor --json` writes."""
 
@@ -369,7 +353,6 @@ DOCUMENTS: Mapping[str, type] = {
     "env": EnvDocument,
     "web": WebDocument,
     "doctor": DoctorDocument,
-    "falls": FallsDocument,
     "lint": LintDocument,
     "releases": ReleasesDocument,
 }
