@@ -27,11 +27,7 @@ _CLOCK_SHARE = 0.3
 
 
 class Confirmation:
-    """Compares again what advice needs, in processes that are started when the first is needed.
-
-    Attributes:
-      is_interrupted: whether the user stopped it.
-    """
+    """Compares again what advice needs, in processes that are started when the first is needed."""
 
     def __init__(self, store: Callable[[Record], object], closing: contextlib.ExitStack):
         """Pass records to `store`; `closing` ends the processes."""
@@ -49,7 +45,6 @@ class Confirmation:
         """Return the results of a model with the comparisons in fresh processes that advice needs.
 
         Args:
-          source: the model.
           plan: of the comparison that gave the results.
           results: of that comparison.
           on_progress: called before the first launch and after each.
@@ -75,9 +70,7 @@ class Confirmation:
         """Return the record of a comparison, which is stored, too.
 
         Args:
-          source: the model.
           plan: of the comparison that the two paths come from.
-          pairing: the two paths.
           sizes: of that comparison.
           on_progress: called before the first launch and after each.
         """
@@ -103,7 +96,6 @@ class Confirmation:
         """Return the record of a contest, which is stored, too.
 
         Args:
-          source: the model.
           plan: of the comparison that the paths come from.
           groups: of paths that compete with each other.
           sizes: of that comparison.

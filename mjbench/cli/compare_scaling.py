@@ -29,9 +29,6 @@ def search_models(
     """Search each model, and end the process with the exit code of all runs.
 
     Args:
-      sources: models.
-      request: what to search.
-      output: where results go.
       confirm: whether to compare what is advised again in fresh processes.
       code: whether to print the Python of what is advised.
     """

@@ -25,6 +25,8 @@ SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
 _MULTILINE_KEYS = {"snippet", "code"}
 
+# Records that earlier versions stored; they are left out.
+_REMOVED_TYPES = frozenset({"web_experiments"})
 # Numbers are not larger: their products and ratios do not overflow.
 _LARGEST = 1e100
 
@@ -68,11 +70,9 @@ class RunHeader:
     """The first line of a run file.
 
     Attributes:
-      schema: version of the format.
       command: of mjbench that wrote it.
       machine: that it ran on.
       arguments: of the command. Only `resume` looks at them: they must be the same.
-      files: that the command was given.
       command_line: the words after `mjbench`, as they were typed; empty in older files.
       began: when the run began, in UTC, as ISO 8601; empty in older files.
     """
@@ -149,7 +149,6 @@ def load(path: Path, record_types: Mapping[str, type]) -> Run:
     """Read a run file.
 
     Args:
-      path: of the file.
       record_types: the class of each record by its `type`.
 
     Raises:
@@ -205,12 +204,16 @@ def parse(
             f"{where}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
         )
     types = {**record_types, RunHeader.record_type: RunHeader}
-    numbered = enumerate(values, first_number)
+    numbered = [(n, v) for n, v in enumerate(values, first_number) if not _is_removed(v)]
     header, *records = (_typed(path, number, value, types) for number, value in numbered)
-    for number, record in enumerate(records, first_number + 1):
+    for (number, _), record in zip(numbered[1:], records, strict=True):
         if isinstance(record, RunHeader):
             raise InputError(f"{path}, line {number}: a second header")
     return Run(header, tuple(records), is_torn)
+
+
+def _is_removed(value: Any) -> bool:
+    return isinstance(value, dict) and str(value.get("type")) in _REMOVED_TYPES
 
 
 def _values(

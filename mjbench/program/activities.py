@@ -34,6 +34,8 @@ class Activity(enum.StrEnum):
     """Files, logs and the terminal."""
     PROCESSES = "waiting for other processes"
     """For a pipe, a queue or the end of another process."""
+    STARTING = "starting processes"
+    """`Process.start` of `multiprocessing`."""
     THREADS = "waiting for other threads"
     """For a lock or a queue of the same process."""
     SLEEPING = "sleeping"
@@ -130,6 +132,7 @@ _THREADED_ENGINE = re.compile(r"/mujoco/(rollout|batch\w*)\.py$")
 _IMPORTS = re.compile(r"^<frozen importlib")
 _CLOCKS = re.compile(r"program/hook/\w+\.py$")
 _CLOCK_OF_JAX = "program/hook/jax_functions.py"
+CALL_CLOCK = "program/hook/call_clock.py"
 # What a line of Python does that calls libraries, where their stacks were not read.
 _LINES = (
     (re.compile(r"\bmj_(step[12]?|forward\w*|inverse\w*|rnePostConstraint)\("), Activity.PHYSICS),

@@ -28,7 +28,7 @@ _ACTIVITIES: Mapping[str, Activity] = {
     call_clock.DISPATCH: Activity.DISPATCH,
     call_clock.DEVICE_WAIT: Activity.DEVICE_WAIT,
     call_clock.TRANSFER: Activity.TRANSFER,
-    call_clock.PROCESS_START: Activity.PROCESSES,
+    call_clock.PROCESS_START: Activity.STARTING,
 }
 # What the clock notes that is no call.
 _FACTS = (call_clock.SHARED_DATA, call_clock.HALVES, call_clock.SOFTWARE_GL)

@@ -19,9 +19,7 @@ class Measured:
     """A model or an operation in one release.
 
     Attributes:
-      release: of MuJoCo.
       ratio: its time over that in the reference.
-      record: that it is from.
     """
 
     release: str
@@ -127,18 +125,6 @@ def knows_work(before: Measured, after: Measured) -> bool:
     if isinstance(old, StepRatioRecord) and isinstance(new, StepRatioRecord):
         return old.work is not None and new.work is not None and old.workload == new.workload
     return old.drift is not None and new.drift is not None
-
-
-def changed_counters(before: Measured, after: Measured) -> list[str]:
-    """Return the names of the counters of work that changed; none where they are not known."""
-    works = [
-        each.record.work.as_dict()
-        for each in (before, after)
-        if isinstance(each.record, StepRatioRecord) and each.record.work is not None
-    ]
-    if len(works) < 2 or not knows_work(before, after):
-        return []
-    return agreement.changed_counters(*works)
 
 
 def work_changes(before: Measured, after: Measured) -> list[str]:

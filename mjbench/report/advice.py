@@ -55,15 +55,8 @@ class Advice:
     """The path to use on one model, at one size.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
-      loop: for which the advice holds.
-      path: the way of stepping.
-      options: of the path.
       speedup: over the plain loop; None for the plain loop itself.
       low: lower end of its 95 % interval, from process to process; None where it has none.
-      high: upper end.
-      reason: why.
       rival: path and options that seem faster, or hardly are; empty without one.
       detail: why the rival could not be compared again, in one line; empty without.
       unable: paths that may be the fastest and could not run in fresh processes, each with the
@@ -96,11 +89,8 @@ class ClockAdvice:
     """What turning MuJoCo's timer off gains on one model, for every path and both loops.
 
     Attributes:
-      model: its name.
-      nbatch: simulations.
       speedup: of the plain loop.
       low: lower end of its 95 % interval, from process to process.
-      high: upper end.
       snippet: Python that turns it off.
     """
 
@@ -132,8 +122,6 @@ class _Choice:
     """A path that follows from what is known, or the comparison that is missing.
 
     Attributes:
-      result: of the path.
-      reason: why.
       ratio: its time over the plain loop's, in fresh processes; None without.
       rival: a C path that seems faster.
       detail: why that could not be compared again.

@@ -40,8 +40,6 @@ def print_model(out: Console, model_results: ModelResults, code: bool = False) -
     """Print one model's heading, table, warnings and advice.
 
     Args:
-      out: where to.
-      model_results: of the model.
       code: whether to print the Python of the paths that are advised.
     """
     model, results = model_results.model, model_results.results
@@ -70,7 +68,6 @@ def print_models(out: Console, models: Sequence[ModelResults], code: bool = Fals
     """Print what comparisons of models come to, one after the other and together.
 
     Args:
-      out: where to.
       models: in the order they were measured.
       code: whether to print the Python of the paths that are advised.
     """

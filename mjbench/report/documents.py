@@ -19,7 +19,6 @@ from mjbench.instrument.machine import Machine
 from mjbench.instrument.runs import SCHEMA
 from mjbench.loop.latency import LatencyRow
 from mjbench.loop.overhead import OverheadRow
-from mjbench.loop.pole_example import AngleFalls, FallExperiment, PathFalls
 from mjbench.loop.profile import ProfileRow
 from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.contest import ContestRecord
@@ -44,7 +43,7 @@ from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebExperimentsRecord, WebRecord
+from mjbench.web.records import WebRecord
 
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {
@@ -68,7 +67,6 @@ RECORD_TYPES: Mapping[str, type] = {
     TuneRecord.record_type: TuneRecord,
     EngineTuneRecord.record_type: EngineTuneRecord,
     WebRecord.record_type: WebRecord,
-    WebExperimentsRecord.record_type: WebExperimentsRecord,
 }
 
 
@@ -291,27 +289,11 @@ class TuneDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class WebDocument:
-    """What `mjbench web --json` writes; `experiments` has an item for each build."""
+    """What `mjbench web --json` writes."""
 
     schema: int = SCHEMA
     machine: Machine
     results: Sequence[WebRow]
-    experiments: Sequence[WebExperimentsRecord]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FallsDocument:
-    """What `mjbench falls --json` writes; `ways` are the paths (see `FallExperiment`)."""
-
-    schema: int = SCHEMA
-    samples: int
-    angles: Sequence[AngleFalls]
-    ways: Sequence[PathFalls]
-
-    @classmethod
-    def of(cls, experiment: FallExperiment) -> "FallsDocument":
-        """Return the document of an experiment."""
-        return cls(samples=experiment.samples, angles=experiment.angles, ways=experiment.paths)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -371,7 +353,6 @@ DOCUMENTS: Mapping[str, type] = {
     "env": EnvDocument,
     "web": WebDocument,
     "doctor": DoctorDocument,
-    "falls": FallsDocument,
     "lint": LintDocument,
     "releases": ReleasesDocument,
 }

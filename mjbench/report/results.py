@@ -36,19 +36,11 @@ class PathResult:
     """What a comparison says of one variant; None is what cannot be said.
 
     Attributes:
-      model: its name.
-      path: the way of stepping.
-      options: of the path.
-      status: how it ended.
-      detail: one line; empty when ok.
       agrees: whether its final states are the reference's.
       agreement: the rule that was held, or the first difference.
       closed_loop: whether a policy can choose each control from the state before it.
-      nbatch: simulations.
-      nstep: steps of each.
       hold: steps per control.
       returns: what every run returned.
-      starts: where start states came from.
       diverged: simulations left out because they diverged.
       warnings: how many of the others raised each warning of MuJoCo.
       steps_per_s: steps of all simulations per second.
@@ -64,7 +56,6 @@ class PathResult:
       nbatch_asked: simulations that the user asked for; None where mjbench chose.
       precision: of an accelerated path; None for paths that run C.
       device: that an accelerated path ran on.
-      trace_s: seconds of tracing.
       compile_s: seconds of the compiler.
       cached_compile_s: the same where its cache holds the program; None where not measured.
       memory_bytes: most memory of the process.
@@ -147,7 +138,6 @@ class ModelResults:
     """The records of one model at one size, and what follows from them.
 
     Attributes:
-      model: the model's record.
       results: one a variant.
       confirmations: comparisons of two variants in fresh processes.
       contest: the comparison of those that may be the fastest; None where there is none.
@@ -187,8 +177,6 @@ def derive(
     """Return the results of one model at one size from its records.
 
     Args:
-      model: the model's record.
-      measurements: its variants.
       others: records of a run, of which those in fresh processes are taken.
     """
     base = next((m for m in measurements if m.path == BASE and m.is_timed), None)

@@ -20,8 +20,6 @@ def print_results(out: Console, results: ScalingResults, code: bool = False) -> 
     """Print the search on one model: tables of each path, what hindered it, and the advice.
 
     Args:
-      out: where to.
-      results: of the model.
       code: whether to print the Python of what is advised.
     """
     out.print()

@@ -13,7 +13,6 @@ from mjbench.instrument.machine import Machine
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import known_causes, speed_history
 from mjbench.releases.change_points import ChangePoint
-from mjbench.releases.changelog import Changelog
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries, order
@@ -32,12 +31,10 @@ class Background:
 
     Attributes:
       counts: of instructions by function, of neighbouring releases.
-      changelog: of MuJoCo; None where no installed package carries it.
       causes: that no measurement names.
     """
 
     counts: Counts
-    changelog: Changelog | None = None
     causes: Sequence[KnownCause] = ()
 
 
@@ -48,7 +45,6 @@ class SpeedHistory:
     Attributes:
       models: the time of a step of each.
       operations: the time of each operation around the step.
-      background: what explains changes.
       machine: that steps were measured on; None where it is not known.
       since: the first release whose changes are listed; None for all.
       failures: records of what a release crashed, hung or failed in.
@@ -86,7 +82,6 @@ class SpeedHistory:
 
 def from_records(
     records: Sequence[object],
-    changelog: Changelog | None = None,
     causes: Sequence[KnownCause] = (),
     machine: Machine | None = None,
     since: str | None = None,
@@ -96,9 +91,7 @@ def from_records(
 
     Args:
       records: of `history measure` and `history explain`; others are left out.
-      changelog: of MuJoCo; None where no installed package carries it.
       causes: that no measurement names.
-      machine: that measured the records.
       since: the first release whose changes are listed; None for all.
       operations_machine: that measured operations; None where it is the same.
     """
@@ -110,7 +103,7 @@ def from_records(
         )
         for is_operation in (False, True)
     )
-    background = Background(counts, changelog, causes)
+    background = Background(counts, causes)
     measured = {
         (series.name, each.release) for series in (*models, *operations) for each in series.measured
     }
@@ -136,7 +129,6 @@ class Listed:
     """A change point, and what is known of it.
 
     Attributes:
-      series: of the model or operation.
       point: the change of its time.
       before: the last release before it.
       after: the first release with it.

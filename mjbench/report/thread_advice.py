@@ -25,14 +25,9 @@ class ScalingRow:
     """One path with its threads and chunk size, with one number of simulations.
 
     Attributes:
-      model: its name.
       stage: what the run varied.
-      path: the way of stepping.
-      options: of the path.
       nthread: threads or worker processes.
       chunk: simulations that a thread takes at a time; None for the path's own.
-      nbatch: simulations.
-      nstep: steps of each.
       step_ns: nanoseconds of one step of one simulation, the median of the blocks.
       speedup: over the plain loop, in this process.
       over_one: over one thread of the same path, likewise; None where that was not timed.
@@ -64,8 +59,6 @@ class ThreadAdvice:
     """How many threads a path should have on a model.
 
     Attributes:
-      model: its name.
-      path: the way of stepping.
       options: of the path, with the threads and the chunk size to use.
       closed_loop: whether a policy can choose each control from the state before it.
       nthread: the smallest number of threads that is about as fast as any, and certainly faster
@@ -75,7 +68,6 @@ class ThreadAdvice:
       nbatch: simulations with which threads were tried.
       speedup: of `knee` threads over one, in fresh processes; None where that was not measured.
       low: lower end of its 95 % interval.
-      high: upper end.
       detail: why it was not measured, in one line; empty where it was.
       efficiency: of `knee` threads, in the search.
       cores_had: cores that threads got; None without a calibration.
@@ -113,7 +105,6 @@ class ScalingResults:
     """The records of a search on one model.
 
     Attributes:
-      records: of its runs.
       confirmations: comparisons of two variants in fresh processes.
     """
 

@@ -24,9 +24,7 @@ class Instantiated:
 
     Attributes:
       version: of the engine.
-      import_ms: to import its module.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
-      heap_bytes: of the module.
       has_threadpool: whether the engine can have a thread pool of its own.
     """
 
@@ -60,138 +58,11 @@ class Memory:
     """Memory of a Node process.
 
     Attributes:
-      heap_bytes: of the module.
       rss_bytes: resident, of the whole process.
     """
 
     heap_bytes: NonNegativeInt
     rss_bytes: NonNegativeInt
-
-
-@dataclass(frozen=True)
-class HeapGrowth:
-    """What became of a stored view of `data.qpos` when the heap grew.
-
-    Attributes:
-      created: further MjData that made the heap grow.
-      heap_bytes: of the heap before.
-      grown_bytes: of the heap after.
-      length: of the view before.
-      grown_length: of the same view after.
-      is_live: whether it still shows what `data.qpos` has.
-      new_length: of a view that was taken after.
-    """
-
-    created: PositiveInt
-    heap_bytes: PositiveInt
-    grown_bytes: PositiveInt
-    length: PositiveInt
-    grown_length: NonNegativeInt
-    is_live: bool
-    new_length: NonNegativeInt
-
-
-@dataclass(frozen=True)
-class StoredViews:
-    """What a log of the falling cart-pole shows of the tip's x.
-
-    Attributes:
-      nstep: steps.
-      views_range_m: where views of `data.site_xpos` were stored.
-      copies_range_m: where copies were.
-    """
-
-    nstep: PositiveInt
-    views_range_m: NonNegativeFloat
-    copies_range_m: NonNegativeFloat
-
-
-@dataclass(frozen=True)
-class ObjectMemory:
-    """By how much the heap grew while objects were created one after the other.
-
-    Attributes:
-      count: of objects, each time.
-      deleted_bytes: where each was deleted.
-      undeleted_bytes: where none was, and nothing referred to them.
-      again_bytes: where none was, after a garbage collection.
-      ncon: contacts in each; 0 where they are not contacts.
-    """
-
-    count: PositiveInt
-    deleted_bytes: NonNegativeInt
-    undeleted_bytes: NonNegativeInt
-    again_bytes: NonNegativeInt
-    ncon: NonNegativeInt = 0
-
-
-@dataclass(frozen=True)
-class StateTarget:
-    """Whether `mj_getState` writes to an array of JavaScript, and to one on the heap.
-
-    Attributes:
-      is_array_written: to a Float64Array.
-      is_buffer_written: to a DoubleBuffer.
-      error: that the first raised; empty without one.
-    """
-
-    is_array_written: bool
-    is_buffer_written: bool
-    error: str
-
-
-@dataclass(frozen=True)
-class HeapLimit:
-    """How many MjData of a box on a plane fit into the heap.
-
-    Attributes:
-      size: MJCF that says how large an MjData is; empty for the default.
-      count: of MjData.
-      heap_bytes: of the heap then.
-      error: that the next one raised.
-    """
-
-    size: str
-    count: PositiveInt
-    heap_bytes: PositiveInt
-    error: str
-
-
-@dataclass(frozen=True)
-class FilledHeap:
-    """How many MjData fill the heap: of the default size, and of a smaller one."""
-
-    limits: Sequence[HeapLimit]
-
-
-@dataclass(frozen=True)
-class Examined:
-    """What experiments with a build showed (see experiments.mjs).
-
-    Attributes:
-      growth: of the heap, and a stored view.
-      snapshot: a log of stored views, and one of copies.
-      data: what MjData take.
-      contact: what copies of contacts take.
-      state: what `mj_getState` writes to.
-    """
-
-    growth: HeapGrowth
-    snapshot: StoredViews
-    data: ObjectMemory
-    contact: ObjectMemory
-    state: StateTarget
-
-
-@dataclass(frozen=True)
-class Rotated:
-    """Rotations by some angles.
-
-    Attributes:
-      quaternions: of each: w, x, y, z.
-    """
-
-    quaternions: Sequence[tuple[float, float, float, float]]
 
 
 @dataclass(frozen=True)
@@ -214,7 +85,6 @@ class Instantiate(Request[Instantiated]):
     """Import a build's module, and instantiate its WebAssembly.
 
     Attributes:
-      script: the module's file.
       nthread: workers of a build with threads.
     """
 
@@ -246,8 +116,6 @@ class Steps:
     Attributes:
       starts_file: (nbatch, nstate) rows of mjSTATE_INTEGRATION.
       control_file: (nbatch, ncontrol, nu) controls.
-      nbatch: simulations.
-      ncontrol: controls of each.
       hold: steps for which each control is held.
       has_reset: whether an MjData must be reset between simulations.
     """
@@ -301,34 +169,3 @@ class MeasureMemory(Request[Memory]):
     """Say how much memory is in use."""
 
     action, answer, activity = "memory", Memory, "measuring memory"
-
-
-@dataclass(frozen=True)
-class Examine(Request[Examined]):
-    """Try what goes wrong with the memory of a module.
-
-    Attributes:
-      cartpole_file: MJCF of the model whose pole falls from keyframe 0.
-    """
-
-    action, answer, activity = "examine", Examined, "trying the module's memory"
-    cartpole_file: str
-
-
-@dataclass(frozen=True)
-class FillHeap(Request[FilledHeap]):
-    """Fill the heap of a module that did nothing before."""
-
-    action, answer, activity = "fill", FilledHeap, "filling the heap"
-
-
-@dataclass(frozen=True)
-class Rotate(Request[Rotated]):
-    """Rotate about the z axis: the engine computes a sine and a cosine for each.
-
-    Attributes:
-      angles: in rad.
-    """
-
-    action, answer, activity = "rotate", Rotated, "computing sines and cosines"
-    angles: Sequence[float]

@@ -1,4 +1,4 @@
-"""What is stored of a model in WebAssembly builds and in C, and of experiments with the builds.
+"""What is stored of a model in WebAssembly builds and in C.
 
 Frozen dataclasses. Raw times are of blocks; the same position is the same round for all paths. A
 path that was left out of the last rounds has fewer.
@@ -18,8 +18,6 @@ from mjbench.instrument.bounds import (
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
-from mjbench.web.messages import Examined, HeapLimit
-from mjbench.web.npm_package import Build
 from mjbench.web.rounding_check import RoundingCheck
 
 # The path of C that others are compared with: between its steps there is no Python.
@@ -31,9 +29,7 @@ class StartUp:
     """What a build takes before its first step, in a fresh process.
 
     Attributes:
-      import_ms: to import the module.
       instantiate_ms: to compile and instantiate its WebAssembly, workers included.
-      compile_ms: to compile the model.
       first_ns: per step of the first block.
       warm_up_s: seconds of blocks before the first that was about as fast as the last ones.
       heap_bytes: of the module once it is instantiated.
@@ -53,9 +49,7 @@ class WebPathRecord:
 
     Attributes:
       path: its name: `wasm`, `wasm_mt`, or one of C's.
-      options: of the path.
       status: `ok`, or why it has no speed.
-      detail: one line; empty when ok.
       check: how far it is from C; None for paths of C, and where it did not run.
       start_up: what it took before it was steady; None likewise.
       block_ns: nanoseconds of each block.
@@ -79,11 +73,7 @@ class WebRecord:
     """One model, in C and in the WebAssembly builds of the same release.
 
     Attributes:
-      model: its name.
-      release: of MuJoCo.
-      node: version of Node.
       status: `ok`, or why it was not measured to the end.
-      detail: one line; empty when ok.
       nbatch: simulations that were compared; None where there was no workload.
       nstep: steps of each; None likewise.
       block_nbatch: simulations of a timed block, the first ones; None likewise.
@@ -127,46 +117,3 @@ class WebRecord:
             raise ValueError(f"a path has more rounds than {C_PATH}")
         if rounds and (self.block_nbatch is None or self.block_nstep is None):
             raise ValueError("paths were timed, but the size of a block is missing")
-
-
-@dataclass(frozen=True)
-class Mathematics:
-    """How often sines and cosines of a build differ from those of this system's C library.
-
-    Attributes:
-      count: of angles.
-      sines: of them whose sine differs in any bit.
-      cosines: the same.
-      difference: the largest.
-    """
-
-    count: PositiveInt
-    sines: NonNegativeInt
-    cosines: NonNegativeInt
-    difference: NonNegativeFloat
-
-
-@dataclass(frozen=True, kw_only=True)
-class WebExperimentsRecord:
-    """What experiments with a build showed, whatever the model.
-
-    Attributes:
-      build: of the engine.
-      release: of MuJoCo.
-      node: version of Node.
-      status: `ok`, or why there is nothing.
-      detail: one line; empty when ok.
-      examined: what experiments with its memory showed; None where they failed.
-      limits: how many MjData fill the heap, of each size that was tried.
-      mathematics: how its sines and cosines differ; None likewise.
-    """
-
-    record_type: ClassVar[str] = "web_experiments"
-    build: Build
-    release: Version
-    node: str
-    status: Status = Status.OK
-    detail: str = ""
-    examined: Examined | None = None
-    limits: Sequence[HeapLimit] = ()
-    mathematics: Mathematics | None = None

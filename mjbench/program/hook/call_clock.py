@@ -101,7 +101,7 @@ class CallClock:
         self._codes: list[Any] = []
         self._latest: Sequence[tuple[str, int, str]] | None = None  # the line that stepped first
         self._next = itertools.count(1).__next__
-        self._names: int | None = None
+        self._names = ""  # path of the file of lines
         self._map = mmap.mmap(-1, SLOT.size * MAX_SLOTS)
         self.cost_ns = 0  # of calls of JAX
         self.inside: set[int] = set()  # threads in a slow call, whose own calls do not count
@@ -109,9 +109,8 @@ class CallClock:
         path = os.path.join(self._folder, f"{os.getpid()}.calls")
         with contextlib.suppress(OSError):
             self._map = map_file(path, SLOT.size * MAX_SLOTS)
-            # not a file object: one that is open at the end would make Python warn
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-            self._names = os.open(f"{path[:-6]}.sites", flags, 0o600)
+            self._names = f"{path[:-6]}.sites"
+            self._write_line("")
 
     # Slots
 
@@ -175,16 +174,26 @@ class CallClock:
         line: tuple[str, int, str] | None = None,
         detail: Sequence[Any] = (),
     ) -> list[int] | None:
-        """Return the slot of a call, by the line of the user's code; None where there is none."""
-        owns = self.is_own
+        """Return the slot of a call, by the line of the user's code.
+
+        Where no line of the process is the user's, it is that of an installed package; None where
+        there is none either.
+        """
+        owns, of_package = self.is_own, None
         if frame is None and self._latest is not None:
             return self._new_slot(callee, get_ident(), self._latest, begin_ns)
         while frame is not None:
             file = frame.f_code.co_filename
             if owns[file] if file in owns else self.owns(file):
                 break
+            if _begins_process(frame):
+                frame = None
+                break
+            if of_package is None and "-packages" in file:
+                of_package = frame
             frame = frame.f_back
-        else:
+        frame = frame or of_package
+        if frame is None:
             return None
         # by its identity: to hash the code itself takes microseconds
         key = (callee, id(frame.f_code), frame.f_lasti, get_ident())
@@ -221,19 +230,33 @@ class CallClock:
         detail: Sequence[Any] = (),
     ) -> list[int]:
         number = self._next()
-        if number < MAX_SLOTS and self._names is not None:
+        if number < MAX_SLOTS and self._names:
             line = {"slot": number, "callee": callee, "thread": thread, "stack": stack}
             if detail:
                 line["detail"] = detail
-            os.write(self._names, (json.dumps(line) + "\n").encode())
+            self._write_line(json.dumps(line) + "\n")
         return [min(number, MAX_SLOTS - 1), 0, 0, 0, 0, begin_ns, 0, 0, 0, 0, 0, 0]
+
+    def _write_line(self, line: str) -> None:
+        """Append a line to the file of lines, or begin the file.
+
+        It does not stay open: the program may close what it has not opened itself, and its own
+        files then get the same numbers.
+        """
+        with contextlib.suppress(OSError):
+            flags = os.O_WRONLY | os.O_CREAT | (os.O_APPEND if line else os.O_TRUNC)
+            descriptor = os.open(self._names, flags, 0o600)
+            try:
+                os.write(descriptor, line.encode())
+            finally:
+                os.close(descriptor)
 
     def _lines(self, frame: FrameType | None) -> Iterator[FrameType]:
         """Yield the frames of a process on a stack, innermost first, but Python's own."""
         count = 0
         while frame is not None and count < MAX_STACK:
             file = frame.f_code.co_filename
-            if frame.f_code.co_name == _PROCESS_FUNCTION and file.endswith(_PROCESS_MODULE):
+            if _begins_process(frame):
                 return
             if self.owns(file) or "-packages" in file:
                 yield frame
@@ -318,6 +341,12 @@ class CallClock:
                 self.add(callee, sys._getframe(1), begin_ns, now_ns(), line=line)
 
         return named_like(function, call)
+
+
+def _begins_process(frame: FrameType) -> bool:
+    """Return whether what is below a frame on the stack belongs to the process's parent."""
+    code = frame.f_code
+    return code.co_name == _PROCESS_FUNCTION and code.co_filename.endswith(_PROCESS_MODULE)
 
 
 class Burst:

@@ -42,7 +42,6 @@ def engine_function(call: Any, function: Any) -> Any:
     take half as long again.
     """
     named_like(function, call)
-    call.__module__ = "mujoco"
     return MethodType(call, _MuJoCo())
 
 

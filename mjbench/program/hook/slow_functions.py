@@ -51,6 +51,7 @@ class SlowFunctions:
         """Replace nothing yet."""
         self._calls, self._watch = calls, watch
         self._has_seen_renderer = False
+        self._callback_code: Any = self  # of what times a callback; at first, of nothing
 
     def install(self, module: ModuleType) -> None:
         """Replace methods and callbacks in the module `mujoco`, which was just imported."""
@@ -62,6 +63,8 @@ class SlowFunctions:
             setter = getattr(module, f"set_{name}", None)
             if setter is not None:
                 setattr(module, f"set_{name}", self._setting(setter, name))
+                getter = getattr(module, f"get_{name}")
+                setattr(module, f"get_{name}", self._getting(getter))
 
     def _replace(self, owner: Any, method: str, callee: str, kind: Any = lambda call: call) -> None:
         original = getattr(owner, method, None)
@@ -80,10 +83,22 @@ class SlowFunctions:
         """Return what stands for a function that sets a callback."""
 
         def set_callback(function: Any) -> Any:
-            has_code = hasattr(function, "__code__")
-            return setter(self._calls.callback(function, name) if has_code else function)
+            if hasattr(function, "__code__"):
+                function = self._calls.callback(function, name)
+                self._callback_code = function.__code__
+            return setter(function)
 
         return named_like(setter, set_callback)
+
+    def _getting(self, getter: Any) -> Any:
+        """Return what stands for a function that returns a callback: it returns the program's."""
+
+        def get_callback() -> Any:
+            function = getter()
+            is_timed = getattr(function, "__code__", None) is self._callback_code
+            return function.__wrapped__ if is_timed else function
+
+        return named_like(getter, get_callback)
 
     def _look_at_renderer(self, args: Sequence[Any], frame: FrameType | None) -> Sequence[Any]:
         """Return the size of a renderer's images; note whether the processor draws them."""
@@ -116,8 +131,9 @@ class SlowFunctions:
 
             module.rollout = named_like(original, call)  # type: ignore[attr-defined]
         if hasattr(module, "Rollout"):
-            timed = self._calls.slow(module.Rollout.rollout, "Rollout.rollout", _rollout_steps)
-            module.Rollout.rollout = timed
+            module.Rollout.rollout = self._calls.slow(
+                module.Rollout.rollout, "Rollout.rollout", _rollout_steps
+            )
 
     def install_batch(self, module: ModuleType) -> None:
         """Time `mujoco.batch`."""

@@ -1,17 +1,19 @@
 """Start the clocks in the user's program, and in the processes that it forks."""
 
 import atexit
+import contextlib
 import faulthandler
 import gc
 import os
 import sys
 from collections.abc import Callable
 from types import ModuleType
+from typing import Any
 
 from . import tracebacks
 from .call_clock import CallClock
 from .jax_functions import JaxFunctions
-from .replaced import AfterImport
+from .replaced import AfterImport, named_like
 from .slow_functions import SlowFunctions
 from .step_clock import StepClock
 from .watch import Watch
@@ -23,6 +25,8 @@ _ENVIRONMENTS = (
     ("dm_control.composer.environment", "Environment", "step"),
     ("robosuite.environments.base", "MujocoEnv", "step"),
 )
+# Of the file in which a crash is noted.
+_HIGH_DESCRIPTOR = 500
 
 
 def start(folder: str, change: str = "") -> None:
@@ -65,11 +69,32 @@ def start(folder: str, change: str = "") -> None:
     gc.callbacks.append(steps.note_collection)
     tracebacks.hide_clocks()
     if not faulthandler.is_enabled():
-        # a file of its own, in which a crash leaves the line that the program was at
-        path = os.path.join(folder, f"{os.getpid()}.fault")
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        faulthandler.enable(os.open(path, flags, 0o600), all_threads=False)
+        _note_crashes(os.path.join(folder, f"{os.getpid()}.fault"))
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=begin_process)
     for clock in (steps, of_jax):
         atexit.register(clock.end)
+
+
+def _note_crashes(path: str) -> None:
+    """Let a crash leave the line that the program was at, in a file of its own.
+
+    The program sees a fault handler that is not enabled, until it enables it itself.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+
+        # a number that no file of the program gets, even if the program closes what it inherits
+        high = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _HIGH_DESCRIPTOR)
+        os.close(descriptor)
+        descriptor = high
+    enable, is_enabled = faulthandler.enable, faulthandler.is_enabled
+    enable(descriptor, all_threads=False)
+
+    def enable_for_program(*args: Any, **kwargs: Any) -> None:
+        faulthandler.is_enabled = is_enabled
+        enable(*args, **kwargs)
+
+    faulthandler.enable = named_like(enable, enable_for_program)
+    faulthandler.is_enabled = named_like(is_enabled, lambda: False)

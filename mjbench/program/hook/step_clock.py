@@ -88,6 +88,7 @@ class StepClock:
         self._burst_timers: list[float] | None = None
         self._latest: tuple[Any, Any] = None, None  # model and data of the step before
         self._latest_data: Any = None  # a weak reference to the data of the last burst
+        self._burst_place: tuple[Any, int] = None, 0  # code and instruction of its first step
         self._turns: dict[int, Any] | None = None  # simulations that are stepped in turn
         self._halves_seen = False
         self._burst_period_ns = self._burst_end_ns = 0
@@ -168,7 +169,7 @@ class StepClock:
                 return function(*(each for each in (m, d, nstep) if each is not _NONE))
             frame = get_frame(1)
             if not self._burst_calls:
-                self._begin_burst(m, d)
+                self._begin_burst(m, d, frame)
             elif d is not self._latest[1]:
                 self._change_simulation(m, d, frame)
             self._latest = m, d
@@ -207,7 +208,7 @@ class StepClock:
 
         return engine_function(call, function)
 
-    def _begin_burst(self, model: Any, data: Any) -> None:
+    def _begin_burst(self, model: Any, data: Any, frame: Any) -> None:
         """Begin a burst: read what must not be read in each call."""
         passed = self._planned_to_pass - self._to_pass
         since_ns = self._now_ns() - self._burst_end_ns
@@ -218,6 +219,7 @@ class StepClock:
         self._timestep_ns = _timestep_ns(model)
         self._burst_timers = _timers(data)
         self._burst_begin_ns = self._now_ns()
+        self._burst_place = frame.f_code, frame.f_lasti
         self._observe(True)
         if not self._first_ns:
             self._first_ns = self._burst_begin_ns
@@ -260,10 +262,12 @@ class StepClock:
     def _change_simulation(self, model: Any, data: Any, frame: Any) -> None:
         """Note that a step is of another simulation than the step before it.
 
-        Where that happens at the second step of a burst, simulations are stepped in turn.
+        Where that happens at the second step of a burst, by the same call, simulations are stepped
+        in turn. Two calls may do different things.
         """
         earlier_model, earlier = self._latest
-        if self._burst_calls == 1 and earlier_model is model:
+        is_same_call = (frame.f_code, frame.f_lasti) == self._burst_place
+        if self._burst_calls == 1 and earlier_model is model and is_same_call:
             self._turns = {id(earlier): earlier}
         if self._turns is None:
             self._watch.look_for_warnings(earlier, frame, self._now_ns())

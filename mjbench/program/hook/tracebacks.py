@@ -38,6 +38,8 @@ def _without_own(frames: Any) -> Any:
         if not frames.tb_frame.f_code.co_filename.startswith(_HERE):
             rest.append(frames)
         frames = frames.tb_next
-    for frame, following in zip(rest, [*rest[1:], None], strict=True):
+    following = None
+    for frame in reversed(rest):
         frame.tb_next = following
-    return rest[0] if rest else None
+        following = frame
+    return following
