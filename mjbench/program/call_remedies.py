@@ -73,7 +73,7 @@ CALL_REMEDIES = (
         needs_finding=True,
     ),
     CallRemedy(
-        callees=("MjData", "copy of MjData"),
+        callees=("MjData", *call_clock.COPIES_OF_DATA),
         text="create one MjData before the loop, and use mj_copyData or mj_setState in it",
         trial=Trial.NEW_DATA_OR_COPY,
         codes=("MJB005", "MJB010"),
@@ -158,6 +158,10 @@ CALL_REMEDIES = (
     ),
 )
 _CLOCK_ADVICE = f"turn off {package_timer.NAME}: {package_timer.OFF_CODE}, after creating MjData"
+_TRIALS_OF_COPIES = {
+    call_clock.COPY_OF_DATA: Trial.COPY_OR_COPY,
+    call_clock.DEEP_COPY_OF_DATA: Trial.DEEP_COPY_OR_COPY,
+}
 ACCESS_BY_NAME = Question(Trial.NAMED_ACCESS)
 
 
@@ -302,8 +306,8 @@ def _question(context: _Context) -> Question:
     after_each = min(_MOST_STEPS, after_each)
     if finding is not None and finding.code == "MJB005":
         return Question(Trial.NEW_DATA_OR_RESET, steps=after_each)
-    is_copy = all(call.callee.startswith("copy") for call in calls)
-    return Question(Trial.COPY_OR_COPY if is_copy else remedy.trial, steps=after_each)
+    trial = _TRIALS_OF_COPIES.get(max(calls, key=lambda call: call.seconds).callee, remedy.trial)
+    return Question(trial, steps=after_each)
 
 
 def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> float:
@@ -312,21 +316,16 @@ def _gain_of_objects(loop: LoopTime, context: _Context, measured: Measured) -> f
     The pair that was measured holds more than the call: what is done with the new object, whose
     memory is used for the first time, and the time in which it is freed.
     """
-    question, calls = _question(context), list(context.calls)
+    question = _question(context)
     ratio = measured.ratios[question]
-    count = sum(call.calls for call in calls)
-    if question.trial == Trial.RENDERER:
-        frames = [
-            call for call in loop.calls if call.activity == Activity.RENDERING and call not in calls
-        ]
-        most = max((call.calls for call in frames), default=1.0)
-        beside, part = frames, min(1.0, count / most)
-    else:
-        beside = steps_of(loop)
-        part = min(1.0, count * question.steps / max(1.0, context.nstep))
-    timed = _share(loop, calls) + part * _share(loop, beside)
-    at_most = _stands_for(loop, [*calls, *beside]) - (1 - part) * _share(loop, beside)
-    return ratio.saved * min(at_most, timed / ratio.timed_share)
+    is_frame = question.trial == Trial.RENDERER
+    beside = [
+        call
+        for call in loop.calls
+        if (call.activity == Activity.RENDERING if is_frame else call.is_step)
+    ]
+    at_most = _stands_for(loop, [*context.calls, *beside])
+    return min(at_most, ratio.saved * _share(loop, context.calls) / ratio.created_share)
 
 
 def _stands_for(loop: LoopTime, calls: Sequence[CallTime]) -> float:

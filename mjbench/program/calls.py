@@ -19,7 +19,7 @@ from mjbench.program.step_times import Header
 
 # What callees do, but for functions of the engine: those are physics.
 _ACTIVITIES: Mapping[str, Activity] = {
-    **dict.fromkeys(("MjData", "copy of MjData", "copy of MjModel"), Activity.COPYING),
+    **dict.fromkeys(("MjData", *call_clock.COPIES_OF_DATA, "copy of MjModel"), Activity.COPYING),
     **dict.fromkeys(("mj_copyData", "mj_getState", "mj_setState"), Activity.COPYING),
     **dict.fromkeys(("from_xml_path", "from_xml_string", "from_binary_path"), Activity.LOADING),
     **dict.fromkeys(("from_file", "from_string", "compile"), Activity.LOADING),

@@ -39,6 +39,8 @@ class Trial(enum.StrEnum):
     """Likewise, with the state of another MjData."""
     COPY_OR_COPY = "mj_copyData in place of copy"
     """`copy.copy(data)` with steps, and `mj_copyData` with steps."""
+    DEEP_COPY_OR_COPY = "mj_copyData in place of deepcopy"
+    """Likewise, with `copy.deepcopy(data)`, which copies the model, too."""
     ONE_CALL = "nstep"
     """Ten calls of `mj_step`, and one with `nstep=10`."""
     NO_TIMER = "no timer"
@@ -84,15 +86,15 @@ class TimeRatio:
       low: lower end of its 95 % interval.
       high: upper end.
       saved_s: seconds that are saved each time, by the medians.
-      timed_share: share of the time of what the program does before it frees its objects: calls
-        that are timed in the program do not hold that.
+      created_share: share of the time of what the program does in which it creates an object:
+        calls that are timed in the program hold that alone.
     """
 
     estimate: float
     low: float
     high: float
     saved_s: float
-    timed_share: float = 1.0
+    created_share: float = 1.0
 
     @property
     def saved(self) -> float:
@@ -203,18 +205,22 @@ class _Way:
     """One way of doing something.
 
     Attributes:
-      run: does it once; returns the objects that it has created, which the caller frees.
+      run: does it once.
+      create: creates an object for `use`, which together do what `run` does; None if it needs none.
+      use: does the rest with the object, which the caller frees.
       has_timer: whether steps read the timer of MuJoCo's Python package.
     """
 
     run: Callable[[mujoco.MjData], object]
+    create: Callable[[mujoco.MjData], Any] | None = None
+    use: Callable[[Any, mujoco.MjData], None] = lambda *_: None
     has_timer: bool = True
 
 
 def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -> TimeRatio:
     """Return the ratio of the times, over all states in turn."""
     present, suggested = _ways(model, question)
-    is_of_copies = question.trial == Trial.COPY_OR_COPY and len(recorded.copied) > 0
+    is_of_copies = question.trial in _COPIERS and len(recorded.copied) > 0
     states = recorded.copied if is_of_copies else recorded.states
     data, spec = mujoco.MjData(model), compat.state_spec("INTEGRATION")
 
@@ -242,7 +248,7 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
     before_s, after_s = (
         statistics.median(seconds) / calls for seconds in zip(*rounds, strict=True)
     )
-    shares = [_timed_share(present, data) for _ in range(LEAST_ROUNDS)]
+    shares = [_created_share(present, data) for _ in range(LEAST_ROUNDS)]
     return TimeRatio(
         1 / faster.median,
         1 / faster.high,
@@ -252,13 +258,23 @@ def _ratio(model: mujoco.MjModel, recorded: RecordedModel, question: Question) -
     )
 
 
-def _timed_share(way: _Way, data: mujoco.MjData) -> float:
-    """Return the share of the time of a way that has passed when its objects are freed."""
+def _created_share(way: _Way, data: mujoco.MjData) -> float:
+    """Return the share of the time of a way in which it creates its object."""
+    if way.create is None:
+        return 1.0
     begin_ns = time.perf_counter_ns()
-    objects = way.run(data)
+    created = way.create(data)
     middle_ns = time.perf_counter_ns()
-    del objects
+    way.use(created, data)
+    del created
     return (middle_ns - begin_ns) / max(1, time.perf_counter_ns() - begin_ns)
+
+
+def _creating(
+    create: Callable[[mujoco.MjData], Any], use: Callable[[Any, mujoco.MjData], None]
+) -> _Way:
+    """Return a way that creates an object each time."""
+    return _Way(lambda data: use(create(data), data), create, use)
 
 
 def _named_access(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
@@ -312,26 +328,27 @@ def _new_data(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
     scratch = mujoco.MjData(model)
     is_copy = question.trial != Trial.NEW_DATA_OR_RESET
 
-    def new(data: mujoco.MjData) -> mujoco.MjData:
-        if question.trial == Trial.COPY_OR_COPY:
-            fresh = copy.copy(data)
-        else:
-            fresh = mujoco.MjData(model)
-            if is_copy:
-                compat.copied_data(model, fresh, data)
+    def create(data: mujoco.MjData) -> mujoco.MjData:
+        copier = _COPIERS.get(question.trial)
+        return mujoco.MjData(model) if copier is None else copier(data)
+
+    def use(fresh: mujoco.MjData, data: mujoco.MjData) -> None:
+        if question.trial == Trial.NEW_DATA_OR_COPY:
+            compat.copied_data(model, fresh, data)
+        step(fresh)
+
+    def step(stepped: mujoco.MjData) -> None:
         for _ in range(question.steps):
-            mujoco.mj_step(model, fresh)
-        return fresh
+            mujoco.mj_step(model, stepped)
 
     def again(data: mujoco.MjData) -> None:
         if is_copy:
             compat.copied_data(model, scratch, data)
         else:
             mujoco.mj_resetData(model, scratch)
-        for _ in range(question.steps):
-            mujoco.mj_step(model, scratch)
+        step(scratch)
 
-    return _Way(new), _Way(again)
+    return _creating(create, use), _Way(again)
 
 
 def _renderer(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
@@ -345,14 +362,16 @@ def _renderer(model: mujoco.MjModel, question: Question) -> tuple[_Way, _Way]:
         renderer.update_scene(data)
         renderer.render()
 
-    def new(data: mujoco.MjData) -> mujoco.Renderer:
-        renderer = mujoco.Renderer(model, height, width)
-        draw(renderer, data)
-        return renderer
+    def create(data: mujoco.MjData) -> mujoco.Renderer:
+        return mujoco.Renderer(model, height, width)
 
-    return _Way(new), _Way(lambda data: draw(permanent, data))
+    return _creating(create, draw), _Way(lambda data: draw(permanent, data))
 
 
+_COPIERS: Mapping[Trial, Callable[[mujoco.MjData], mujoco.MjData]] = {
+    Trial.COPY_OR_COPY: copy.copy,
+    Trial.DEEP_COPY_OR_COPY: copy.deepcopy,
+}
 # What is raised where a release, a model or a machine lacks something; OpenGL raises its own kinds.
 _LACKING = (AttributeError, ImportError, ValueError, RuntimeError)
 _BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]]] = {
@@ -360,6 +379,7 @@ _BUILDERS: Mapping[Trial, Callable[[mujoco.MjModel, Question], tuple[_Way, _Way]
     Trial.NEW_DATA_OR_RESET: _new_data,
     Trial.NEW_DATA_OR_COPY: _new_data,
     Trial.COPY_OR_COPY: _new_data,
+    Trial.DEEP_COPY_OR_COPY: _new_data,
     Trial.RENDERER: _renderer,
     Trial.POOL: _pool,
     Trial.BATCH: _batch,

@@ -11,6 +11,7 @@ from mjbench.instrument.units import duration, plain
 from mjbench.program import remedies
 from mjbench.program.activities import Activity, Place
 from mjbench.program.calls import CallTime
+from mjbench.program.hook.call_clock import COPIES_OF_DATA
 from mjbench.program.loop_time import FEW_SAMPLES, MOSTLY_PHYSICS, LineTime, LoopTime
 from mjbench.program.physics_cost import CostKind
 from mjbench.program.records import LoopReport, ProgramRow
@@ -24,7 +25,7 @@ _WIDTH = 30
 _LEAST_SHARE = 0.005
 # Growth of memory that is worth a line, and calls whose results keep memory.
 _LEAST_GROWTH_BYTES = 32 << 20
-_KEEPERS = ("MjData", "copy of MjData", "from_xml_path", "from_xml_string", "compile", "Renderer")
+_KEEPERS = ("MjData", *COPIES_OF_DATA, "from_xml_path", "from_xml_string", "compile", "Renderer")
 # Activities whose shares do not come from samples, whatever calls are timed.
 _TIMED = (Activity.REST, Activity.COLLECTION)
 # Lines and remedies that are printed; the JSON document has all.

@@ -160,27 +160,27 @@ def test_a_call_that_leaves_the_loop_saves_its_time_but_for_one():
 
 
 def test_what_replaces_a_call_is_subtracted_from_all_that_it_costs():
-    """Its steps take longer, too, and a quarter of the time passes while it is freed."""
+    """To create it takes two thirds: its steps take longer, too, and it is freed."""
     other = LineTime(Place("train.py", 19, "main", "text"), 0.2, {NUMPY: 0.2})
     whole = loop_of(step(seconds=2.0), call("MjData", seconds=4.0))
     time = replace(whole, lines=[other], activities={PHYSICS: 0.8, NUMPY: 0.2})
     (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     assert (question.trial, question.steps) == (Trial.NEW_DATA_OR_COPY, 10)
-    measured = Measured({question: replace(ratio(0.25), timed_share=0.75)})
+    measured = Measured({question: replace(ratio(0.25), created_share=2 / 3)})
     remedy = next(each for each in remedies.remedies(time, [], measured) if each.kind == "call")
-    assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.6 / 0.75))
+    assert (remedy.basis, remedy.gain) == (Basis.PAIRED, pytest.approx(0.75 * 0.4 / (2 / 3)))
     bound = next(each for each in remedies.remedies(time) if each.kind == "call")
     assert (bound.basis, bound.gain) == (Basis.BOUND, pytest.approx(0.4))
 
 
 def test_a_new_mjdata_costs_only_its_first_steps():
-    """Of 1,000 steps, 50 follow each of four MjData closely enough to pay for its memory."""
+    """Of 250 steps that follow each MjData, 50 are in the pair; creation is a fifth of the pair."""
     time = loop_of(step(seconds=8.0), call("MjData", calls=4, seconds=1.0))
     (question,) = [q for q in call_remedies.questions([time], []) if q.trial != Trial.NO_TIMER]
     assert question.steps == 50
-    remedies_ = remedies.remedies(time, [], Measured({question: ratio(0.5)}))
-    (gain,) = [each.gain for each in remedies_ if each.kind == "call"]
-    assert gain == pytest.approx(0.5 * (0.1 + 0.8 * 200 / 1000))
+    measured = Measured({question: replace(ratio(0.5), created_share=0.2)})
+    (gain,) = [each.gain for each in remedies.remedies(time, [], measured) if each.kind == "call"]
+    assert gain == pytest.approx(0.5 * 0.1 / 0.2)
 
 
 def test_what_may_be_chance_is_not_suggested():
@@ -200,9 +200,16 @@ def test_a_model_that_is_built_leaves_the_loop_with_all_that_this_takes():
     assert (remedy.place.line, remedy.gain, remedy.basis) == (15, 0.9, Basis.BOUND)
 
 
-def test_a_copy_of_an_mjdata_is_compared_with_a_copy():
-    time = loop_of(step(), call(call_clock.COPY_OF_DATA))
-    assert Question(Trial.COPY_OR_COPY, steps=10) in call_remedies.questions([time], [])
+@pytest.mark.parametrize(
+    ("callee", "trial"),
+    [
+        (call_clock.COPY_OF_DATA, Trial.COPY_OR_COPY),
+        (call_clock.DEEP_COPY_OF_DATA, Trial.DEEP_COPY_OR_COPY),
+    ],
+)
+def test_a_copy_of_an_mjdata_is_compared_with_a_copy_of_its_kind(callee, trial):
+    time = loop_of(step(), call(callee))
+    assert Question(trial, steps=10) in call_remedies.questions([time], [])
 
 
 def test_a_renderer_is_tried_at_its_size_and_with_its_library():

@@ -8,7 +8,9 @@ from typing import Any
 
 from .call_clock import (
     CALLBACKS,
+    COPIES_OF_DATA,
     COPY_OF_DATA,
+    DEEP_COPY_OF_DATA,
     EAGER_MJX,
     PROCESS_START,
     SOFTWARE_GL,
@@ -22,7 +24,7 @@ from .watch import Watch
 _METHODS = (
     ("MjData", "__init__", "MjData"),
     ("MjData", "__copy__", COPY_OF_DATA),
-    ("MjData", "__deepcopy__", COPY_OF_DATA),
+    ("MjData", "__deepcopy__", DEEP_COPY_OF_DATA),
     ("MjModel", "__copy__", "copy of MjModel"),
     ("MjModel", "__deepcopy__", "copy of MjModel"),
     ("MjSpec", "compile", "compile"),
@@ -70,7 +72,7 @@ class SlowFunctions:
         original = getattr(owner, method, None)
         if original is None:
             return
-        before = self._keep_copied if callee == COPY_OF_DATA else None
+        before = self._keep_copied if callee in COPIES_OF_DATA else None
         detail = self._look_at_renderer if callee == "Renderer" else None
         with contextlib.suppress(AttributeError, TypeError):
             timed = self._calls.slow(original, callee, before=before, detail=detail)
