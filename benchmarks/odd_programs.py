@@ -139,8 +139,10 @@ ODD_PROGRAMS: Mapping[str, OddProgram] = {
         signal_number=signal.SIGTERM,
     ),
     "SIGUSR1": OddProgram(
-        "import signal, time\nsignal.signal(signal.SIGUSR1, lambda *_: print('usr1'))\n"
-        "print('ready', flush=True)\nsignal.pause()",
+        # not `signal.pause`, which waits forever where the signal comes just before it
+        "import signal, time\nseen = []\n"
+        "signal.signal(signal.SIGUSR1, lambda *_: seen.append(print('usr1')))\n"
+        "print('ready', flush=True)\nwhile not seen:\n    time.sleep(0.01)",
         signal_number=signal.SIGUSR1,
     ),
     "alarm": OddProgram(
