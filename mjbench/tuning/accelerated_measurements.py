@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
 
 from mjbench.comparison.accelerated_run import MEMORY_SHARE
 from mjbench.errors import UnavailableError
@@ -17,34 +16,11 @@ from mjbench.tuning.accelerated_attempts import (
     Unsuited,
     accelerated_path,
 )
-from mjbench.tuning.accelerated_records import EngineAttempt, EngineFacts, EngineProgram
-from mjbench.tuning.accelerated_settings import EngineSetting
+from mjbench.tuning.records import Attempt, BatchFacts, Program
 from mjbench.tuning.reference import TrialPlan
+from mjbench.tuning.settings import Setting
 
-Settings = tuple[EngineSetting, ...]
-
-
-class EngineMeasurements(Protocol):
-    """What a search may ask for."""
-
-    def baseline(self, plan: TrialPlan) -> EngineFacts:
-        """Draw trials and run C; launches use them from then on."""
-        ...
-
-    def launch(
-        self,
-        settings: Sequence[Settings],
-        on_attempt: Callable[[EngineAttempt], None],
-        stop_after_s: float | None = None,
-        has_errors: bool = True,
-    ) -> EngineProgram:
-        """Try settings, one after the other, in a fresh process; return the present program.
-
-        Args:
-          stop_after_s: seconds after which no other is begun; None for no limit.
-          has_errors: whether to measure transfer errors, beside times.
-        """
-        ...
+Settings = tuple[Setting, ...]
 
 
 class EngineOnThisMachine:
@@ -62,14 +38,14 @@ class EngineOnThisMachine:
         self._engine, self._nbatch, self._limit_s = engine, nbatch, limit_s
         self._file: Path = pool.new_file(".pickle")
 
-    def baseline(self, plan: TrialPlan) -> EngineFacts:
-        """See `EngineMeasurements.baseline`.
+    def baseline(self, plan: TrialPlan) -> BatchFacts:
+        """Draw trials and run C; launches use them from then on.
 
         Raises:
           InputError: the model cannot be loaded, diverges, or is not for this engine.
           MachineError: its process crashed or hung.
         """
-        messages: list[EngineFacts | Unsuited] = []
+        messages: list[BatchFacts | Unsuited] = []
         request = EngineBaselineRequest(self._source, self._engine, plan, self._nbatch, self._file)
         self._run("run_baseline", request, messages.append).check()
         (message,) = messages
@@ -80,22 +56,28 @@ class EngineOnThisMachine:
     def launch(
         self,
         settings: Sequence[Settings],
-        on_attempt: Callable[[EngineAttempt], None],
+        on_attempt: Callable[[Attempt], None],
         stop_after_s: float | None = None,
         has_errors: bool = True,
-    ) -> EngineProgram:
-        """See `EngineMeasurements.launch`; a setting that ends the process fails, no more.
+    ) -> Program:
+        """Try settings, one after the other, in a fresh process; return the present program.
+
+        A setting that ends the process fails, no more.
+
+        Args:
+          stop_after_s: seconds after which no other is begun; None for no limit.
+          has_errors: whether to measure transfer errors, beside times.
 
         Raises:
           UnavailableError: the model is not for this engine.
           MachineError: the present settings crash, hang or diverge.
         """
-        programs: list[EngineProgram] = []
+        programs: list[Program] = []
 
-        def receive(message: EngineProgram | EngineAttempt | Unsuited) -> None:
+        def receive(message: Program | Attempt | Unsuited) -> None:
             if isinstance(message, Unsuited):
                 raise UnavailableError(message.reason)
-            if isinstance(message, EngineProgram):
+            if isinstance(message, Program):
                 programs.append(message)
             else:
                 on_attempt(message)
@@ -121,7 +103,7 @@ class EngineOnThisMachine:
                 ended.check()
                 raise AssertionError("an end that is not ok raises")
             first = ended.activity.index + 1
-            on_attempt(EngineAttempt(settings[first - 1], ended.status, ended.detail))
+            on_attempt(Attempt(settings[first - 1], ended.status, ended.detail))
             if first == len(settings):
                 return programs[0]
 

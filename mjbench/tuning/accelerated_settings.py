@@ -1,8 +1,7 @@
 """Settings of MJX and Warp, engines that compile the step: which are there to try on a model?"""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from itertools import chain, zip_longest
 
 import mujoco
@@ -20,20 +19,7 @@ JACOBIANS = ("dense", "sparse")
 MARGIN = 2.0
 
 
-@dataclass(frozen=True)
-class EngineSetting(Setting):
-    """A setting of an engine that compiles.
-
-    Attributes:
-      buffer_sizes: `nconmax` or `njmax` of the engine's make_data, for each simulation.
-    """
-
-    buffer_sizes: Mapping[str, int] = field(default_factory=dict)
-
-
-def to_try(
-    model: mujoco.MjModel, peaks: Peaks, default_sizes: Mapping[str, int]
-) -> list[EngineSetting]:
+def to_try(model: mujoco.MjModel, peaks: Peaks, default_sizes: Mapping[str, int]) -> list[Setting]:
     """Return the settings to try, of each knob in turn.
 
     Args:
@@ -52,30 +38,22 @@ def to_try(
     return [setting for setting in chain(*zip_longest(*by_knob)) if setting is not None]
 
 
-def buffer_sizes_of(settings: Iterable[EngineSetting]) -> dict[str, int]:
-    """Return the buffer sizes that some settings have."""
-    sizes: dict[str, int] = {}
-    for setting in settings:
-        sizes.update(setting.buffer_sizes)
-    return sizes
-
-
-def _counts(knob: str, values: Sequence[int], present: int) -> list[EngineSetting]:
+def _counts(knob: str, values: Sequence[int], present: int) -> list[Setting]:
     """Return smaller limits of iterations than the present one."""
     return [_option(knob, str(value)) for value in values if value < present]
 
 
-def _others(knob: str, values: Sequence[str], present: str) -> list[EngineSetting]:
+def _others(knob: str, values: Sequence[str], present: str) -> list[Setting]:
     """Return the values that are not the present one."""
     return [_option(knob, value) for value in values if value != present]
 
 
-def _option(knob: str, value: str) -> EngineSetting:
+def _option(knob: str, value: str) -> Setting:
     text = "CG" if value == "cg" else "Newton" if value == "newton" else value
-    return EngineSetting(knob, f"{knob}={text}", (Edit(Part.OPTION, knob, text),))
+    return Setting(knob, f"{knob}={text}", (Edit(Part.OPTION, knob, text),))
 
 
-def _buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[EngineSetting]]:
+def _buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[Setting]]:
     """Return smaller buffers than the engine's own, with room for what C needs and a margin."""
     needs = {"nconmax": ("contacts", peaks.contacts), "njmax": ("constraints", peaks.constraints)}
     smaller = []
@@ -84,9 +62,8 @@ def _buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[Engine
         size = max(1, math.ceil(MARGIN * need))
         if size < default:
             evidence = f"{need} {what} at most in C; the engine makes room for {default}"
-            sizes = {name: size}
             smaller.append(
-                [EngineSetting(name, f"{name}={size}", evidence=evidence, buffer_sizes=sizes)]
+                [Setting(name, f"{name}={size}", evidence=evidence, buffer_sizes={name: size})]
             )
     return smaller
 

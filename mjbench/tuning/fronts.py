@@ -5,8 +5,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mjbench.tuning.attempts import Attempt, Effect
-from mjbench.tuning.records import allowed_error
+from mjbench.tuning.records import Attempt, Effect, allowed_error
 from mjbench.tuning.settings import NO_CHANGE, Setting
 
 # Recommendations at most.
@@ -173,8 +172,8 @@ def effect_of(attempt: Attempt) -> Effect:
 
 def error_of(attempt: Attempt) -> float:
     """Return the error of settings that did not fail, as a share of the motion."""
-    assert attempt.accuracy is not None, "it did not fail"
-    return attempt.accuracy.error.share
+    assert attempt.error is not None, "it did not fail"
+    return attempt.error.share
 
 
 def time_ratio_of(attempt: Attempt) -> float:
