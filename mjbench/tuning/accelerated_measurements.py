@@ -45,13 +45,10 @@ class EngineOnThisMachine:
           InputError: the model cannot be loaded, diverges, or is not for this engine.
           MachineError: its process crashed or hung.
         """
-        messages: list[BatchFacts | Unsuited] = []
+        messages: list[BatchFacts] = []
         request = EngineBaselineRequest(self._source, self._engine, plan, self._nbatch, self._file)
         self._run("run_baseline", request, messages.append).check()
-        (message,) = messages
-        if isinstance(message, Unsuited):
-            raise UnavailableError(message.reason)
-        return message
+        return messages[0]
 
     def launch(
         self,
@@ -74,9 +71,7 @@ class EngineOnThisMachine:
         """
         programs: list[Program] = []
 
-        def receive(message: Program | Attempt | Unsuited) -> None:
-            if isinstance(message, Unsuited):
-                raise UnavailableError(message.reason)
+        def receive(message: Program | Attempt) -> None:
             if isinstance(message, Program):
                 programs.append(message)
             else:
@@ -109,10 +104,16 @@ class EngineOnThisMachine:
 
     def _run(self, task: str, request: object, on_message: Callable[..., None]) -> isolate.Ended:
         """Run a task of `accelerated_attempts` in a child, within limits of time and memory."""
+
+        def receive(message: object) -> None:
+            if isinstance(message, Unsuited):
+                raise UnavailableError(message.reason)
+            on_message(message)
+
         return isolate.run(
             f"mjbench.tuning.accelerated_attempts:{task}",
             request,
-            on_message,
+            receive,
             self._limit_s,
             environment=accelerated_path(self._engine).environment(),
             memory_bytes=int(MEMORY_SHARE * machine.available_memory_bytes()),

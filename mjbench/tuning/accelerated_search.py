@@ -8,8 +8,7 @@
 """
 
 import math
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,12 +23,11 @@ from mjbench.tuning.records import (
     BatchFacts,
     Program,
     Recommendation,
-    TuneRecord,
     allowed_error,
     log_ratio,
 )
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.search import LEAST_GAIN, Advance, Search, SearchPlan, too_far
+from mjbench.tuning.search import LEAST_GAIN, Search, too_far
 from mjbench.tuning.settings import Setting, label
 
 # Shares of the budget after which no setting is tried alone, and none together.
@@ -38,20 +36,8 @@ ALONE_SHARE, TOGETHER_SHARE = 0.5, 0.65
 FINALISTS, LEAST_PROCESSES, PROCESSES = 2, 4, 8
 
 
-class EngineSearch(Search):
+class EngineSearch(Search[EngineOnThisMachine]):
     """A search for settings of MJX or Warp; all effects are allowed."""
-
-    def __init__(
-        self,
-        record: TuneRecord,
-        plan: SearchPlan,
-        measurements: EngineOnThisMachine,
-        advance: Advance = lambda done, text, share: None,
-        clock: Callable[[], float] = time.monotonic,
-    ):
-        """Measure nothing yet."""
-        super().__init__(record, plan, advance, clock)
-        self._measure = measurements
 
     @property
     def _batch(self) -> Batch:

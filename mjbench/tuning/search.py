@@ -17,14 +17,14 @@ import random
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from mjbench.errors import MjbenchError, failure_of
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
 from mjbench.tuning.attempts import QUADS
-from mjbench.tuning.fronts import FRONT, Faster, effect_of, error_of, is_allowed
+from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
 from mjbench.tuning.measurements import OnThisMachine, PairedTime, saves_time
 from mjbench.tuning.records import (
     Attempt,
@@ -56,6 +56,8 @@ LAST_RUNG = 2 * FRONT
 Advance = Callable[[int, str, float], None]
 # Parts of a search: present settings, each alone, together, second look.
 PARTS = 4
+
+Measurements = TypeVar("Measurements")
 
 
 @dataclass(frozen=True)
@@ -95,13 +97,14 @@ class SearchPlan:
         return TrialPlan(self.seed + look, self.starts, self.hold, *lengths)
 
 
-class Search(abc.ABC):
+class Search(abc.ABC, Generic[Measurements]):
     """One search for settings of one model; `record` says what came of it, at any time."""
 
     def __init__(
         self,
         record: TuneRecord,
         plan: SearchPlan,
+        measurements: Measurements,
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
@@ -110,6 +113,7 @@ class Search(abc.ABC):
         Args:
           record: of the model and its engine.
         """
+        self._measure = measurements
         self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
         self._plan, self._advance, self._clock = plan, advance, clock
         self._begin_s = clock()
@@ -171,21 +175,10 @@ class Search(abc.ABC):
         self._set(withdrawn=[*self._record.withdrawn, Withdrawal(settings, reason)])
 
 
-class CSearch(Search):
+class CSearch(Search[OnThisMachine]):
     """A search for settings of C."""
 
-    def __init__(
-        self,
-        record: TuneRecord,
-        plan: SearchPlan,
-        measurements: OnThisMachine,
-        advance: Advance = lambda done, text, share: None,
-        clock: Callable[[], float] = time.monotonic,
-    ):
-        """Measure nothing yet."""
-        super().__init__(record, plan, advance, clock)
-        self._measure = measurements
-        self._settings: Sequence[Setting] = ()
+    _settings: Sequence[Setting] = ()
 
     def _measure_present(self) -> None:
         plan = self._plan
@@ -198,7 +191,7 @@ class CSearch(Search):
         self._set(present=self._measure.baseline(plan.trials(0)))
 
     def _try_settings(self) -> list[Attempt]:
-        return self._together([each for each in self._each_alone() if not each.setting.loses])
+        return self._together([each for each in self._each_alone() if not each.settings[0].loses])
 
     @property
     def _present(self) -> Present:
@@ -210,7 +203,7 @@ class CSearch(Search):
 
     # -- each setting alone -------------------------------------------------------------------
 
-    def _each_alone(self) -> list[Faster]:
+    def _each_alone(self) -> list[Attempt]:
         """Try each setting alone; return those that are certainly faster, and allowed."""
         promising: list[Attempt] = []
         for number, setting in enumerate(self._settings):
@@ -228,7 +221,7 @@ class CSearch(Search):
         promising.sort(key=fronts.rank_of)
         return list(self._compared(promising))
 
-    def _compared(self, promising: Sequence[Attempt]) -> Iterator[Faster]:
+    def _compared(self, promising: Sequence[Attempt]) -> Iterator[Attempt]:
         """Compare settings with the present ones in fresh processes; yield the faster ones."""
         for number, attempt in enumerate(promising):
             if not self._has_time(SINGLES_SHARE):
@@ -241,9 +234,10 @@ class CSearch(Search):
                 attempt = replace(attempt, status=paired.status, detail=paired.detail)
             elif paired.ratio is None:  # its steps are too slow
                 self._leave_untried()
-            self._note(replace(attempt, ratio=paired.ratio))
+            attempt = replace(attempt, ratio=paired.ratio)
+            self._note(attempt)
             if paired.ratio is not None and saves_time(paired.ratio):
-                yield Faster(attempt, paired.ratio.estimate)
+                yield attempt
 
     def _is_promising(self, attempt: Attempt) -> bool:
         """Return whether settings may be faster, and do no more than is allowed."""
@@ -266,13 +260,12 @@ class CSearch(Search):
 
     # -- together -----------------------------------------------------------------------------
 
-    def _together(self, faster: Sequence[Faster]) -> list[Attempt]:
+    def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
         """Try combinations of settings that are faster alone.
 
         Returns:
           Settings alone and together, from all starts: at least those alone.
         """
-        alone = [each.attempt for each in faster]
         chosen = fronts.combinations(faster, COMBINATIONS, random.Random(self._plan.seed))
         nrun, quads = RUNG_NRUN, RUNG_QUADS
         while len(chosen) > LAST_RUNG and self._has_time():
@@ -286,7 +279,7 @@ class CSearch(Search):
         together = self._tried(chosen[:LAST_RUNG])
         for attempt in together:
             self._note(attempt)
-        return [*alone, *together]
+        return [*faster, *together]
 
     def _tried(
         self, chosen: Sequence[tuple[Setting, ...]], nrun: int | None = None, quads: int = QUADS

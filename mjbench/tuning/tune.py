@@ -7,7 +7,7 @@ from mjbench.tuning.accelerated_search import EngineSearch
 from mjbench.tuning.attempts import SILENCE_S
 from mjbench.tuning.measurements import OnThisMachine
 from mjbench.tuning.records import Batch, TuneRecord
-from mjbench.tuning.search import Advance, CSearch, Search, SearchPlan
+from mjbench.tuning.search import Advance, CSearch, SearchPlan
 
 
 def tune(
@@ -24,12 +24,9 @@ def tune(
     Args:
       limit_s: seconds of silence after which a process is killed; compilers get more.
     """
-    search: Search
     if plan.engine == "c":
         in_c = OnThisMachine(pool, source, plan.starts, plan.hold, limit_s)
-        search = CSearch(TuneRecord(model=source.name), plan, in_c, advance)
-    else:
-        record = TuneRecord(model=source.name, engine=plan.engine, batch=Batch(plan.nbatch))
-        batched = EngineOnThisMachine(pool, source, plan.engine, plan.nbatch, limit_s)
-        search = EngineSearch(record, plan, batched, advance)
-    return search.result()
+        return CSearch(TuneRecord(model=source.name), plan, in_c, advance).result()
+    record = TuneRecord(model=source.name, engine=plan.engine, batch=Batch(plan.nbatch))
+    batched = EngineOnThisMachine(pool, source, plan.engine, plan.nbatch, limit_s)
+    return EngineSearch(record, plan, batched, advance).result()

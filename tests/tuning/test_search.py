@@ -9,7 +9,6 @@ from mjbench.errors import MachineError
 from mjbench.paired.records import Ratio
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.fronts import Faster
 from mjbench.tuning.measurements import PairedTime
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord
 from mjbench.tuning.search import CSearch, SearchPlan
@@ -249,7 +248,7 @@ def test_where_errors_cannot_be_compared_only_free_settings_are_recommended():
 def faster(label, effect, ratio, **keywords):
     accuracy = Accuracy(effect, apart(0.1), apart(0.1), NOTHING, [0.1] * 64)
     settings = (setting(label, **keywords),)
-    return Faster(Attempt(settings, Status.OK, accuracy=accuracy, time_ratio=ratio), ratio)
+    return Attempt(settings, Status.OK, accuracy=accuracy, ratio=Ratio(ratio, None, None))
 
 
 def test_combinations_have_one_setting_of_each_knob():
