@@ -45,11 +45,7 @@ TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
 
 @dataclass(frozen=True)
 class EngineBaselineRequest:
-    """Asks a child what settings of an engine are to be measured by.
-
-    Attributes:
-      file: to write the pickled `EngineBaseline` to.
-    """
+    """Asks a child what settings of an engine are to be measured by."""
 
     source: ModelSource
     engine: str
@@ -70,7 +66,6 @@ class EngineBaseline:
     """C's runs with the present settings, and what an engine needs to repeat them.
 
     Attributes:
-      runs: of C.
       default_sizes: of the engine's buffers (see `AcceleratedPath.default_buffer_sizes`).
     """
 
@@ -86,8 +81,6 @@ class LaunchRequest:
     """Asks a child to try settings of an engine, one after the other.
 
     Attributes:
-      baseline_file: holds the pickled `EngineBaseline`.
-      settings: to try.
       first: index of the first of them.
       has_errors: whether to measure transfer errors, beside times.
       stop_after_s: seconds after which no other setting is begun.

@@ -164,11 +164,7 @@ class EngineSearch(Search[EngineOnThisMachine]):
 
 
 def combinations(helpful: Sequence[Attempt]) -> list[Settings]:
-    """Return the fastest setting of each knob, two of them together, then three, and so on.
-
-    Args:
-      helpful: attempts of settings alone, the fastest first.
-    """
+    """Return the fastest setting of each knob, two of them together, then three, and so on."""
     by_knob: dict[str, Setting] = {}
     for attempt in helpful:
         (setting,) = attempt.settings

@@ -39,12 +39,7 @@ BASELINE_SILENCE_S = 600.0
 
 @dataclass(frozen=True)
 class BaselineRequest:
-    """Asks a child for the present settings' runs, and for the reference.
-
-    Attributes:
-      file: to write the pickled `Baseline` to.
-      model_file: to save the compiled model to.
-    """
+    """Asks a child for the present settings' runs, and for the reference."""
 
     source: ModelSource
     plan: TrialPlan
@@ -57,7 +52,6 @@ class AttemptRequest:
     """Asks a child to try settings.
 
     Attributes:
-      baseline_file: holds the pickled `Baseline`.
       model_file: to save the changed model to; None to save none.
       nrun: runs of the trials to do, the first ones; None for all.
       quads: blocks to time, as quads; 0 to measure no time.
@@ -130,13 +124,7 @@ def run_attempt(request: AttemptRequest, channel: Channel) -> None:
 
 
 def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:
-    """Return what settings do to the motion.
-
-    Args:
-      model: with the present settings.
-      baseline: of that model.
-      runs: of the trials with other settings.
-    """
+    """Return what settings do to the motion."""
     ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
     within, present = (
         reference.first(runs, ncontrol),
@@ -203,10 +191,6 @@ def _check_loop(
 ) -> None:
     """Refuse a change of the loop with which it reaches other states.
 
-    Args:
-      trials: starts and controls.
-      runs: of them by a plain loop.
-
     Raises:
       InputError: a final state differs in a bit.
     """
@@ -224,9 +208,6 @@ def _prepared(
     options: Mapping[str, str | int],
 ) -> paths.Prepared:
     """Return what does the trials by a path.
-
-    Args:
-      hold: steps for which each control is held.
 
     Raises:
       InputError: the path cannot run here.

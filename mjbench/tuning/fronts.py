@@ -99,7 +99,6 @@ def pareto_front(
     Args:
       attempts: on which all combinations are.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      present_error: of the present settings, from the same starts.
     """
     front: list[Attempt] = []
     allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]
@@ -122,10 +121,6 @@ def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) 
     """Return whether the error of settings is no larger than allowed.
 
     What changes no state is always allowed; what is equivalent, unless the user sets a limit.
-
-    Args:
-      max_error: the largest error allowed, as a share of the motion; None for the present one.
-      present_error: of the present settings, from the same starts.
     """
     effect = effect_of(attempt)
     if effect == Effect.FREE or (effect == Effect.EQUIVALENT and max_error is None):

@@ -33,7 +33,6 @@ class PairedTime:
     Attributes:
       ratio: their time of a simulated second over that of the present settings, with a 95 %
         interval; None without one.
-      launches: raw times of each launch.
     """
 
     status: Status

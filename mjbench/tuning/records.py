@@ -115,7 +115,6 @@ class Recommendation:
       ratio: their time over that of the present settings, in fresh processes from further starts,
         with its 95 % interval.
       error: as of an attempt; the larger of both looks.
-      samples: raw times of each process.
       effect: on the motion; the larger of both looks.
       is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
         still choose them.
@@ -164,7 +163,6 @@ class Batch:
     """The batched step of MJX or Warp.
 
     Attributes:
-      nbatch: simulations of a step.
       present: the program with the present settings, from the starts of the search.
     """
 
@@ -185,7 +183,6 @@ class TuneRecord:
       present: what the present settings do in C, on the starts of the second look; its error is the
         larger of both looks.
       batch: what MJX and Warp are measured by; None for C.
-      attempts: settings that were tried, alone and together.
       untried: settings for which there was no time.
       front: recommendations, the smallest effect first and the slowest first within it; of MJX and
         Warp, the fastest first.

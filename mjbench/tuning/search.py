@@ -68,7 +68,6 @@ class SearchPlan:
       seed: of starts and controls; the second look has the next one.
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      hold: steps for which each control is held.
       skip: names of knobs that are left alone.
       engine: `c`, `mjx` or `warp`; the latter two allow all effects, and skip nothing.
       nbatch: simulations of a batched step of those two.

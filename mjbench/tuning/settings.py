@@ -80,6 +80,11 @@ class Setting:
     buffer_sizes: Mapping[str, int] = field(default_factory=dict)
 
 
+def option(name: str, value: str, evidence: str = "") -> Setting:
+    """Return the setting of an attribute of `<option>`."""
+    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),), evidence=evidence)
+
+
 def edits_of(settings: Iterable[Setting]) -> list[Edit]:
     """Return the edits of some settings, in their order."""
     return [edit for setting in settings for edit in setting.edits]

@@ -18,11 +18,7 @@ from mjbench.tuning.settings import Setting
 
 @dataclass(frozen=True)
 class SurveyRequest:
-    """Asks a child what there is to try.
-
-    Attributes:
-      hold: steps for which each control is held.
-    """
+    """Asks a child what there is to try."""
 
     source: ModelSource
     seed: int
@@ -35,7 +31,6 @@ class Survey:
     """What there is to try on a model.
 
     Attributes:
-      settings: of all knobs, that differ from the model's own.
       meshes: that collide, and that nearly fill a primitive.
     """
 

@@ -15,7 +15,7 @@ from mjbench.status import Status
 from mjbench.tuning import accelerated_settings
 from mjbench.tuning.accelerated_measurements import EngineOnThisMachine
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.settings import Edit, Part, Setting, label
+from mjbench.tuning.settings import Setting, label, option
 
 PLAN = TrialPlan(0, StartPlan(), ncontrol=4, horizon_ncontrol=4)
 # C under another name; it crashes, rejects or overflows with some settings.
@@ -51,10 +51,6 @@ class Divergent(Pretender):
     def __init__(self):
         super().__init__("nan")
 """
-
-
-def option(name, value):
-    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),))
 
 
 @pytest.fixture

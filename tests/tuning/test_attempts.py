@@ -14,13 +14,9 @@ from mjbench.tuning import attempts, reference, trajectories
 from mjbench.tuning.attempts import AttemptRequest, BaselineRequest
 from mjbench.tuning.records import Effect
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
+from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
 SOURCE = models.resolve("cartpole")
-
-
-def option(name, value):
-    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),))
 
 
 @pytest.fixture(scope="module")
