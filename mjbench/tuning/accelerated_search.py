@@ -92,27 +92,23 @@ class EngineSearch(Search[EngineOnThisMachine]):
             TrialPlan(plan.seed + 1, plan.starts, plan.hold, ncontrol, ncontrol)
         )
         launches: list[list[Attempt]] = []
+
+        def launch(has_errors: bool) -> Program:
+            launches.append([])
+            return self._measure.launch(settings, launches[-1].append, has_errors=has_errors)
+
         begin_s = self._clock()
-        limit = self._limit(new, self._launched(settings, launches, has_errors=True))
+        limit = self._limit(new, launch(has_errors=True))
         affordable = int(self._left_s(1.0) / max(self._clock() - begin_s, 1e-9))
         more = min(max(affordable, LEAST_PROCESSES - 1), PROCESSES - 1)
         for number in range(more):
             self._advance(3, "fresh processes", (number + 1) / (more + 1))
-            self._launched(settings, launches, has_errors=False)
+            launch(has_errors=False)
         for i, first in enumerate(attempts):
-            self._judge(first, [launch[i] for launch in launches], limit)
+            self._judge(first, [each[i] for each in launches], limit)
         front = sorted(self._record.front, key=lambda each: len(each.settings))
         simplest = sorted(self._simplest(front), key=lambda each: each.ratio.estimate)
         self._set(front=simplest)
-
-    def _launched(
-        self, settings: Sequence[Settings], launches: list[list[Attempt]], has_errors: bool
-    ) -> Program:
-        """Try settings in a fresh process; add what comes of it to the launches."""
-        attempts: list[Attempt] = []
-        program = self._measure.launch(settings, attempts.append, has_errors=has_errors)
-        launches.append(attempts)
-        return program
 
     def _judge(self, first: Attempt, launches: Sequence[Attempt], limit: float) -> None:
         """Recommend settings, or withdraw them.

@@ -1,12 +1,10 @@
 """What a search asks for: attempts, and paired comparisons of settings with the present ones."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mjbench import paths
 from mjbench.paired import verdict
-from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.records import Ratio, VerdictRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -24,21 +22,6 @@ from mjbench.tuning.survey import Survey, SurveyRequest
 
 # Smallest gain that counts, and the confidence of a comparison.
 MIN_EFFECT, CONFIDENCE = 0.01, 0.95
-
-
-@dataclass(frozen=True)
-class PairedTime:
-    """How settings compare with the present ones in fresh processes.
-
-    Attributes:
-      ratio: their time of a simulated second over that of the present settings, with a 95 %
-        interval; None without one.
-    """
-
-    status: Status
-    detail: str = ""
-    ratio: Ratio | None = None
-    launches: Sequence[LaunchRow] = ()
 
 
 def saves_time(ratio: Ratio) -> bool:
@@ -82,10 +65,6 @@ class OnThisMachine:
         request = SurveyRequest(self._source, seed, self._starts, self._hold)
         return survey.survey(request, self._limit_s)
 
-    def stages(self) -> Mapping[str, float] | None:
-        """Return the share of a step by stage; None where it cannot be measured."""
-        return survey.stages(self._source, self._starts, self._limit_s)
-
     def baseline(self, plan: TrialPlan) -> Present:
         """Draw trials, and return what the present settings do; attempts use them from then on.
 
@@ -109,7 +88,9 @@ class OnThisMachine:
             self._changed[label(settings)] = file
         return done
 
-    def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
+    def compare(
+        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
+    ) -> VerdictRecord:
         """Return how much faster settings are, in fresh processes; they were attempted before."""
         release = installs.parse_release(installs.INSTALLED)
         loop = loop_change(settings)
@@ -133,10 +114,4 @@ class OnThisMachine:
             file.unlink(missing_ok=True)  # models may be large
         if result.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
-        row = result.row()
-        return PairedTime(
-            row.status,
-            row.detail,
-            row.ratio,
-            [launch.row() for launch in result.launches],
-        )
+        return result.record()

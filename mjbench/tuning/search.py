@@ -20,12 +20,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 from mjbench.errors import MjbenchError, failure_of
+from mjbench.paired.records import VerdictRecord
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
 from mjbench.tuning.attempts import QUADS
 from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
-from mjbench.tuning.measurements import OnThisMachine, PairedTime, saves_time
+from mjbench.tuning.measurements import OnThisMachine, saves_time
 from mjbench.tuning.records import (
     Attempt,
     Effect,
@@ -183,7 +184,7 @@ class CSearch(Search[OnThisMachine]):
         plan = self._plan
         self._advance(0, "what there is to try", 0.0)
         seen = self._measure.survey(plan.seed)
-        self._set(meshes=seen.meshes, stages=self._measure.stages())
+        self._set(meshes=seen.meshes, stages=seen.stages)
         self._settings = [each for each in seen.settings if each.knob not in plan.skip]
         self._begin_s = self._clock()  # the budget is of the search
         self._advance(0, "the present settings, and a reference", 0.0)
@@ -345,7 +346,7 @@ class CSearch(Search[OnThisMachine]):
                 settings,
                 paired.ratio,
                 first.error.larger(second.error),
-                paired.launches,
+                paired.samples,
                 max(effect_of(first), effect_of(second), key=lambda effect: effect.rank),
                 second.accuracy,
                 is_allowed=was_allowed,
@@ -380,7 +381,7 @@ def too_far(error: float, limit: float) -> str:
     )
 
 
-def _why_not_faster(paired: PairedTime) -> str:
+def _why_not_faster(paired: VerdictRecord) -> str:
     """Return why fresh processes do not confirm that settings are faster; empty where they do."""
     if paired.ratio is not None and saves_time(paired.ratio):
         return ""

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
+from tuning_values import apart
 
 from mjbench.errors import UnavailableError
 from mjbench.pages.tuning import print_record
@@ -19,7 +20,6 @@ from mjbench.tuning.accelerated_search import (
     log_ratios,
     mean_ratio,
 )
-from mjbench.tuning.distance import Distance, Units
 from mjbench.tuning.records import Attempt, Batch, BatchFacts, Program, TuneRecord, log_ratio
 from mjbench.tuning.search import SearchPlan
 from mjbench.tuning.settings import Edit, Part, Setting, label
@@ -27,12 +27,8 @@ from mjbench.tuning.settings import Edit, Part, Setting, label
 PRESENT_ERROR, ROUNDING_ERROR = 0.01, 1e-6
 
 
-def transfer(share):
-    return Distance(share, Units(share, None), Units(share, None))
-
-
 def program(share):
-    return Program(None if share is None else transfer(share), 1.0, 5.0, {})
+    return Program(None if share is None else apart(share), 1.0, 5.0, {})
 
 
 def setting(text):
@@ -68,7 +64,7 @@ class Planted:
         if self.unsuited:
             raise UnavailableError(self.unsuited)
         settings = [setting(text) for text in self.effects]
-        rounding = transfer(ROUNDING_ERROR)
+        rounding = apart(ROUNDING_ERROR)
         return BatchFacts(
             "cpu", Precision.FLOAT32, 64, 0.5, 31, Starts(0.1, 0.1), rounding, settings
         )

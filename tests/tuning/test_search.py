@@ -1,6 +1,7 @@
 """The search, with measurements that are planted."""
 
 import random
+from types import SimpleNamespace
 
 import pytest
 from tuning_values import NOTHING, PRESENT_ERROR, apart, present
@@ -9,7 +10,6 @@ from mjbench.errors import MachineError
 from mjbench.paired.records import Ratio
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.measurements import PairedTime
 from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord
 from mjbench.tuning.search import CSearch, SearchPlan
 from mjbench.tuning.settings import LoopChange, Setting
@@ -37,9 +37,6 @@ class Planted:
 
     def survey(self, seed):
         return Survey(self.settings, [])
-
-    def stages(self):
-        return None
 
     def baseline(self, plan):
         self.seed = plan.seed
@@ -69,7 +66,8 @@ class Planted:
     def compare(self, settings, seed, time_limit_s):
         self.now_s += 5.0
         ratio = self.ratio(tuple(each.label for each in settings))
-        return PairedTime(Status.OK, ratio=Ratio(ratio, 0.995 * ratio, 1.005 * ratio))
+        interval = Ratio(ratio, 0.995 * ratio, 1.005 * ratio)
+        return SimpleNamespace(status=Status.OK, detail="", ratio=interval, samples=())
 
 
 def searched(planted, **plan):
