@@ -32,10 +32,9 @@ from mjbench.simulation import models
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import ExitCode, Status
-from mjbench.tuning.attempts import Accuracy, Effect
 from mjbench.tuning.distance import SHARE
 from mjbench.tuning.measurements import OnThisMachine
-from mjbench.tuning.records import Recommendation, TuneRecord
+from mjbench.tuning.records import Accuracy, Effect, Recommendation, TuneRecord
 from mjbench.tuning.search import SearchPlan
 from mjbench.tuning.settings import label
 from mjbench.tuning.tune import tune

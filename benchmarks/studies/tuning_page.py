@@ -5,8 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from mjbench.status import Status
-from mjbench.tuning.attempts import Effect
-from mjbench.tuning.records import NO_ERROR
+from mjbench.tuning.records import NO_ERROR, Effect
 
 if TYPE_CHECKING:
     from benchmarks.tuning import Promise, TunedModel, TuningTally

@@ -209,17 +209,15 @@ def _loops(run: RunContext, stored: "Run", code: bool) -> object | None:
 
 def _searches(run: RunContext, stored: "Run") -> object | None:
     """Print what searches for settings came to; return their document, None without any."""
-    from mjbench.report import tuning_accelerated
+    from mjbench.pages import tuning
     from mjbench.report.documents import TuneDocument
-    from mjbench.tuning.accelerated_records import EngineTuneRecord
     from mjbench.tuning.records import TuneRecord
 
-    searches: list[TuneRecord | EngineTuneRecord] = []
-    searches += stored.of_type(TuneRecord)
-    searches += stored.of_type(EngineTuneRecord)
+    searches = stored.of_type(TuneRecord)
     for search in searches:
-        tuning_accelerated.print_any(run.out, search)
-    return TuneDocument.of(stored.header.machine, searches) if searches else None
+        tuning.print_record(run.out, search)
+    machine = stored.header.machine
+    return TuneDocument(machine=machine, results=searches) if searches else None
 
 
 def _web(run: RunContext, stored: "Run") -> object | None:

@@ -27,7 +27,6 @@ from mjbench.status import Status
 
 if TYPE_CHECKING:
     from mjbench.simulation.models import ModelSource
-    from mjbench.tuning.accelerated_records import EngineTuneRecord
     from mjbench.tuning.records import TuneRecord
 
 # Simulations of a batched step of MJX or Warp.
@@ -124,49 +123,45 @@ def tune(
       mjbench tune robot.xml --max-error 1% --budget 600s
       mjbench tune robot.xml --engine mjx --nbatch 1024
     """
+    from mjbench.pages import tuning
     from mjbench.paired.worker_pool import WorkerPool
-    from mjbench.report import tuning_accelerated
     from mjbench.report.documents import TuneDocument
     from mjbench.simulation import models
     from mjbench.tuning import knobs, model_copy
-    from mjbench.tuning.accelerated_search import tune_engine
-    from mjbench.tuning.attempts import Effect
+    from mjbench.tuning.records import Effect
     from mjbench.tuning.search import PARTS, SearchPlan
     from mjbench.tuning.tune import tune as tune_model
 
     sources = [models.resolve(name) for name in names]
     starts = start_plan(settle_s, states_file, actions_file)
     _check_engine(engine, nbatch, only, skip)
-    nbatch = nbatch or NBATCH
     effect = Effect(only or Effect.APPROXIMATE)
     skipped = knobs.known(skip or ())
-    plan = SearchPlan(seed, starts, budget_s, max_error, effect, hold, skipped)
+    plan = SearchPlan(
+        seed, starts, budget_s, max_error, effect, hold, skipped, engine, nbatch or NBATCH
+    )
     files = [*(source.path for source in sources), *starts.files]
     if target is not None:
         if len(sources) > 1:
             raise InputError("--write takes one model")
         model_copy.check_source(sources[0])
     written = OutputFile("--write", target, files)
-    arguments = {"models": [source.name for source in sources], "plan": plan, "engine": engine}
-    storage = Storage(results, arguments if engine == "c" else {**arguments, "nbatch": nbatch})
-    records: list[TuneRecord | EngineTuneRecord] = []
+    arguments = {"models": [source.name for source in sources], "plan": plan}
+    storage = Storage(results, arguments)
+    records: list[TuneRecord] = []
     with RunContext("tune", json_file, files, storage, wait) as run, WorkerPool() as pool:
         _see_whether_writable(written)
         if target is not None:
             model_copy.check_target(sources[0], Path(target), time_limit)
         for source in sources:
             with run.progress(PARTS) as advance:
-                if engine == "c":
-                    records.append(tune_model(pool, source, plan, time_limit, advance))
-                else:
-                    of_engine = tune_engine(pool, source, engine, nbatch, plan, time_limit, advance)
-                    records.append(of_engine)
+                records.append(tune_model(pool, source, plan, time_limit, advance))
             run.record(records[-1])
-            tuning_accelerated.print_any(run.out, records[-1])
+            tuning.print_record(run.out, records[-1])
             if records[-1].status == Status.INTERRUPTED:
                 run.interrupt()
                 break
-        run.write(TuneDocument.of(run.machine, records))
+        run.write(TuneDocument(machine=run.machine, results=records))
         if target is not None and not run.interrupted:
             _write(run, records[0], sources[0], Path(target))
     run.exit(record.status for record in records)
@@ -200,12 +195,7 @@ def _see_whether_writable(output: OutputFile) -> None:
         output.close()
 
 
-def _write(
-    run: RunContext,
-    record: "TuneRecord | EngineTuneRecord",
-    source: "ModelSource",
-    target: Path,
-) -> None:
+def _write(run: RunContext, record: "TuneRecord", source: "ModelSource", target: Path) -> None:
     """Write the MJCF file with the fastest settings that are recommended.
 
     Raises:

@@ -45,7 +45,6 @@ from mjbench.report import history_files
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.report.thread_advice import by_model
-from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
 
@@ -222,7 +221,6 @@ def _other_sections(run: Run, command: str) -> Iterator[Section]:
     yield from environments.sections(run.of_type(EnvironmentRecord), command)
     yield from web.sections(run.of_type(WebRecord), command)
     yield from tuning.sections(run.of_type(TuneRecord), command)
-    yield from tuning.engine_sections(run.of_type(EngineTuneRecord), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)
     yield from verdicts.count_sections(run.of_type(InstructionsRecord), command)
     if trials := run.of_type(TrialRecord):

@@ -1,40 +1,76 @@
-"""The part of a report that `mjbench tune` gives."""
+"""What `mjbench tune` comes to: printed, and as a part of a report."""
 
 from collections.abc import Iterator, Sequence
 
-from mjbench.pages import charts
+from rich.console import Console
+
+from mjbench.pages import charts, console
 from mjbench.pages.content import Cell, Column, Conclusion, DataTable, Figure, Section, Tone
-from mjbench.report import tuning, tuning_accelerated, vega
+from mjbench.paired.records import Ratio
+from mjbench.report import tables, tuning, vega
 from mjbench.status import Status
 from mjbench.tuning import knobs
-from mjbench.tuning.accelerated_records import EngineProgram, EngineTuneRecord
-from mjbench.tuning.records import AttemptRow, TuneRecord
+from mjbench.tuning.distance import Distance
+from mjbench.tuning.records import Attempt, Effect, Program, TuneRecord
 from mjbench.tuning.reference import Present
-from mjbench.tuning.settings import label
+from mjbench.tuning.settings import Setting, label
 
 _PRESENT, _TRIED, _CONFIRMED = "present settings", "tried", "confirmed"
 _COLOURS = {_PRESENT: vega.GREY, _TRIED: vega.BLUE, _CONFIRMED: vega.ORANGE}
+_RESULTS = {
+    Effect.FREE: "same (free)",
+    Effect.EQUIVALENT: "within tolerance (equivalent)",
+    Effect.APPROXIMATE: "differ (approximate)",
+}
+# Settings alone that are printed.
+_MOST_ALONE = 12
+
+
+def print_record(out: Console, record: TuneRecord) -> None:
+    """Print what a search came to."""
+    heading, _, rest = tuning.conclusion(record).partition(": ")
+    out.print(tables.headed(f"\n{heading}", f": {rest}"), soft_wrap=True)
+    if not _is_measured(record):
+        return
+    if record.front or record.batch is not None:
+        console.print_table(out, _front_table(record))
+    if alone := tuning.faster_alone(record)[:_MOST_ALONE]:
+        console.print_table(out, _alone_table(record, alone, has_changes=False))
+    lines = []
+    for each in tuning.advised(record):
+        lines += [f"To apply {label(each.settings)}:", *tuning.paste_lines(each.settings)]
+    for line in [*lines, *tuning.notes(record)]:
+        out.print(line, soft_wrap=True)
 
 
 def sections(records: Sequence[TuneRecord], command: str) -> Iterator[Section]:
     """Yield a section for each model for which settings were searched."""
     for record in records:
-        best = record.best()
-        tone = Tone.GOOD if best is not None else Tone.NEUTRAL
+        tone = Tone.GOOD if record.best() is not None else Tone.NEUTRAL
         first = Conclusion(
             tuning.conclusion(record), tone if record.status == Status.OK else Tone.BAD
         )
-        if record.present is None:
+        if not _is_measured(record):
             yield Section(record.model, command, [first])
             continue
+        present = record.present
+        alone = [each for each in record.attempts if len(each.settings) == 1]
         yield Section(
-            heading=f"{record.model}: settings",
+            heading=f"{tuning.subject(record)}: settings",
             command=command,
             conclusions=[first],
-            figures=[_front_figure(record, record.present)],
-            tables=[_front_table(record, record.present), _alone_table(record)],
+            figures=[_front_figure(record, present)] if present else [],
+            tables=[_front_table(record), *([_alone_table(record, alone)] if present else [])],
             notes=tuning.notes(record),
         )
+
+
+def _is_measured(record: TuneRecord) -> bool:
+    """Return whether there is more to say than the conclusion."""
+    batch = record.batch
+    return record.present is not None or (
+        batch is not None and batch.facts is not None and batch.present is not None
+    )
 
 
 def _front_figure(record: TuneRecord, present: Present) -> Figure:
@@ -80,113 +116,84 @@ def _front_figure(record: TuneRecord, present: Present) -> Figure:
     )
 
 
-def _front_table(record: TuneRecord, present: Present) -> DataTable:
-    """Return what is recommended."""
+def _front_table(record: TuneRecord) -> DataTable:
+    """Return what is recommended; of MJX and Warp, also what else was tried."""
+    batch, listed = record.batch, tuning.advised(record)
+
+    def row(
+        ratio: Ratio,
+        error: Distance | None,
+        settings: Sequence[Setting],
+        recommended: str = "",
+        effect: Effect | None = None,
+        program: Program | None = None,
+    ) -> list[Cell]:
+        in_units = tuning.in_units(error) if error else ""
+        return [
+            recommended,
+            *([_RESULTS[effect] if effect else ""] if batch is None else []),
+            ratio.estimate,
+            ratio.low,
+            ratio.high,
+            100 * error.share if error else None,
+            in_units if batch is None else (program.compile_s if program else None),
+            label(settings),
+        ]
+
     columns = (
-        Column("settings"),
         Column("recommended"),
-        Column("results"),
-        Column("time of a simulated second", 4),
+        *([Column("results")] if batch is None else []),
+        Column("time of a simulated second" if batch is None else "time of a batched step", 4),
         Column("low", 4),
         Column("high", 4),
-        Column("error, % of the motion", 3),
+        Column(f"{tuning.error_name(record)}, % of the motion", 3),
+        Column("in units") if batch is None else Column("compile s", 3),
+        Column("settings"),
     )
-    listed = tuning.advised(record)
-    first = (label(()), "", "", 1.0, None, None, 100 * present.error.share)
-    rows: list[tuple[Cell, ...]] = [first]
+    present = batch.present if batch else None
+    in_c = present or record.present
+    assert in_c is not None, "it was measured"
+    rows = [row(Ratio(1.0, None, None), in_c.error, (), program=present)]
     rows += [
-        (
-            label(each.settings),
-            "yes" if each in listed else "",
-            each.effect.value,
-            each.ratio.estimate,
-            each.ratio.low,
-            each.ratio.high,
-            100 * each.error.share,
+        row(
+            each.ratio,
+            each.error,
+            each.settings,
+            "yes" if each in listed or batch else "",
+            each.effect,
+            each.program,
         )
         for each in record.front
     ]
-    return DataTable("Confirmed from new starts", columns, rows)
+    rows += [
+        row(Ratio(each.time_ratio, None, None), each.error, each.settings, program=each.program)
+        for each in (tuning.tried(record) if batch else ())
+        if each.time_ratio
+    ]
+    return DataTable("Confirmed from new starts" if batch is None else "Settings", columns, rows)
 
 
-def _alone_table(record: TuneRecord) -> DataTable:
-    """Return what each setting does alone."""
+def _alone_table(
+    record: TuneRecord, attempts: Sequence[Attempt], has_changes: bool = True
+) -> DataTable:
+    """Return what settings do alone."""
     columns = (
         Column("setting alone"),
         Column("results"),
         Column("time of a simulated second", 4),
         Column("why it can help"),
-        Column("what it may change"),
+        *([Column("what it may change")] if has_changes else []),
     )
-    alone = [row for row in record.attempts if len(row.settings) == 1]
-    return DataTable("Settings", columns, [_alone_row(row, record) for row in alone])
-
-
-def _alone_row(row: AttemptRow, record: TuneRecord) -> tuple[str, str, float | None, str, str]:
-    (setting,) = row.settings
-    effect = row.accuracy.effect.value if row.accuracy is not None else row.detail
-    ratio = row.ratio.estimate if row.ratio is not None else row.time_ratio
-    changes = knobs.find(setting.knob).changes
-    return setting.label, effect, ratio, tuning.why(setting, record), changes
-
-
-def engine_sections(records: Sequence[EngineTuneRecord], command: str) -> Iterator[Section]:
-    """Yield a section for each model for which settings of MJX or Warp were searched."""
-    for record in records:
-        tone = Tone.GOOD if record.front else Tone.NEUTRAL
-        first = Conclusion(
-            tuning_accelerated.conclusion(record), tone if record.status == Status.OK else Tone.BAD
+    rows = []
+    for each in attempts:
+        (setting,) = each.settings
+        rows.append(
+            [
+                setting.label,
+                _RESULTS[each.accuracy.effect] if each.accuracy else each.detail,
+                each.ratio.estimate if each.ratio else each.time_ratio,
+                tuning.why(setting, record),
+                *([knobs.find(setting.knob).changes] if has_changes else []),
+            ]
         )
-        if record.facts is None or record.present is None:
-            yield Section(record.model, command, [first])
-            continue
-        yield Section(
-            heading=f"{record.model}: settings of {tuning_accelerated.engine_name(record.engine)}",
-            command=command,
-            conclusions=[first],
-            tables=[_engine_table(record, record.present)],
-            notes=tuning_accelerated.notes(record, record.facts),
-        )
-
-
-def _engine_table(record: EngineTuneRecord, present: EngineProgram) -> DataTable:
-    """Return the recommendations, and all that was tried, with times and transfer errors."""
-    columns = (
-        Column("settings"),
-        Column("time of a batched step", 4),
-        Column("low", 4),
-        Column("high", 4),
-        Column("transfer error, % of the motion", 3),
-        Column("compile s", 3),
-    )
-    first = (label(()), 1.0, None, None, _percent(present), present.compile_s)
-    rows: list[tuple[Cell, ...]] = [first]
-    rows += [
-        (
-            f"{label(each.settings)} (recommended)",
-            each.ratio.estimate,
-            each.ratio.low,
-            each.ratio.high,
-            100 * each.error.share,
-            each.program.compile_s,
-        )
-        for each in record.front
-    ]
-    rows += [
-        (
-            label(each.settings),
-            each.time_ratio,
-            None,
-            None,
-            _percent(each.program),
-            each.program.compile_s,
-        )
-        for each in tuning_accelerated.tried(record)
-        if each.program is not None
-    ]
     return DataTable("Settings", columns, rows)
-
-
-def _percent(program: EngineProgram) -> float | None:
-    """Return a transfer error in percent of the motion."""
-    return None if program.error is None else 100 * program.error.share

@@ -41,7 +41,6 @@ from mjbench.report.thread_advice import ScalingResults, ScalingRow, ThreadAdvic
 from mjbench.report.web_results import WebRow
 from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
-from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
 
@@ -65,7 +64,6 @@ RECORD_TYPES: Mapping[str, type] = {
     ExplainRecord.record_type: ExplainRecord,
     InstructionsRecord.record_type: InstructionsRecord,
     TuneRecord.record_type: TuneRecord,
-    EngineTuneRecord.record_type: EngineTuneRecord,
     WebRecord.record_type: WebRecord,
 }
 
@@ -270,21 +268,11 @@ class EnvDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class TuneDocument:
-    """What `mjbench tune --json` writes; `accelerated` is of --engine mjx or warp."""
+    """What `mjbench tune --json` writes."""
 
-    schema: int = SCHEMA
+    schema: int = 2
     machine: Machine
     results: Sequence[TuneRecord]
-    accelerated: Sequence[EngineTuneRecord] = ()
-
-    @classmethod
-    def of(
-        cls, machine: Machine, records: Sequence[TuneRecord | EngineTuneRecord]
-    ) -> "TuneDocument":
-        """Return the document of records of both kinds."""
-        of_c = [record for record in records if isinstance(record, TuneRecord)]
-        accelerated = [record for record in records if isinstance(record, EngineTuneRecord)]
-        return cls(machine=machine, results=of_c, accelerated=accelerated)
 
 
 @dataclass(frozen=True, kw_only=True)

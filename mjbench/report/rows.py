@@ -23,12 +23,11 @@ from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
 from mjbench.program.records import ProgramRow
 from mjbench.releases.release_ratios import RatioRecord
-from mjbench.report import environment_results, tuning, tuning_accelerated, web_results
+from mjbench.report import environment_results, tuning, web_results
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.program import program_rows
 from mjbench.report.results import derive_all
 from mjbench.report.thread_advice import by_model
-from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebRecord
 
@@ -111,8 +110,6 @@ def _results(run: Run) -> Iterator[object]:
     yield from map(environment_results.derive, run.of_type(EnvironmentRecord))
     for search in run.of_type(TuneRecord):
         yield from tuning.rows(search)
-    for engine_search in run.of_type(EngineTuneRecord):
-        yield from tuning_accelerated.rows(engine_search)
     for web_record in run.of_type(WebRecord):
         yield from web_results.rows(web_record)
     yield from run.of_type(RatioRecord)

@@ -1,30 +1,40 @@
-"""What `mjbench tune` prints: which settings are recommended, what they cost, and what to paste."""
+"""What `mjbench tune` says: which settings are recommended, what they cost, and what to paste."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-from rich.console import Console
 
 from mjbench.instrument.units import plain
 from mjbench.paired.records import Ratio
 from mjbench.report import tables
 from mjbench.report.starts import starts_lines
 from mjbench.simulation import package_timer
+from mjbench.simulation.starts import Starts
 from mjbench.status import Status
 from mjbench.tuning import knobs
-from mjbench.tuning.attempts import Effect
 from mjbench.tuning.distance import Distance
-from mjbench.tuning.records import SAME_ERROR, AttemptRow, Recommendation, TuneRecord
+from mjbench.tuning.records import (
+    SAME_ERROR,
+    Attempt,
+    Batch,
+    BatchFacts,
+    Effect,
+    Recommendation,
+    TuneRecord,
+)
 from mjbench.tuning.reference import REFINEMENT, Present
-from mjbench.tuning.settings import LoopChange, Part, Setting, edits_of, label, loop_change
+from mjbench.tuning.settings import (
+    LoopChange,
+    Part,
+    Setting,
+    buffer_sizes_of,
+    edits_of,
+    label,
+    loop_change,
+)
 
-_RESULTS = {
-    Effect.FREE: "same (free)",
-    Effect.EQUIVALENT: "within tolerance (equivalent)",
-    Effect.APPROXIMATE: "differ (approximate)",
-}
-# Settings that failed are named up to this number; of others, those that save most alone.
-_MOST_FAILED, _MOST_ALONE = 5, 12
+# Settings that failed are named up to this number.
+_MOST_FAILED = 12
+_ENGINES = {"mjx": "MJX", "warp": "Warp"}
 
 
 @dataclass(frozen=True)
@@ -33,11 +43,12 @@ class TunedRow:
 
     Attributes:
       effect: on the motion.
-      ratio: time of a simulated second over that of the present settings.
-      error: of nine runs in ten, as a share of the motion.
+      ratio: time of a simulated second, or of a batched step, over that of the present settings.
+      error: of nine runs in ten, as a share of the motion; of MJX and Warp, the transfer error.
     """
 
     model: str
+    engine: str
     settings: str
     effect: Effect
     ratio: Ratio
@@ -47,31 +58,33 @@ class TunedRow:
 def rows(record: TuneRecord) -> list[TunedRow]:
     """Return the recommendations of a search, a row each."""
     return [
-        TunedRow(record.model, label(each.settings), each.effect, each.ratio, each.error.share)
+        TunedRow(
+            record.model,
+            record.engine,
+            label(each.settings),
+            each.effect,
+            each.ratio,
+            each.error.share,
+        )
         for each in record.front
     ]
 
 
-def print_record(out: Console, record: TuneRecord) -> None:
-    """Print what a search came to."""
-    heading, _, rest = conclusion(record).partition(": ")
-    out.print(tables.headed(f"\n{heading}", f": {rest}"), soft_wrap=True)
-    if record.present is None:
-        return
-    if record.front:
-        _print_front(out, record, record.present)
-    _print_alone(out, record)
-    for each in advised(record):
-        out.print(f"To apply {label(each.settings)}:", soft_wrap=True, markup=False)
-        for line in paste_lines(each.settings):
-            out.print(line, soft_wrap=True, markup=False)
-    for line in notes(record):
-        out.print(line, soft_wrap=True)
+def subject(record: TuneRecord) -> str:
+    """Return the model, and the engine that is not C."""
+    if record.batch is None:
+        return record.model
+    return f"{record.model} on {_ENGINES.get(record.engine, record.engine)}"
+
+
+def error_name(record: TuneRecord) -> str:
+    """Return what the error of settings is called."""
+    return "error" if record.batch is None else "transfer error"
 
 
 def conclusion(record: TuneRecord) -> str:
     """Return what a search came to, in one sentence; what changes no result comes first."""
-    model = record.model
+    model = subject(record)
     if record.status == Status.INTERRUPTED and not record.front:
         return f"{model}: interrupted before settings could be recommended"
     if record.status not in (Status.OK, Status.INTERRUPTED):
@@ -105,9 +118,16 @@ def _within(record: TuneRecord) -> str:
         return " with the same results"
     if record.only == Effect.EQUIVALENT:
         return " within the solver's tolerance"
-    if record.max_error is None:
-        return " without a larger error"
-    return f" with an error of at most {percent(record.max_error)} of the motion"
+    return _within_error(record, record.max_error)
+
+
+def _within_error(record: TuneRecord, share: float | None) -> str:
+    """Return an error, a share of the motion or the present one, as a sentence goes on."""
+    name = error_name(record)
+    if share is None:
+        return f" without a larger {name}"
+    article = "an" if name == "error" else "a"
+    return f" with {article} {name} of at most {percent(share)} of the motion"
 
 
 def _results(each: Recommendation, record: TuneRecord) -> str:
@@ -115,55 +135,28 @@ def _results(each: Recommendation, record: TuneRecord) -> str:
         return " with the same results"
     if each.effect == Effect.EQUIVALENT:
         return " within the solver's tolerance"
-    assert record.present is not None, "it was measured"
-    if (
-        record.max_error is None
-        and each.error.share <= (1 + SAME_ERROR) * record.present.error.share
-    ):
-        return " without a larger error"
-    return f" with an error of at most {percent(each.error.share)} of the motion"
+    if record.present is None:  # MJX and Warp
+        return _within(record)
+    is_same = each.error.share <= (1 + SAME_ERROR) * record.present.error.share
+    return _within_error(record, None if record.max_error is None and is_same else each.error.share)
 
 
-def _print_front(out: Console, record: TuneRecord, present: Present) -> None:
-    """Print the table of what was confirmed."""
-    listed = advised(record)
-    table = tables.plain_table(
-        ["", "results", "time of a simulated second", "error", "settings"], right=(2, 3)
-    )
-    table.add_row("present", "", "1", _error(present.error), "as they are")
-    for each in record.front:
-        table.add_row(
-            "recommended" if each in listed else "",
-            _RESULTS[each.effect],
-            interval(each.ratio),
-            _error(each.error),
-            label(each.settings),
-        )
-    out.print(table)
+def faster_alone(record: TuneRecord) -> list[Attempt]:
+    """Return the settings that alone are certainly faster in fresh processes, the fastest first."""
+    faster = [
+        (each.ratio.estimate, each)
+        for each in record.attempts
+        if len(each.settings) == 1 and each.ratio and each.ratio.high and each.ratio.high < 1
+    ]
+    return [each for _, each in sorted(faster, key=lambda pair: pair[0])]
 
 
-def _print_alone(out: Console, record: TuneRecord) -> None:
-    """Print what each setting saves alone, and why it can."""
-    rows = [row for row in record.attempts if len(row.settings) == 1 and is_faster(row)]
-    if not rows:
-        return
-    rows.sort(key=lambda row: row.ratio.estimate if row.ratio else 1.0)
-    table = tables.plain_table(["setting alone", "results", "saves", "why it can"], right=(2,))
-    for row in rows[:_MOST_ALONE]:
-        (setting,) = row.settings
-        assert row.ratio is not None and row.accuracy is not None, "it was compared"
-        table.add_row(
-            setting.label,
-            _RESULTS[row.accuracy.effect],
-            f"{100 * (1 - row.ratio.estimate):.1f} %",
-            why(setting, record),
-        )
-    out.print(table)
-
-
-def is_faster(row: AttemptRow) -> bool:
-    """Return whether settings are certainly faster in fresh processes."""
-    return row.ratio is not None and row.ratio.high is not None and row.ratio.high < 1
+def tried(record: TuneRecord) -> list[Attempt]:
+    """Return the attempts that did not fail and are not recommended, the fastest first."""
+    recommended = {label(each.settings) for each in record.front}
+    others = [each for each in record.attempts if label(each.settings) not in recommended]
+    timed = [(each.time_ratio, each) for each in others if each.time_ratio is not None]
+    return [each for _, each in sorted(timed, key=lambda pair: pair[0])]
 
 
 def why(setting: Setting, record: TuneRecord) -> str:
@@ -205,6 +198,8 @@ def paste_lines(settings: Sequence[Setting]) -> list[str]:
             " the model, --json names them"
         )
     code = _code(loop_change(settings))
+    if sizes := "".join(f", {name}={size}" for name, size in buffer_sizes_of(settings).items()):
+        code.append(f"data = mujoco_warp.make_data(model, nworld=nworld{sizes})")
     if any(edit.name == "timestep" for edit in of_option):
         code.append("# hold each control for fewer steps (frame_skip), so that it lasts as long")
     return [
@@ -223,20 +218,8 @@ def _code(loop: LoopChange) -> list[str]:
 
 def notes(record: TuneRecord) -> list[str]:
     """Return what the figures rest on, and what was not recommended, a line each."""
-    present = record.present
-    assert present is not None, "it was measured"
-    lines = [
-        f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
-        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
-        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
-        f" {percent(present.solver.share)}."
-    ]
-    if not present.is_comparable:
-        lines.append(
-            "These runs part too soon to compare errors: only settings that change no state are"
-            " recommended"
-        )
-    lines += starts_lines(present.starts)
+    lines, starts = _basis(record)
+    lines += starts_lines(starts)
     lines += [
         f"Withdrawn by the second look: {label(each.settings)}: {each.reason}"
         for each in record.withdrawn
@@ -255,14 +238,60 @@ def notes(record: TuneRecord) -> list[str]:
     return lines
 
 
-def _error(error: Distance) -> str:
-    """Return an error as a share of the motion, and in units."""
+def _basis(record: TuneRecord) -> tuple[list[str], Starts]:
+    """Return what figures rest on, a line each, and the starts of the runs."""
+    if record.present is not None:
+        return _basis_in_c(record.present), record.present.starts
+    assert record.batch is not None and record.batch.facts is not None, "it was measured"
+    return _basis_of_batch(record, record.batch, record.batch.facts), record.batch.facts.starts
+
+
+def _basis_in_c(present: Present) -> list[str]:
+    lines = [
+        f"Error: distance from the model at 1/{REFINEMENT} of its timestep with a converged solver,"
+        f" over {plain(present.horizon_s, 3)} s of {present.nrun} runs; nine runs in ten stay below"
+        f" it. Rounding alone: {percent(present.rounding.share)}. The solver alone:"
+        f" {percent(present.solver.share)}."
+    ]
+    if not present.is_comparable:
+        lines.append(
+            "These runs part too soon to compare errors: only settings that change no state are"
+            " recommended"
+        )
+    return lines
+
+
+def _basis_of_batch(record: TuneRecord, batch: Batch, facts: BatchFacts) -> list[str]:
+    lines = [
+        f"A transfer error is the distance of {facts.precision} runs from C's with the present"
+        f" settings, over {plain(facts.horizon_s, 3)} s of {facts.nrun} runs: nine runs in ten"
+        f" differ by no more. Rounding starts and controls to {facts.precision} alone makes"
+        f" {percent(facts.rounding.share)}.",
+        f"A batched step is of {batch.nbatch} simulations on {facts.device}; compiling is not in"
+        " its time. Ratios with an interval are from fresh processes, others from one.",
+    ]
+    if record.engine == "warp":
+        lines.append(
+            "Warp compiles kernels once in a process, for the present settings: other settings"
+            " compile what they do not share."
+        )
+    best = record.best()
+    lines += [
+        f"{setting.label}: {setting.evidence}. A simulation that needs more overflows."
+        for setting in (best.settings if best else ())
+        if setting.evidence
+    ]
+    return lines
+
+
+def in_units(error: Distance) -> str:
+    """Return an error of positions in the units that they have."""
     position = error.position
     parts = [
         *([f"{_length(position.m)}"] if position.m is not None else []),
         *([f"{plain(position.rad, 2)} rad"] if position.rad is not None else []),
     ]
-    return f"{percent(error.share)} of the motion ({', '.join(parts)})"
+    return ", ".join(parts)
 
 
 def _length(metres: float) -> str:
@@ -276,10 +305,3 @@ def _length(metres: float) -> str:
 def percent(share: float) -> str:
     """Return a share in percent, in two digits."""
     return f"{100 * share:.2g} %" if share < 1e-4 else f"{plain(100 * share, 2)} %"
-
-
-def interval(ratio: Ratio) -> str:
-    """Return a ratio with its interval."""
-    if ratio.low is None or ratio.high is None:
-        return f"{ratio.estimate:.3f}"
-    return f"{ratio.estimate:.3f} ({ratio.low:.3f} to {ratio.high:.3f})"

@@ -7,6 +7,7 @@ program crashes or never returns ends the process: the parent starts another one
 
 import copy
 import dataclasses
+import math
 import pickle
 import time
 from collections.abc import Mapping
@@ -30,15 +31,10 @@ from mjbench.simulation.work import Peaks
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.tuning import accelerated_settings, distance, reference, trajectories
-from mjbench.tuning.accelerated_records import (
-    EngineAttempt,
-    EngineFacts,
-    EngineProgram,
-)
-from mjbench.tuning.accelerated_settings import EngineSetting
 from mjbench.tuning.distance import Distance, Motion
+from mjbench.tuning.records import Attempt, BatchFacts, Program, log_ratio
 from mjbench.tuning.reference import LEAST_NCONTROL, TrialPlan
-from mjbench.tuning.settings import edits_of, label
+from mjbench.tuning.settings import Setting, buffer_sizes_of, edits_of, label
 from mjbench.tuning.trajectories import Trajectories, Trials
 
 # Controls of a timed block.
@@ -49,11 +45,7 @@ TIMED_S, MIN_QUADS, MAX_QUADS = 4.0, 4, 25
 
 @dataclass(frozen=True)
 class EngineBaselineRequest:
-    """Asks a child what settings of an engine are to be measured by.
-
-    Attributes:
-      file: to write the pickled `EngineBaseline` to.
-    """
+    """Asks a child what settings of an engine are to be measured by."""
 
     source: ModelSource
     engine: str
@@ -74,7 +66,6 @@ class EngineBaseline:
     """C's runs with the present settings, and what an engine needs to repeat them.
 
     Attributes:
-      runs: of C.
       default_sizes: of the engine's buffers (see `AcceleratedPath.default_buffer_sizes`).
     """
 
@@ -90,8 +81,6 @@ class LaunchRequest:
     """Asks a child to try settings of an engine, one after the other.
 
     Attributes:
-      baseline_file: holds the pickled `EngineBaseline`.
-      settings: to try.
       first: index of the first of them.
       has_errors: whether to measure transfer errors, beside times.
       stop_after_s: seconds after which no other setting is begun.
@@ -101,7 +90,7 @@ class LaunchRequest:
     source: ModelSource
     engine: str
     baseline_file: Path
-    settings: tuple[tuple[EngineSetting, ...], ...]
+    settings: tuple[tuple[Setting, ...], ...]
     first: int
     nbatch: int
     has_errors: bool
@@ -122,7 +111,7 @@ def accelerated_path(name: str) -> AcceleratedPath:
 
 
 def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
-    """Run C; runs in a child. Sends `EngineFacts`, or `Unsuited`."""
+    """Run C; runs in a child. Sends `BatchFacts`, or `Unsuited`."""
     path = accelerated_path(request.engine)
     channel.doing(f"loading {request.source.name}")
     model = models.load(request.source)
@@ -147,7 +136,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
     )
     request.file.write_bytes(pickle.dumps(baseline))
     channel.send(
-        EngineFacts(
+        BatchFacts(
             path.device_kind(),
             path.precision,
             trials.nrun,
@@ -163,7 +152,7 @@ def run_baseline(request: EngineBaselineRequest, channel: Channel) -> None:
 def run_launch(request: LaunchRequest, channel: Channel) -> None:
     """Try settings; runs in a child.
 
-    Sends the `EngineProgram` of the present settings, then an `EngineAttempt` for each setting; or
+    Sends the `Program` of the present settings, then an `Attempt` for each setting; or
     `Unsuited`.
     """
     begin = time.perf_counter()
@@ -187,7 +176,7 @@ def run_launch(request: LaunchRequest, channel: Channel) -> None:
             attempt = case.attempt(settings, present)
         except Exception as error:  # engines reject settings with exceptions of any type
             failure = failure_of(error)
-            attempt = EngineAttempt(settings, failure.status, failure.detail)
+            attempt = Attempt(settings, failure.status, failure.detail)
         channel.send(attempt)
 
 
@@ -196,7 +185,7 @@ class _Compiled:
     """A compiled step, what is said of it, and the buffer sizes that it was asked to have."""
 
     compiled: Compiled
-    program: EngineProgram
+    program: Program
     sizes: Mapping[str, int]
 
 
@@ -217,15 +206,18 @@ class _Case:
         except OverflowedError:
             return self._compiled((), {})
 
-    def attempt(self, settings: tuple[EngineSetting, ...], present: _Compiled) -> EngineAttempt:
+    def attempt(self, settings: tuple[Setting, ...], present: _Compiled) -> Attempt:
         """Return how settings did beside the present ones."""
-        sizes = {**present.sizes, **accelerated_settings.buffer_sizes_of(settings)}
+        sizes = {**present.sizes, **buffer_sizes_of(settings)}
         other = self._compiled(settings, sizes)
         samples = _timed(present.compiled, other.compiled, self.channel, self.request.limit_s)
         other.compiled.verified_states()  # fails where a buffer is too small for the timed run
-        return EngineAttempt(settings, Status.OK, program=other.program, samples=samples)
+        ratio = math.exp(log_ratio(samples))
+        return Attempt(
+            settings, Status.OK, time_ratio=ratio, program=other.program, samples=samples
+        )
 
-    def _compiled(self, settings: tuple[EngineSetting, ...], sizes: Mapping[str, int]) -> _Compiled:
+    def _compiled(self, settings: tuple[Setting, ...], sizes: Mapping[str, int]) -> _Compiled:
         """Compile settings, and measure how far their runs are from C's."""
         trials, limit_s = self.baseline.trials, self.request.limit_s
         changed = copy.copy(self.model)
@@ -239,9 +231,7 @@ class _Case:
         if self.request.has_errors:
             runs = _runs(compiled, block, trials, self.channel, limit_s)
             error = _error(self.model, self.baseline, runs)
-        program = EngineProgram(
-            error, compiled.trace_s, compiled.compile_s, dict(compiled.buffer_sizes)
-        )
+        program = Program(error, compiled.trace_s, compiled.compile_s, dict(compiled.buffer_sizes))
         return _Compiled(compiled, program, sizes)
 
 

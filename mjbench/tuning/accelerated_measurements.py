@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
 
 from mjbench.comparison.accelerated_run import MEMORY_SHARE
 from mjbench.errors import UnavailableError
@@ -17,34 +16,11 @@ from mjbench.tuning.accelerated_attempts import (
     Unsuited,
     accelerated_path,
 )
-from mjbench.tuning.accelerated_records import EngineAttempt, EngineFacts, EngineProgram
-from mjbench.tuning.accelerated_settings import EngineSetting
+from mjbench.tuning.records import Attempt, BatchFacts, Program
 from mjbench.tuning.reference import TrialPlan
+from mjbench.tuning.settings import Setting
 
-Settings = tuple[EngineSetting, ...]
-
-
-class EngineMeasurements(Protocol):
-    """What a search may ask for."""
-
-    def baseline(self, plan: TrialPlan) -> EngineFacts:
-        """Draw trials and run C; launches use them from then on."""
-        ...
-
-    def launch(
-        self,
-        settings: Sequence[Settings],
-        on_attempt: Callable[[EngineAttempt], None],
-        stop_after_s: float | None = None,
-        has_errors: bool = True,
-    ) -> EngineProgram:
-        """Try settings, one after the other, in a fresh process; return the present program.
-
-        Args:
-          stop_after_s: seconds after which no other is begun; None for no limit.
-          has_errors: whether to measure transfer errors, beside times.
-        """
-        ...
+Settings = tuple[Setting, ...]
 
 
 class EngineOnThisMachine:
@@ -62,40 +38,41 @@ class EngineOnThisMachine:
         self._engine, self._nbatch, self._limit_s = engine, nbatch, limit_s
         self._file: Path = pool.new_file(".pickle")
 
-    def baseline(self, plan: TrialPlan) -> EngineFacts:
-        """See `EngineMeasurements.baseline`.
+    def baseline(self, plan: TrialPlan) -> BatchFacts:
+        """Draw trials and run C; launches use them from then on.
 
         Raises:
           InputError: the model cannot be loaded, diverges, or is not for this engine.
           MachineError: its process crashed or hung.
         """
-        messages: list[EngineFacts | Unsuited] = []
+        messages: list[BatchFacts] = []
         request = EngineBaselineRequest(self._source, self._engine, plan, self._nbatch, self._file)
         self._run("run_baseline", request, messages.append).check()
-        (message,) = messages
-        if isinstance(message, Unsuited):
-            raise UnavailableError(message.reason)
-        return message
+        return messages[0]
 
     def launch(
         self,
         settings: Sequence[Settings],
-        on_attempt: Callable[[EngineAttempt], None],
+        on_attempt: Callable[[Attempt], None],
         stop_after_s: float | None = None,
         has_errors: bool = True,
-    ) -> EngineProgram:
-        """See `EngineMeasurements.launch`; a setting that ends the process fails, no more.
+    ) -> Program:
+        """Try settings, one after the other, in a fresh process; return the present program.
+
+        A setting that ends the process fails, no more.
+
+        Args:
+          stop_after_s: seconds after which no other is begun; None for no limit.
+          has_errors: whether to measure transfer errors, beside times.
 
         Raises:
           UnavailableError: the model is not for this engine.
           MachineError: the present settings crash, hang or diverge.
         """
-        programs: list[EngineProgram] = []
+        programs: list[Program] = []
 
-        def receive(message: EngineProgram | EngineAttempt | Unsuited) -> None:
-            if isinstance(message, Unsuited):
-                raise UnavailableError(message.reason)
-            if isinstance(message, EngineProgram):
+        def receive(message: Program | Attempt) -> None:
+            if isinstance(message, Program):
                 programs.append(message)
             else:
                 on_attempt(message)
@@ -121,16 +98,22 @@ class EngineOnThisMachine:
                 ended.check()
                 raise AssertionError("an end that is not ok raises")
             first = ended.activity.index + 1
-            on_attempt(EngineAttempt(settings[first - 1], ended.status, ended.detail))
+            on_attempt(Attempt(settings[first - 1], ended.status, ended.detail))
             if first == len(settings):
                 return programs[0]
 
     def _run(self, task: str, request: object, on_message: Callable[..., None]) -> isolate.Ended:
         """Run a task of `accelerated_attempts` in a child, within limits of time and memory."""
+
+        def receive(message: object) -> None:
+            if isinstance(message, Unsuited):
+                raise UnavailableError(message.reason)
+            on_message(message)
+
         return isolate.run(
             f"mjbench.tuning.accelerated_attempts:{task}",
             request,
-            on_message,
+            receive,
             self._limit_s,
             environment=accelerated_path(self._engine).environment(),
             memory_bytes=int(MEMORY_SHARE * machine.available_memory_bytes()),

@@ -1,81 +1,47 @@
 """Settings of MJX and Warp, engines that compile the step: which are there to try on a model?"""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from itertools import chain, zip_longest
 
 import mujoco
 
 from mjbench.simulation.work import Peaks
-from mjbench.tuning.settings import Edit, Part, Setting
+from mjbench.tuning.knob_values import keyword
+from mjbench.tuning.settings import Setting, option
 
 # Values to try, where they are below the present one: the most likely to help first.
 ITERATIONS = (4, 1, 8, 2, 6, 3)
 LS_ITERATIONS = (8, 4, 20, 6, 10)
 # Solvers and Jacobians that these engines have; `auto` is one of the latter two.
-SOLVERS = ("newton", "cg")
+SOLVERS = ("Newton", "CG")
 JACOBIANS = ("dense", "sparse")
 # Buffers hold this many times the contacts and constraints that C needs at most.
 MARGIN = 2.0
 
 
-@dataclass(frozen=True)
-class EngineSetting(Setting):
-    """A setting of an engine that compiles.
-
-    Attributes:
-      buffer_sizes: `nconmax` or `njmax` of the engine's make_data, for each simulation.
-    """
-
-    buffer_sizes: Mapping[str, int] = field(default_factory=dict)
-
-
-def to_try(
-    model: mujoco.MjModel, peaks: Peaks, default_sizes: Mapping[str, int]
-) -> list[EngineSetting]:
+def to_try(model: mujoco.MjModel, peaks: Peaks, default_sizes: Mapping[str, int]) -> list[Setting]:
     """Return the settings to try, of each knob in turn.
 
     Args:
-      model: with the present settings.
       peaks: contacts and constraints that C needs at most.
       default_sizes: of the engine's buffers, for each simulation, by their names; empty where the
         engine sizes its buffers itself.
     """
+    opt, keywords = model.opt, (("solver", SOLVERS), ("jacobian", JACOBIANS))
     by_knob = [
-        _counts("iterations", ITERATIONS, int(model.opt.iterations)),
-        _counts("ls_iterations", LS_ITERATIONS, int(model.opt.ls_iterations)),
-        _others("solver", SOLVERS, _name("mjtSolver", "mjSOL_", model.opt.solver)),
-        _others("jacobian", JACOBIANS, _name("mjtJacobian", "mjJAC_", model.opt.jacobian)),
+        [option("iterations", str(count)) for count in ITERATIONS if count < opt.iterations],
+        [option("ls_iterations", str(n)) for n in LS_ITERATIONS if n < opt.ls_iterations],
+        *(
+            [option(name, each) for each in values if each.lower() != keyword(model, name)]
+            for name, values in keywords
+        ),
         *_buffers(peaks, default_sizes),
     ]
     return [setting for setting in chain(*zip_longest(*by_knob)) if setting is not None]
 
 
-def buffer_sizes_of(settings: Iterable[EngineSetting]) -> dict[str, int]:
-    """Return the buffer sizes that some settings have."""
-    sizes: dict[str, int] = {}
-    for setting in settings:
-        sizes.update(setting.buffer_sizes)
-    return sizes
-
-
-def _counts(knob: str, values: Sequence[int], present: int) -> list[EngineSetting]:
-    """Return smaller limits of iterations than the present one."""
-    return [_option(knob, str(value)) for value in values if value < present]
-
-
-def _others(knob: str, values: Sequence[str], present: str) -> list[EngineSetting]:
-    """Return the values that are not the present one."""
-    return [_option(knob, value) for value in values if value != present]
-
-
-def _option(knob: str, value: str) -> EngineSetting:
-    text = "CG" if value == "cg" else "Newton" if value == "newton" else value
-    return EngineSetting(knob, f"{knob}={text}", (Edit(Part.OPTION, knob, text),))
-
-
-def _buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[EngineSetting]]:
+def _buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[Setting]]:
     """Return smaller buffers than the engine's own, with room for what C needs and a margin."""
     needs = {"nconmax": ("contacts", peaks.contacts), "njmax": ("constraints", peaks.constraints)}
     smaller = []
@@ -84,15 +50,7 @@ def _buffers(peaks: Peaks, default_sizes: Mapping[str, int]) -> list[list[Engine
         size = max(1, math.ceil(MARGIN * need))
         if size < default:
             evidence = f"{need} {what} at most in C; the engine makes room for {default}"
-            sizes = {name: size}
             smaller.append(
-                [EngineSetting(name, f"{name}={size}", evidence=evidence, buffer_sizes=sizes)]
+                [Setting(name, f"{name}={size}", evidence=evidence, buffer_sizes={name: size})]
             )
     return smaller
-
-
-def _name(enum: str, prefix: str, value: int) -> str:
-    """Return the name of an enum's value, as MjOption has it, such as `newton`."""
-    kind = getattr(mujoco, enum)
-    names = [n for n in dir(kind) if n.startswith(prefix) and int(getattr(kind, n)) == int(value)]
-    return names[0].removeprefix(prefix).lower()

@@ -4,9 +4,8 @@ A setting may crash MuJoCo or never return, so each attempt has a process of its
 measured within that process, which is good for choosing what to look at again, and for no more.
 """
 
-import enum
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,8 +21,8 @@ from mjbench.simulation.models import ModelSource
 from mjbench.simulation.workload import Workload
 from mjbench.status import Status
 from mjbench.tuning import distance, reference, trajectories, variants
-from mjbench.tuning.distance import Distance
-from mjbench.tuning.physics import Physics, physics
+from mjbench.tuning.physics import physics
+from mjbench.tuning.records import Accuracy, Attempt, Effect
 from mjbench.tuning.reference import Baseline, Present, TrialPlan
 from mjbench.tuning.settings import NO_CHANGE, LoopChange, Setting, edits_of, loop_change
 from mjbench.tuning.trajectories import Trajectories, Trials
@@ -38,68 +37,9 @@ SILENCE_S = 120.0
 BASELINE_SILENCE_S = 600.0
 
 
-class Effect(enum.StrEnum):
-    """What settings do to the motion, from none at all to an error of some size."""
-
-    FREE = "free"
-    """Every state is the same, to the last bit."""
-    EQUIVALENT = "equivalent"
-    """States differ by no more than the present solver's tolerance makes them differ."""
-    APPROXIMATE = "approximate"
-    """States differ by more; the error says by how much."""
-
-    @property
-    def rank(self) -> int:
-        """0 for the effect that changes least."""
-        return list(Effect).index(self)
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """What settings do to the motion.
-
-    Attributes:
-      effect: on the states of all runs.
-      error: distance from the reference, within the horizon.
-      distance: from the runs with present settings.
-      physics: of the states along the runs.
-      run_errors: of each run from the reference, as a share of the motion.
-    """
-
-    effect: Effect
-    error: Distance
-    distance: Distance
-    physics: Physics
-    run_errors: Sequence[float]
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """How settings did.
-
-    Attributes:
-      accuracy: what they do to the motion; None where they failed.
-      time_ratio: their time of a simulated second over that of the present settings, measured
-        within one process; None where they failed, or were not timed.
-      timestep_factor: their timestep over the present one.
-    """
-
-    settings: tuple[Setting, ...]
-    status: Status
-    detail: str = ""
-    accuracy: Accuracy | None = None
-    time_ratio: float | None = None
-    timestep_factor: float = 1.0
-
-
 @dataclass(frozen=True)
 class BaselineRequest:
-    """Asks a child for the present settings' runs, and for the reference.
-
-    Attributes:
-      file: to write the pickled `Baseline` to.
-      model_file: to save the compiled model to.
-    """
+    """Asks a child for the present settings' runs, and for the reference."""
 
     source: ModelSource
     plan: TrialPlan
@@ -112,7 +52,6 @@ class AttemptRequest:
     """Asks a child to try settings.
 
     Attributes:
-      baseline_file: holds the pickled `Baseline`.
       model_file: to save the changed model to; None to save none.
       nrun: runs of the trials to do, the first ones; None for all.
       quads: blocks to time, as quads; 0 to measure no time.
@@ -124,15 +63,6 @@ class AttemptRequest:
     model_file: Path | None = None
     nrun: int | None = None
     quads: int = QUADS
-
-
-@dataclass(frozen=True)
-class _Tried:
-    """From the child: what settings do."""
-
-    accuracy: Accuracy
-    time_ratio: float | None
-    timestep_factor: float
 
 
 def measure_baseline(request: BaselineRequest, limit_s: float = SILENCE_S) -> Present:
@@ -150,19 +80,10 @@ def measure_baseline(request: BaselineRequest, limit_s: float = SILENCE_S) -> Pr
 
 def attempt(request: AttemptRequest, limit_s: float = SILENCE_S) -> Attempt:
     """Return how settings did; a crash, a hang or a divergence is a status."""
-    messages: list[_Tried] = []
+    messages: list[Attempt] = []
     task = "mjbench.tuning.attempts:run_attempt"
     ended = isolate.run(task, request, messages.append, limit_s)
-    if not messages:
-        return Attempt(request.settings, ended.status, ended.detail)
-    tried = messages[0]
-    return Attempt(
-        request.settings,
-        Status.OK,
-        accuracy=tried.accuracy,
-        time_ratio=tried.time_ratio,
-        timestep_factor=tried.timestep_factor,
-    )
+    return messages[0] if messages else Attempt(request.settings, ended.status, ended.detail)
 
 
 def run_baseline(request: BaselineRequest, channel: Channel) -> None:
@@ -199,18 +120,11 @@ def run_attempt(request: AttemptRequest, channel: Channel) -> None:
     ratio = None
     if request.quads:
         ratio = _time_ratio(model, changed, loop, baseline, request.quads)
-    factor = float(changed.opt.timestep) / float(model.opt.timestep)
-    channel.send(_Tried(accuracy, ratio, factor))
+    channel.send(Attempt(request.settings, Status.OK, "", accuracy, ratio))
 
 
 def judged(model: mujoco.MjModel, baseline: Baseline, runs: Trajectories) -> Accuracy:
-    """Return what settings do to the motion.
-
-    Args:
-      model: with the present settings.
-      baseline: of that model.
-      runs: of the trials with other settings.
-    """
+    """Return what settings do to the motion."""
     ncontrol, scale = baseline.facts.horizon_ncontrol, baseline.motion
     within, present = (
         reference.first(runs, ncontrol),
@@ -277,10 +191,6 @@ def _check_loop(
 ) -> None:
     """Refuse a change of the loop with which it reaches other states.
 
-    Args:
-      trials: starts and controls.
-      runs: of them by a plain loop.
-
     Raises:
       InputError: a final state differs in a bit.
     """
@@ -298,9 +208,6 @@ def _prepared(
     options: Mapping[str, str | int],
 ) -> paths.Prepared:
     """Return what does the trials by a path.
-
-    Args:
-      hold: steps for which each control is held.
 
     Raises:
       InputError: the path cannot run here.

@@ -3,11 +3,9 @@
 import itertools
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from mjbench.tuning.attempts import Attempt, Effect
-from mjbench.tuning.records import allowed_error
-from mjbench.tuning.settings import NO_CHANGE, Setting
+from mjbench.tuning.records import Attempt, Effect, allowed_error
+from mjbench.tuning.settings import NO_CHANGE, Setting, label
 
 # Recommendations at most.
 FRONT = 6
@@ -16,32 +14,8 @@ FRONT = 6
 DISTINCT, DISTINCT_BEYOND = 0.98, 0.9
 
 
-@dataclass(frozen=True)
-class Faster:
-    """A setting that is faster alone.
-
-    Attributes:
-      attempt: of the setting, from all starts.
-      ratio: its time over that of the present settings, in fresh processes.
-    """
-
-    attempt: Attempt
-    ratio: float
-
-    @property
-    def setting(self) -> Setting:
-        """The setting."""
-        (setting,) = self.attempt.settings
-        return setting
-
-    @property
-    def effect(self) -> Effect:
-        """What it does to the motion."""
-        return effect_of(self.attempt)
-
-
 def combinations(
-    faster: Sequence[Faster], most: int, rng: random.Random
+    faster: Sequence[Attempt], most: int, rng: random.Random
 ) -> list[tuple[Setting, ...]]:
     """Return settings to try together, one of each knob at most; those most likely to help first.
 
@@ -51,18 +25,18 @@ def combinations(
     """
     chosen: dict[frozenset[str], tuple[Setting, ...]] = {}
 
-    def add(settings: Sequence[Faster]) -> None:
+    def add(settings: Sequence[Attempt]) -> None:
         combination = _fastest_by_knob(settings)
         if len(combination) > 1:
             chosen.setdefault(frozenset(each.label for each in combination), combination)
 
-    free = [each for each in faster if each.effect == Effect.FREE]
-    exact = [each for each in faster if each.effect != Effect.APPROXIMATE]
-    others = [each for each in faster if each.effect == Effect.APPROXIMATE]
+    free = [each for each in faster if effect_of(each) == Effect.FREE]
+    exact = [each for each in faster if effect_of(each) != Effect.APPROXIMATE]
+    others = [each for each in faster if effect_of(each) == Effect.APPROXIMATE]
     for group in (free, exact, faster):
         add(group)
     for each in others:
-        add([other for other in exact if other.setting.knob != each.setting.knob] + [each])
+        add([other for other in exact if _knob(other) != _knob(each)] + [each])
     for one, two in itertools.combinations(others, 2):
         add([*_without(exact, one, two), one, two])
     for _ in range(4 * most if others else 0):
@@ -71,29 +45,34 @@ def combinations(
     return list(chosen.values())[:most]
 
 
-def _without(settings: Sequence[Faster], *others: Faster) -> list[Faster]:
+def _without(settings: Sequence[Attempt], *others: Attempt) -> list[Attempt]:
     """Return settings of other knobs than some have."""
-    knobs = {each.setting.knob for each in others}
-    return [each for each in settings if each.setting.knob not in knobs]
+    knobs = {_knob(each) for each in others}
+    return [each for each in settings if _knob(each) not in knobs]
 
 
-def _fastest_by_knob(settings: Sequence[Faster]) -> tuple[Setting, ...]:
+def _knob(alone: Attempt) -> str:
+    (setting,) = alone.settings
+    return setting.knob
+
+
+def _fastest_by_knob(settings: Sequence[Attempt]) -> tuple[Setting, ...]:
     """Return the fastest setting of each knob, in the order of their names.
 
     The loop's own settings exclude each other.
     """
-    by_knob: dict[str, Faster] = {}
-    for each in sorted(settings, key=lambda each: each.ratio):
-        knob = each.setting.knob if each.setting.loop == NO_CHANGE else "loop"
-        by_knob.setdefault(knob, each)
-    return tuple(each.setting for _, each in sorted(by_knob.items()))
+    by_knob: dict[str, Setting] = {}
+    for each in sorted(settings, key=lambda each: each.ratio.estimate if each.ratio else 1.0):
+        (setting,) = each.settings
+        by_knob.setdefault(setting.knob if setting.loop == NO_CHANGE else "loop", setting)
+    return tuple(setting for _, setting in sorted(by_knob.items()))
 
 
 def by_exactness(
-    attempts: Sequence[Attempt], faster: Sequence[Faster]
+    attempts: Sequence[Attempt], faster: Sequence[Attempt]
 ) -> tuple[list[Attempt], list[Attempt]]:
     """Return the attempts without settings that are approximate alone, and the others."""
-    exact = {each.setting.label for each in faster if each.effect != Effect.APPROXIMATE}
+    exact = {label(each.settings) for each in faster if effect_of(each) != Effect.APPROXIMATE}
     without = [each for each in attempts if all(one.label in exact for one in each.settings)]
     return without, [each for each in attempts if each not in without]
 
@@ -120,7 +99,6 @@ def pareto_front(
     Args:
       attempts: on which all combinations are.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      present_error: of the present settings, from the same starts.
     """
     front: list[Attempt] = []
     allowed = [each for each in attempts if is_allowed(each, max_error, present_error)]
@@ -143,10 +121,6 @@ def is_allowed(attempt: Attempt, max_error: float | None, present_error: float) 
     """Return whether the error of settings is no larger than allowed.
 
     What changes no state is always allowed; what is equivalent, unless the user sets a limit.
-
-    Args:
-      max_error: the largest error allowed, as a share of the motion; None for the present one.
-      present_error: of the present settings, from the same starts.
     """
     effect = effect_of(attempt)
     if effect == Effect.FREE or (effect == Effect.EQUIVALENT and max_error is None):
@@ -173,8 +147,8 @@ def effect_of(attempt: Attempt) -> Effect:
 
 def error_of(attempt: Attempt) -> float:
     """Return the error of settings that did not fail, as a share of the motion."""
-    assert attempt.accuracy is not None, "it did not fail"
-    return attempt.accuracy.error.share
+    assert attempt.error is not None, "it did not fail"
+    return attempt.error.share
 
 
 def time_ratio_of(attempt: Attempt) -> float:

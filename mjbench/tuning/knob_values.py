@@ -15,7 +15,7 @@ from mjbench.simulation.engine_clock import has_clock
 from mjbench.simulation.workload import start_data
 from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import Observed, Usage
-from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
+from mjbench.tuning.settings import Edit, LoopChange, Part, Setting, option
 
 Values = Callable[[Observed], list[Setting]]
 Condition = Callable[[Observed], bool]
@@ -39,10 +39,6 @@ def _always(_: Observed) -> bool:
     return True
 
 
-def _option(name: str, value: str, evidence: str = "") -> Setting:
-    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),), evidence=evidence)
-
-
 # -- options ------------------------------------------------------------------------------------
 
 
@@ -52,9 +48,9 @@ def keywords(name: str, choices: Sequence[str], applies: Condition = _always) ->
     def values(observed: Observed) -> list[Setting]:
         if not applies(observed):
             return []
-        present = _keyword(observed.model, name)
+        present = keyword(observed.model, name)
         return [
-            _option(name, choice)
+            option(name, choice)
             for choice in choices
             if choice.lower() != present and _is_accepted(observed.model, name, choice)
         ]
@@ -64,11 +60,9 @@ def keywords(name: str, choices: Sequence[str], applies: Condition = _always) ->
 
 def integrators(observed: Observed) -> list[Setting]:
     """Return integrators that are faster than the model's, or about as fast."""
-    present = _keyword(observed.model, "integrator")
-    for keyword, faster in _FASTER_INTEGRATORS.items():
-        if keyword.lower() == present:
-            return keywords("integrator", faster)(observed)
-    return []
+    present = keyword(observed.model, "integrator")
+    faster = {each.lower(): others for each, others in _FASTER_INTEGRATORS.items()}
+    return keywords("integrator", faster.get(present, ()))(observed)
 
 
 def jacobians(observed: Observed) -> list[Setting]:
@@ -76,16 +70,16 @@ def jacobians(observed: Observed) -> list[Setting]:
     model = observed.model
     if not observed.max_constraints:
         return []
-    present = _keyword(model, "jacobian")
+    present = keyword(model, "jacobian")
     if present == "auto":
         present = "sparse" if model.nv >= _AUTO_SPARSE_NV else "dense"
-    return [_option("jacobian", "dense" if present == "sparse" else "sparse")]
+    return [option("jacobian", "dense" if present == "sparse" else "sparse")]
 
 
 def timesteps(observed: Observed) -> list[Setting]:
     """Return multiples of the timestep: powers of 2, so that grids of controls stay aligned."""
     timestep_s = float(observed.model.opt.timestep)
-    return [_option("timestep", repr(factor * timestep_s)) for factor in _TIMESTEP_FACTORS]
+    return [option("timestep", repr(factor * timestep_s)) for factor in _TIMESTEP_FACTORS]
 
 
 def iterations(observed: Observed) -> list[Setting]:
@@ -104,7 +98,7 @@ def line_search_iterations(observed: Observed) -> list[Setting]:
 def no_noslip(observed: Observed) -> list[Setting]:
     """Return no iterations of the NoSlip solver, where there are some and contacts to slip."""
     has_some = observed.model.opt.noslip_iterations > 0 and observed.max_constraints > 0
-    return [_option("noslip_iterations", "0")] if has_some else []
+    return [option("noslip_iterations", "0")] if has_some else []
 
 
 def fewer(name: str, choices: Iterable[int], applies: Condition) -> Values:
@@ -127,7 +121,7 @@ def _compared(
         present = getattr(observed.model.opt, name, None)
         if present is None or not applies(observed):
             return []
-        return [_option(name, f"{c:g}") for c in choices if is_cheaper(c, float(present))]
+        return [option(name, f"{c:g}") for c in choices if is_cheaper(c, float(present))]
 
     return values
 
@@ -136,19 +130,19 @@ def _bounds(name: str, used: Usage, what: str, least: int = 1) -> list[Setting]:
     """Return powers of 2 below what steps used: larger bounds bind nowhere."""
     evidence = f"observed steps take {used.median} {what} in the median and {used.most} at most"
     powers = (2**k for k in range(used.most.bit_length()))
-    return [_option(name, str(power), evidence) for power in powers if least <= power < used.most]
+    return [option(name, str(power), evidence) for power in powers if least <= power < used.most]
 
 
-def _keyword(model: mujoco.MjModel, name: str) -> str:
+def keyword(model: mujoco.MjModel, name: str) -> str:
     """Return the present value of an option that holds an enum, in lower case."""
     enum, prefix = model_options.ENUMS[name]
     return compat.enum_name(getattr(mujoco, enum), getattr(model.opt, name), prefix)
 
 
-def _is_accepted(model: mujoco.MjModel, name: str, keyword: str) -> bool:
+def _is_accepted(model: mujoco.MjModel, name: str, choice: str) -> bool:
     """Return whether this release has an option's value, and steps this model with it."""
     enum, prefix = model_options.ENUMS[name]
-    value = getattr(getattr(mujoco, enum), prefix + keyword.upper(), None)
+    value = getattr(getattr(mujoco, enum), prefix + choice.upper(), None)
     if value is None:
         return False
     changed = copy.copy(model)
@@ -192,12 +186,12 @@ def disabled(name: str, applies: Condition = _always, loses: str = "") -> Values
 
 def has_islands(observed: Observed) -> bool:
     """Return whether constraints may be solved island by island: PGS solves all together."""
-    return observed.max_constraints > 0 and _keyword(observed.model, "solver") != "pgs"
+    return observed.max_constraints > 0 and keyword(observed.model, "solver") != "pgs"
 
 
 def is_damped_euler(observed: Observed) -> bool:
     """Return whether Euler's method integrates joint damping."""
-    is_euler = _keyword(observed.model, "integrator") == "euler"
+    is_euler = keyword(observed.model, "integrator") == "euler"
     return is_euler and features.damps_joints(observed.model)
 
 

@@ -13,9 +13,6 @@ from mjbench.tuning import model_features as features
 from mjbench.tuning.observed import Observed
 from mjbench.tuning.settings import Setting
 
-# The oldest release that mjbench supports; what it has is often older.
-_OLDEST = "2.3.7"
-
 _COLLISION = ("broad-phase collision", "narrow-phase collision", "collision")
 _CONSTRAINTS = ("constraint making", "constraint projection", "constraint solver")
 _SOLVER = ("constraint solver",)
@@ -32,16 +29,16 @@ class Knob:
       stages: of a step (see `loop.engine_stages`; `other` included) that it can speed up; empty for
         the whole step.
       changes: what it may change, in one short sentence.
-      since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
       helps: why it can, where it is not for its stages, in a few words.
+      since: the first release that has it, or 2.3.7, the oldest that mjbench supports.
     """
 
     name: str
     values: Callable[[Observed], Sequence[Setting]]
     stages: tuple[str, ...]
     changes: str
-    since: str
     helps: str = ""
+    since: str = "2.3.7"
 
 
 def _has_constraints(observed: Observed) -> bool:
@@ -63,214 +60,185 @@ KNOBS: Sequence[Knob] = (
         values.clock_off,
         (),
         "Nothing but mjData.timer and the viewer's profiler.",
-        "3.3.1",
         "a step reads the timer of MuJoCo's Python package before and after every stage",
+        since="3.3.1",
     ),
     Knob(
         "unused features",
         values.unused_features,
         (),
         "Nothing, until the model or the program adds one: MuJoCo then ignores it.",
-        _OLDEST,
         "a step skips them",
     ),
-    Knob(
-        "jacobian",
-        values.jacobians,
-        _CONSTRAINTS,
-        "Nothing but rounding.",
-        _OLDEST,
-    ),
+    Knob("jacobian", values.jacobians, _CONSTRAINTS, "Nothing but rounding."),
     Knob(
         "excludes",
         values.excludes,
         _COLLISION,
         "These bodies pass through each other, should they ever meet.",
-        _OLDEST,
     ),
     Knob(
         "island",
         values.flag("island", values.has_islands),
         _CONSTRAINTS,
         "Constraint forces, within the solver's tolerance if it converges.",
-        "3.0.0",
+        since="3.0.0",
     ),
     Knob(
         "midphase",
         values.flag("midphase", lambda observed: features.has_compound_bodies(observed.model)),
         ("collision",),
         "Nothing but rounding.",
-        _OLDEST,
     ),
     Knob(
         "sleep",
         values.flag("sleep", lambda observed: features.can_sleep(observed.model)),
         (),
         "Bodies that hardly move stop; states do not hold what sleeps, so a run's history counts.",
-        "3.4.0",
         "resting bodies are left out of a step",
+        since="3.4.0",
     ),
     Knob(
         "nativeccd",
         values.flag("nativeccd", _is_convex),
         ("narrow-phase collision",),
         "Contacts of meshes, cylinders and ellipsoids: another algorithm.",
-        "3.2.3",
+        since="3.2.3",
     ),
     Knob(
         "multiccd",
         values.disabled("multiccd", _is_convex),
         (*_COLLISION, *_CONSTRAINTS),
         "Flat faces of meshes touch at one point instead of several.",
-        _OLDEST,
     ),
     Knob(
         "warmstart",
         values.flag("warmstart", _has_constraints),
         _SOLVER,
         "Constraint forces, within the solver's tolerance if it converges.",
-        _OLDEST,
     ),
     Knob(
         "eulerdamp",
         values.flag("eulerdamp", values.is_damped_euler),
         ("integration",),
         "Joint damping: explicit damping is less stable.",
-        "3.0.0",
+        since="3.0.0",
     ),
     Knob(
         "tolerance",
         values.coarser("tolerance", (1e-6, 1e-5, 1e-4), _has_constraints),
         _SOLVER,
         "Constraint forces: the solver stops at the new tolerance.",
-        _OLDEST,
     ),
     Knob(
         "solver",
         values.keywords("solver", ("Newton", "CG", "PGS"), _has_constraints),
         _CONSTRAINTS,
         "Constraint forces, where the new solver converges less far.",
-        _OLDEST,
     ),
     Knob(
         "iterations",
         values.iterations,
         _SOLVER,
         "Constraint forces of the steps that need more iterations.",
-        _OLDEST,
     ),
     Knob(
         "ls_iterations",
         values.line_search_iterations,
         _SOLVER,
         "Constraint forces of the steps that need longer line searches.",
-        _OLDEST,
     ),
-    Knob(
-        "noslip_iterations",
-        values.no_noslip,
-        _SOLVER,
-        "Contacts may slip slowly.",
-        _OLDEST,
-    ),
+    Knob("noslip_iterations", values.no_noslip, _SOLVER, "Contacts may slip slowly."),
     Knob(
         "ccd_iterations",
         values.fewer("ccd_iterations", (20, 10, 5), _is_convex),
         ("narrow-phase collision",),
         "Contacts of meshes, cylinders and ellipsoids that need more iterations.",
-        "3.2.3",
+        since="3.2.3",
     ),
     Knob(
         "ccd_tolerance",
         values.coarser("ccd_tolerance", (1e-5, 1e-4, 1e-3), _is_convex),
         ("narrow-phase collision",),
         "Contacts of meshes, cylinders and ellipsoids, to the new tolerance.",
-        "3.2.3",
+        since="3.2.3",
     ),
     Knob(
         "autoreset",
         values.disabled("autoreset", loses="the reset of simulations that diverge"),
         ("other",),
         "Nothing, unless a simulation diverges.",
-        "3.2.1",
+        since="3.2.1",
     ),
     Knob(
         "override",
         values.disabled("override", _has_contacts),
         _CONSTRAINTS,
         "Contacts get the parameters of their geoms back.",
-        _OLDEST,
     ),
     Knob(
         "speculative",
         values.disabled("speculative", _has_contacts),
         (*_COLLISION, *_CONSTRAINTS),
         "Fast bodies may pass through thin ones.",
-        "4.0.0",
+        since="4.0.0",
     ),
     Knob(
         "diagexact",
         values.disabled("diagexact", _has_constraints),
         _CONSTRAINTS,
         "How soft constraints are.",
-        "3.9.0",
+        since="3.9.0",
     ),
     Knob(
         "sensor",
         values.disabled("sensor", lambda o: o.model.nsensor > 0, loses="sensor data"),
         ("other",),
         "Nothing but sensor data.",
-        _OLDEST,
     ),
     Knob(
         "energy",
         values.disabled("energy", loses="the energy in mjData"),
         ("other",),
         "Nothing but mjData.energy.",
-        _OLDEST,
     ),
     Knob(
         "fwdinv",
         values.disabled("fwdinv", loses="the check of forward against inverse dynamics"),
         ("other",),
         "Nothing but mjData.solver_fwdinv.",
-        _OLDEST,
     ),
     Knob(
         "visual geoms",
         values.no_visual_geoms,
         ("kinematics",),
         "What is drawn and what rays hit; other geoms get new ids.",
-        _OLDEST,
     ),
     Knob(
         "engine threads",
         values.threads,
         (),
         "Nothing but rounding; mujoco.rollout and Batch refuse such an MjData.",
-        "3.10.0",
         "several cores share a step",
+        since="3.10.0",
     ),
     Knob(
         "integrator",
         values.integrators,
         ("integration",),
         "How positions and velocities advance: accuracy and stability.",
-        _OLDEST,
     ),
     Knob(
         "cone",
         values.keywords("cone", ("pyramidal", "elliptic"), _has_contacts),
         _CONSTRAINTS,
         "Friction forces: the other cone is another model of friction.",
-        _OLDEST,
     ),
     Knob(
         "timestep",
         values.timesteps,
         (),
         "All motion: integration errors grow; contacts stiffer than two timesteps become softer.",
-        _OLDEST,
         "fewer steps per simulated second",
     ),
 )

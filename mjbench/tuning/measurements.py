@@ -1,13 +1,10 @@
 """What a search asks for: attempts, and paired comparisons of settings with the present ones."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from mjbench import paths
 from mjbench.paired import verdict
-from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.paired.records import Ratio, VerdictRecord
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
 from mjbench.paired.verdict import VerdictPlan
@@ -16,56 +13,20 @@ from mjbench.releases import installs
 from mjbench.simulation.models import ModelSource
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
-from mjbench.tuning import attempts
-from mjbench.tuning.attempts import Attempt, AttemptRequest, BaselineRequest
+from mjbench.tuning import attempts, survey
+from mjbench.tuning.attempts import AttemptRequest, BaselineRequest
+from mjbench.tuning.records import Attempt
 from mjbench.tuning.reference import HOLD, Present, TrialPlan
 from mjbench.tuning.settings import Setting, label, loop_change
+from mjbench.tuning.survey import Survey, SurveyRequest
 
 # Smallest gain that counts, and the confidence of a comparison.
 MIN_EFFECT, CONFIDENCE = 0.01, 0.95
 
 
-@dataclass(frozen=True)
-class PairedTime:
-    """How settings compare with the present ones in fresh processes.
-
-    Attributes:
-      detail: one line; empty when ok.
-      ratio: their time of a simulated second over that of the present settings, with a 95 %
-        interval; None without one.
-      launches: raw times of each launch.
-    """
-
-    status: Status
-    detail: str = ""
-    ratio: Ratio | None = None
-    launches: Sequence[LaunchRow] = ()
-
-    @property
-    def is_faster(self) -> bool:
-        """Whether they certainly save time, MIN_EFFECT / 2 at least by estimate."""
-        ratio = self.ratio
-        if ratio is None or ratio.high is None:
-            return False
-        return ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
-
-
-class Measurements(Protocol):
-    """What a search may ask for."""
-
-    def baseline(self, plan: TrialPlan) -> Present:
-        """Draw trials, and return what the present settings do; attempts use them from then on."""
-        ...
-
-    def attempt(
-        self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = attempts.QUADS
-    ) -> Attempt:
-        """Return how settings do on the trials."""
-        ...
-
-    def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
-        """Return how much faster settings are, in fresh processes; they were attempted before."""
-        ...
+def saves_time(ratio: Ratio) -> bool:
+    """Return whether settings certainly save time, MIN_EFFECT / 2 at least by estimate."""
+    return ratio.high is not None and ratio.high < 1 and ratio.estimate <= 1 - MIN_EFFECT / 2
 
 
 class OnThisMachine:
@@ -94,8 +55,18 @@ class OnThisMachine:
         self._baseline_file, self._model_file = pool.new_file(".pickle"), pool.new_file(".mjb")
         self._changed: dict[str, Path] = {}  # the changed model, by the label of settings
 
+    def survey(self, seed: int) -> Survey:
+        """Return what there is to try on the model.
+
+        Raises:
+          InputError: it cannot be loaded, or diverges.
+          MachineError: its process crashed or hung.
+        """
+        request = SurveyRequest(self._source, seed, self._starts, self._hold)
+        return survey.survey(request, self._limit_s)
+
     def baseline(self, plan: TrialPlan) -> Present:
-        """See `Measurements.baseline`.
+        """Draw trials, and return what the present settings do; attempts use them from then on.
 
         Raises:
           InputError: the model cannot be loaded, or diverges.
@@ -107,7 +78,7 @@ class OnThisMachine:
     def attempt(
         self, settings: tuple[Setting, ...], nrun: int | None = None, quads: int = attempts.QUADS
     ) -> Attempt:
-        """See `Measurements.attempt`."""
+        """Return how settings do on the first of the trials; on all, by default."""
         file = None
         if nrun is None:  # it may be compared
             file = self._changed.get(label(settings)) or self._pool.new_file(".mjb")
@@ -117,8 +88,10 @@ class OnThisMachine:
             self._changed[label(settings)] = file
         return done
 
-    def compare(self, settings: tuple[Setting, ...], seed: int, time_limit_s: float) -> PairedTime:
-        """See `Measurements.compare`."""
+    def compare(
+        self, settings: tuple[Setting, ...], seed: int, time_limit_s: float
+    ) -> VerdictRecord:
+        """Return how much faster settings are, in fresh processes; they were attempted before."""
         release = installs.parse_release(installs.INSTALLED)
         loop = loop_change(settings)
         path = paths.find(loop.path)
@@ -141,10 +114,4 @@ class OnThisMachine:
             file.unlink(missing_ok=True)  # models may be large
         if result.status == Status.INTERRUPTED:
             raise KeyboardInterrupt
-        row = result.row()
-        return PairedTime(
-            row.status,
-            row.detail,
-            row.ratio,
-            [launch.row() for launch in result.launches],
-        )
+        return result.record()

@@ -19,7 +19,6 @@ class CopyRequest:
 
     Attributes:
       edits: of the copy; None only to see whether one could be written.
-      target: file to write, absolute.
     """
 
     source: ModelSource

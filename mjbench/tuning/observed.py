@@ -50,7 +50,6 @@ class Observed:
     """What was seen of a model.
 
     Attributes:
-      model: as its file has it.
       is_mjcf: whether it is an MJCF file; others have nothing that a compiler could read.
       simulated_s: simulated seconds, of all simulations together.
       nposes: random poses that were looked at for bodies that touch.
@@ -58,8 +57,6 @@ class Observed:
         `iterations` bounds.
       line_search: iterations of the longest line search of a step, which `ls_iterations` bounds; 0
         with a solver that has none.
-      max_contacts: most contacts of a step, in all simulations.
-      max_constraints: most scalar constraints of a step, likewise.
       idle_pairs: bodies that were tested for collision in detail and never touched.
       unnamed_idle_pairs: how many more there are, with a body that has no name.
     """
@@ -80,10 +77,6 @@ def observe(
     source: ModelSource, seed: int = 0, plan: StartPlan = DEFAULT_STARTS, hold: int = 1
 ) -> Observed:
     """Return what is seen of a model that is loaded and stepped in this process.
-
-    Args:
-      plan: where the starts of the usual simulations come from.
-      hold: steps per control.
 
     Raises:
       InputError: the model cannot be loaded, every simulation diverges, or a file is unfit.

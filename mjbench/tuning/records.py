@@ -1,15 +1,23 @@
 """What a run file stores of a search for settings, and what `mjbench tune --json` writes."""
 
+import enum
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat
+import msgspec
+import numpy as np
+
+from mjbench.instrument import stats
+from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 from mjbench.paired.records import LaunchRow, Ratio
+from mjbench.simulation.accelerated_limits import Precision
+from mjbench.simulation.starts import Starts
 from mjbench.status import Status
-from mjbench.tuning.attempts import Accuracy, Effect
 from mjbench.tuning.distance import Distance
 from mjbench.tuning.mesh_notes import MeshNote
+from mjbench.tuning.physics import Physics
 from mjbench.tuning.reference import Present
 from mjbench.tuning.settings import Setting
 
@@ -19,23 +27,84 @@ SAME_ERROR = 0.05
 NO_ERROR = 0.005
 
 
+class Effect(enum.StrEnum):
+    """What settings do to the motion, from none at all to an error of some size."""
+
+    FREE = "free"
+    """Every state is the same, to the last bit."""
+    EQUIVALENT = "equivalent"
+    """States differ by no more than the present solver's tolerance makes them differ."""
+    APPROXIMATE = "approximate"
+    """States differ by more; the error says by how much."""
+
+    @property
+    def rank(self) -> int:
+        """0 for the effect that changes least."""
+        return list(Effect).index(self)
+
+
 @dataclass(frozen=True)
-class AttemptRow:
-    """Settings that were tried during the search.
+class Accuracy:
+    """What settings do to the motion.
 
     Attributes:
-      accuracy: what they do to the motion; None where they failed.
-      time_ratio: time of a simulated second over that of the present settings, measured within one
-        process; None where they failed.
-      ratio: the same in fresh processes, with its 95 % interval; None where it was not measured.
+      error: distance from the reference, within the horizon.
+      distance: from the runs with present settings.
+      physics: of the states along the runs.
+      run_errors: of each run from the reference, as a share of the motion.
     """
 
-    settings: Sequence[Setting]
+    effect: Effect
+    error: Distance
+    distance: Distance
+    physics: Physics
+    run_errors: Sequence[float]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A step that MJX or Warp compiled with some settings.
+
+    Attributes:
+      error: the transfer error: distance of its runs from C's with the present settings, from the
+        same starts, over the horizon; None where only time was measured.
+      trace_s: seconds from Python to the compiler's input; None where there is no such stage.
+      buffer_sizes: of the engine, by its names.
+    """
+
+    error: Distance | None
+    trace_s: NonNegativeFloat | None
+    compile_s: NonNegativeFloat
+    buffer_sizes: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """How settings did in the search; None is what was not measured, or failed.
+
+    Attributes:
+      accuracy: what they do to the motion, in C.
+      time_ratio: their time over that of the present settings, within one process: of a simulated
+        second in C, of a batched step in MJX and Warp.
+      ratio: the same in fresh processes, with its 95 % interval.
+      program: what they compile to, in MJX and Warp.
+      samples: raw times of its blocks; A is the present settings.
+    """
+
+    settings: tuple[Setting, ...]
     status: Status
     detail: str = ""
     accuracy: Accuracy | None = None
     time_ratio: PositiveFloat | None = None
     ratio: Ratio | None = None
+    program: Program | None = None
+    samples: LaunchRow | None = None
+
+    @property
+    def error(self) -> Distance | None:
+        """How far runs are from those of the reference; of MJX and Warp, the transfer error."""
+        measured = self.accuracy or self.program
+        return measured.error if measured else None
 
 
 @dataclass(frozen=True)
@@ -43,34 +112,63 @@ class Recommendation:
     """Settings that two looks confirm; the second had starts and controls of its own.
 
     Attributes:
+      ratio: their time over that of the present settings, in fresh processes from further starts,
+        with its 95 % interval.
+      error: as of an attempt; the larger of both looks.
       effect: on the motion; the larger of both looks.
-      ratio: time of a simulated second over that of the present settings, in fresh processes from
-        further starts, with its 95 % interval.
-      error: the larger of both looks.
       is_allowed: whether the error is no larger than allowed, in both looks; if not, the user may
         still choose them.
-      samples: raw times of each launch.
     """
 
     settings: Sequence[Setting]
-    effect: Effect
     ratio: Ratio
     error: Distance
-    accuracy: Accuracy
-    is_allowed: bool
     samples: Sequence[LaunchRow] = ()
+    effect: Effect = Effect.APPROXIMATE
+    accuracy: Accuracy | None = None
+    program: Program | None = None
+    is_allowed: bool = True
 
 
 @dataclass(frozen=True)
 class Withdrawal:
-    """Settings that the second look did not confirm.
-
-    Attributes:
-      reason: why not, in one sentence.
-    """
+    """Settings that the second look did not confirm, and why not, in one sentence."""
 
     settings: Sequence[Setting]
     reason: str
+
+
+@dataclass(frozen=True)
+class BatchFacts:
+    """What settings of MJX or Warp are measured by.
+
+    Attributes:
+      horizon_s: simulated seconds of each run over which errors are compared.
+      rounding: distance of C's runs whose starts and controls are rounded to that precision.
+      settings: there are to try.
+    """
+
+    device: str
+    precision: Precision
+    nrun: PositiveInt
+    horizon_s: PositiveFloat
+    horizon_ncontrol: PositiveInt
+    starts: Starts
+    rounding: Distance
+    settings: Sequence[Setting]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """The batched step of MJX or Warp.
+
+    Attributes:
+      present: the program with the present settings, from the starts of the search.
+    """
+
+    nbatch: PositiveInt
+    facts: BatchFacts | None = None
+    present: Program | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,28 +176,31 @@ class TuneRecord:
     """A search for settings of one model; None is what was not reached.
 
     Attributes:
+      engine: `c`, or the path that steps the model in batches, such as `mjx`.
       seed: of starts and controls; the second look has the next one.
       max_error: the largest error allowed, as a share of the motion; None for that of the present
         settings, as `allowed_error` has it.
-      present: what the present settings do, on the starts of the second look; its error is the
+      present: what the present settings do in C, on the starts of the second look; its error is the
         larger of both looks.
-      attempts: settings that were tried, alone and together.
+      batch: what MJX and Warp are measured by; None for C.
       untried: settings for which there was no time.
-      front: recommendations, the smallest effect first and the slowest first within it.
-      withdrawn: what the second look did not confirm.
+      front: recommendations, the smallest effect first and the slowest first within it; of MJX and
+        Warp, the fastest first.
       meshes: that collide, and that nearly fill a primitive.
       stages: share of a step by stage.
     """
 
     record_type: ClassVar[str] = "tune"
     model: str
+    engine: str = "c"
     status: Status = Status.OK
     detail: str = ""
     seed: int = 0
     max_error: PositiveFloat | None = None
     only: Effect = Effect.APPROXIMATE
     present: Present | None = None
-    attempts: Sequence[AttemptRow] = ()
+    batch: Batch | None = None
+    attempts: Sequence[Attempt] = ()
     untried: NonNegativeInt = 0
     front: Sequence[Recommendation] = ()
     withdrawn: Sequence[Withdrawal] = ()
@@ -112,11 +213,35 @@ class TuneRecord:
         allowed = [each for each in self.front if each.is_allowed]
         return min(allowed, key=lambda each: each.ratio.estimate, default=None)
 
+    @staticmethod
+    def upgrade(value: dict[str, Any]) -> dict[str, Any]:
+        """Return a stored record with the keys of today; MJX and Warp had a record of their own."""
+        if "nbatch" not in value:
+            return value
+        attempts = msgspec.convert(value.get("attempts", ()), list[Attempt])
+        batch = {name: value.get(name) for name in ("nbatch", "facts", "present")}
+        return {
+            **{name: item for name, item in value.items() if name not in batch},
+            "batch": batch,
+            "attempts": [{**msgspec.to_builtins(each), **_time_ratio(each)} for each in attempts],
+        }
 
-def allowed_error(max_error: float | None, present_error: float) -> float:
+
+def allowed_error(max_error: float | None, present_error: float, least: float = NO_ERROR) -> float:
     """Return the largest error of settings that are recommended, as a share of the motion.
 
     Args:
       max_error: that the user allows; None for that of the present settings.
+      least: that counts as none.
     """
-    return max_error or max((1 + SAME_ERROR) * present_error, NO_ERROR)
+    return max_error or max((1 + SAME_ERROR) * present_error, least)
+
+
+def log_ratio(samples: LaunchRow) -> float:
+    """Return the logarithm of the ratio of times in a process."""
+    return stats.paired_log_ratio(samples.orders, np.array(samples.ns))
+
+
+def _time_ratio(attempt: Attempt) -> dict[str, float]:
+    samples = attempt.samples
+    return {"time_ratio": math.exp(log_ratio(samples))} if samples and samples.ns else {}

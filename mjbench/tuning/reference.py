@@ -62,8 +62,6 @@ class TrialPlan:
     """The starts and controls that are asked for.
 
     Attributes:
-      seed: of both.
-      hold: steps for which each control is held.
       ncontrol: controls of a run; None for as many as can be afforded.
       horizon_ncontrol: controls over which errors are compared; None to see how many can be.
     """

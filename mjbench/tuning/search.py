@@ -1,5 +1,8 @@
 """Search settings that make a model faster: each alone, then together, then a second look.
 
+`Search` is what searches share. That of C has these parts; that of MJX and Warp is in
+`accelerated_search`.
+
 1. Every setting is tried alone, in a process of its own; those that seem faster are compared with
    the present settings in fresh processes.
 2. Those that are faster are combined. Combinations are tried on few runs first; the better half
@@ -9,21 +12,24 @@
    confirm is withdrawn.
 """
 
+import abc
 import random
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 from mjbench.errors import MjbenchError, failure_of
+from mjbench.paired.records import VerdictRecord
 from mjbench.simulation.starts import StartPlan
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.attempts import QUADS, Attempt, Effect
-from mjbench.tuning.fronts import FRONT, Faster, effect_of, error_of, is_allowed
-from mjbench.tuning.measurements import Measurements, PairedTime
+from mjbench.tuning.attempts import QUADS
+from mjbench.tuning.fronts import FRONT, effect_of, error_of, is_allowed
+from mjbench.tuning.measurements import OnThisMachine, saves_time
 from mjbench.tuning.records import (
-    AttemptRow,
+    Attempt,
+    Effect,
     Recommendation,
     TuneRecord,
     Withdrawal,
@@ -52,7 +58,7 @@ Advance = Callable[[int, str, float], None]
 # Parts of a search: present settings, each alone, together, second look.
 PARTS = 4
 
-Record = TypeVar("Record")
+Measurements = TypeVar("Measurements")
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,9 @@ class SearchPlan:
       seed: of starts and controls; the second look has the next one.
       budget_s: seconds after which nothing is begun but the second look.
       max_error: the largest error allowed, as a share of the motion; None for the present one.
-      hold: steps for which each control is held.
       skip: names of knobs that are left alone.
+      engine: `c`, `mjx` or `warp`; the latter two allow all effects, and skip nothing.
+      nbatch: simulations of a batched step of those two.
     """
 
     seed: int = 0
@@ -74,6 +81,8 @@ class SearchPlan:
     only: Effect = Effect.APPROXIMATE
     hold: int = HOLD
     skip: tuple[str, ...] = ()
+    engine: str = "c"
+    nbatch: int = 1
 
     def trials(self, look: int, present: Present | None = None) -> TrialPlan:
         """Return the starts and controls of a look.
@@ -88,69 +97,118 @@ class SearchPlan:
         return TrialPlan(self.seed + look, self.starts, self.hold, *lengths)
 
 
-class Search:
+class Search(abc.ABC, Generic[Measurements]):
     """One search for settings of one model; `record` says what came of it, at any time."""
 
     def __init__(
         self,
-        model: str,
-        settings: Sequence[Setting],
+        record: TuneRecord,
         plan: SearchPlan,
         measurements: Measurements,
         advance: Advance = lambda done, text, share: None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Measure nothing yet."""
-        self._model, self._settings, self._plan = model, settings, plan
-        self._measure, self._advance, self._clock = measurements, advance, clock
+        """Measure nothing yet.
+
+        Args:
+          record: of the model and its engine.
+        """
+        self._measure = measurements
+        self._record = replace(record, seed=plan.seed, max_error=plan.max_error, only=plan.only)
+        self._plan, self._advance, self._clock = plan, advance, clock
         self._begin_s = clock()
-        self._present: Present | None = None
-        self._rows: list[AttemptRow] = []
-        self._untried = 0
-        self._front: list[Recommendation] = []
-        self._withdrawn: list[Withdrawal] = []
+
+    def result(self) -> TuneRecord:
+        """Search; return what came of it, however it ended."""
+        try:
+            self.run()
+        except MjbenchError as error:
+            failure = failure_of(error)
+            detail = failure.detail.removeprefix(f"{self._record.model}: ")
+            return self.record(failure.status, detail)
+        except KeyboardInterrupt:
+            return self.record(Status.INTERRUPTED)
+        return self.record()
 
     def run(self) -> None:
         """Search.
 
         Raises:
-          InputError: the model cannot be stepped.
-          MachineError: its process crashed or hung.
+          InputError: the model cannot be stepped, or is not for this engine.
+          MachineError: the process of the present settings crashed or hung.
           KeyboardInterrupt: the user ended it; `record` has what was measured.
         """
-        plan = self._plan
-        self._advance(0, "the present settings, and a reference", 0.0)
-        self._present = self._measure.baseline(plan.trials(0))
-        faster = [each for each in self._each_alone() if not each.setting.loses]
-        attempts = self._together(faster)
-        if attempts:
-            self._second_look(attempts, self._present)
+        self._measure_present()
+        if attempts := self._try_settings():
+            self._second_look(attempts)
 
     def record(self, status: Status = Status.OK, detail: str = "") -> TuneRecord:
         """Return what was measured so far."""
-        return TuneRecord(
-            model=self._model,
-            status=status,
-            detail=detail,
-            seed=self._plan.seed,
-            max_error=self._plan.max_error,
-            only=self._plan.only,
-            present=self._present,
-            attempts=self._rows,
-            untried=self._untried,
-            front=self._front,
-            withdrawn=self._withdrawn,
-            seconds=self._clock() - self._begin_s,
-        )
+        return replace(self._record, status=status, detail=detail, seconds=self._spent_s())
+
+    @abc.abstractmethod
+    def _measure_present(self) -> None:
+        """See what there is to try, and measure the present settings."""
+
+    @abc.abstractmethod
+    def _try_settings(self) -> Sequence[Attempt]:
+        """Try settings alone and together; return those that are worth a second look."""
+
+    @abc.abstractmethod
+    def _second_look(self, attempts: Sequence[Attempt]) -> None:
+        """Recommend settings that further starts confirm; withdraw the others."""
+
+    def _spent_s(self) -> float:
+        return self._clock() - self._begin_s
+
+    def _set(self, **changes: Any) -> None:
+        """Change fields of the record."""
+        self._record = replace(self._record, **changes)
+
+    def _note(self, attempt: Attempt) -> None:
+        self._set(attempts=[*self._record.attempts, attempt])
+
+    def _recommend(self, recommendation: Recommendation) -> None:
+        self._set(front=[*self._record.front, recommendation])
+
+    def _withdraw(self, settings: Sequence[Setting], reason: str) -> None:
+        self._set(withdrawn=[*self._record.withdrawn, Withdrawal(settings, reason)])
+
+
+class CSearch(Search[OnThisMachine]):
+    """A search for settings of C."""
+
+    _settings: Sequence[Setting] = ()
+
+    def _measure_present(self) -> None:
+        plan = self._plan
+        self._advance(0, "what there is to try", 0.0)
+        seen = self._measure.survey(plan.seed)
+        self._set(meshes=seen.meshes, stages=seen.stages)
+        self._settings = [each for each in seen.settings if each.knob not in plan.skip]
+        self._begin_s = self._clock()  # the budget is of the search
+        self._advance(0, "the present settings, and a reference", 0.0)
+        self._set(present=self._measure.baseline(plan.trials(0)))
+
+    def _try_settings(self) -> list[Attempt]:
+        return self._together([each for each in self._each_alone() if not each.settings[0].loses])
+
+    @property
+    def _present(self) -> Present:
+        assert self._record.present is not None, "attempts follow the baseline"
+        return self._record.present
+
+    def _leave_untried(self, count: int = 1) -> None:
+        self._set(untried=self._record.untried + count)
 
     # -- each setting alone -------------------------------------------------------------------
 
-    def _each_alone(self) -> list[Faster]:
+    def _each_alone(self) -> list[Attempt]:
         """Try each setting alone; return those that are certainly faster, and allowed."""
         promising: list[Attempt] = []
         for number, setting in enumerate(self._settings):
             if not self._has_time(ATTEMPTS_SHARE):
-                self._untried += 1
+                self._leave_untried()
                 continue
             self._advance(1, setting.label, number / (2 * len(self._settings)))
             attempt = self._measure.attempt((setting,), RUNG_NRUN)
@@ -163,20 +221,23 @@ class Search:
         promising.sort(key=fronts.rank_of)
         return list(self._compared(promising))
 
-    def _compared(self, promising: Sequence[Attempt]) -> Iterator[Faster]:
+    def _compared(self, promising: Sequence[Attempt]) -> Iterator[Attempt]:
         """Compare settings with the present ones in fresh processes; yield the faster ones."""
         for number, attempt in enumerate(promising):
             if not self._has_time(SINGLES_SHARE):
-                self._untried += 1
+                self._leave_untried()
                 self._note(attempt)
                 continue
             self._advance(1, label(attempt.settings), 0.5 + number / (2 * len(promising)))
             paired = self._measure.compare(attempt.settings, self._plan.seed, SINGLE_S)
-            self._note(attempt, paired)
-            if paired.status == Status.OK and paired.ratio is None:  # its steps are too slow
-                self._untried += 1
-            if paired.is_faster and paired.ratio is not None:
-                yield Faster(attempt, paired.ratio.estimate)
+            if paired.status != Status.OK:
+                attempt = replace(attempt, status=paired.status, detail=paired.detail)
+            elif paired.ratio is None:  # its steps are too slow
+                self._leave_untried()
+            attempt = replace(attempt, ratio=paired.ratio)
+            self._note(attempt)
+            if paired.ratio is not None and saves_time(paired.ratio):
+                yield attempt
 
     def _is_promising(self, attempt: Attempt) -> bool:
         """Return whether settings may be faster, and do no more than is allowed."""
@@ -186,7 +247,6 @@ class Search:
 
     def _may_be(self, attempt: Attempt) -> bool:
         """Return whether settings do to the motion what they may."""
-        assert self._present is not None, "attempts follow the baseline"
         if attempt.accuracy is None or attempt.time_ratio is None:
             return False
         effect = effect_of(attempt)
@@ -198,29 +258,14 @@ class Search:
             return False
         return error_of(attempt) <= (self._plan.max_error or MOST_ERROR)
 
-    def _note(self, attempt: Attempt, paired: PairedTime | None = None) -> None:
-        """Note how settings did."""
-        failed = paired if paired is not None and paired.status != Status.OK else None
-        self._rows.append(
-            AttemptRow(
-                attempt.settings,
-                attempt.status if failed is None else failed.status,
-                attempt.detail if failed is None else failed.detail,
-                attempt.accuracy,
-                attempt.time_ratio,
-                None if paired is None else paired.ratio,
-            )
-        )
-
     # -- together -----------------------------------------------------------------------------
 
-    def _together(self, faster: Sequence[Faster]) -> list[Attempt]:
+    def _together(self, faster: Sequence[Attempt]) -> list[Attempt]:
         """Try combinations of settings that are faster alone.
 
         Returns:
           Settings alone and together, from all starts: at least those alone.
         """
-        alone = [each.attempt for each in faster]
         chosen = fronts.combinations(faster, COMBINATIONS, random.Random(self._plan.seed))
         nrun, quads = RUNG_NRUN, RUNG_QUADS
         while len(chosen) > LAST_RUNG and self._has_time():
@@ -234,7 +279,7 @@ class Search:
         together = self._tried(chosen[:LAST_RUNG])
         for attempt in together:
             self._note(attempt)
-        return [*alone, *together]
+        return [*faster, *together]
 
     def _tried(
         self, chosen: Sequence[tuple[Setting, ...]], nrun: int | None = None, quads: int = QUADS
@@ -243,7 +288,7 @@ class Search:
         tried = []
         for number, settings in enumerate(chosen):
             if not self._has_time():
-                self._untried += len(chosen) - number
+                self._leave_untried(len(chosen) - number)
                 break
             self._advance(2, label(settings), number / len(chosen))
             tried.append(self._measure.attempt(settings, nrun, quads))
@@ -251,116 +296,94 @@ class Search:
 
     # -- second look --------------------------------------------------------------------------
 
-    def _second_look(self, attempts: Sequence[Attempt], first_present: Present) -> None:
+    def _second_look(self, attempts: Sequence[Attempt]) -> None:
         """Measure a front again, from starts and with controls that the search has not seen.
 
         Where settings are withdrawn, those that come next are looked at, while there is time.
-
-        Args:
-          attempts: of the search, from all starts.
-          first_present: the present settings, in the search.
         """
-        plan = self._plan
+        plan, first_present = self._plan, self._present
         self._advance(3, "present settings from new starts", 0.0)
         present = self._measure.baseline(plan.trials(1, first_present))
-        self._present = replace(present, error=first_present.error.larger(present.error))
+        self._set(present=replace(present, error=first_present.error.larger(present.error)))
         looked: set[str] = set()
         while True:
-            withdrawn = {label(each.settings) for each in self._withdrawn}
+            withdrawn = {label(each.settings) for each in self._record.withdrawn}
             left = [each for each in attempts if label(each.settings) not in withdrawn]
             front = fronts.pareto_front(left, plan.max_error, first_present.error.share)
             new = [each for each in front if label(each.settings) not in looked]
-            if not new or (looked and self._clock() - self._begin_s > plan.budget_s):
+            if not new or (looked and self._spent_s() > plan.budget_s):
                 break
             for number, first in enumerate(new):
                 self._advance(3, label(first.settings), number / len(new))
-                self._look_again(first, first_present, present)
+                self._look_again(first, first_present.error.share, present.error.share)
                 looked.add(label(first.settings))
-        self._front.sort(key=lambda each: (each.effect.rank, -each.ratio.estimate))
+        by_effect = sorted(
+            self._record.front, key=lambda each: (each.effect.rank, -each.ratio.estimate)
+        )
+        self._set(front=by_effect)
 
-    def _look_again(self, first: Attempt, first_present: Present, present: Present) -> None:
+    def _look_again(self, first: Attempt, first_error: float, present_error: float) -> None:
         """Recommend settings, or withdraw them.
 
         Args:
           first: how they did in the search.
-          first_present: the present settings, in the search.
-          present: the present settings, from the new starts.
+          first_error: of the present settings, in the search.
+          present_error: of the present settings, from the new starts.
         """
-        limit = self._plan.max_error
-        was_allowed = is_allowed(first, limit, first_present.error.share)
-        second = self._measure.attempt(first.settings, quads=0)
-        reason = self._why_not(first, second, was_allowed, present)
+        settings = first.settings
+        was_allowed = is_allowed(first, self._plan.max_error, first_error)
+        second = self._measure.attempt(settings, quads=0)
+        reason = self._why_not(first, second, was_allowed, present_error)
         if not reason:
-            paired = self._measure.compare(first.settings, self._plan.seed + 1, FINAL_S)
+            paired = self._measure.compare(settings, self._plan.seed + 1, FINAL_S)
             reason = _why_not_faster(paired)
         if reason:
-            self._withdrawn.append(Withdrawal(first.settings, reason))
+            self._withdraw(settings, reason)
             return
-        assert first.accuracy and second.accuracy and paired.ratio, "it was confirmed"
-        effects = first.accuracy.effect, second.accuracy.effect
-        self._front.append(
+        assert first.error and second.error and paired.ratio, "it was confirmed"
+        self._recommend(
             Recommendation(
-                first.settings,
-                max(effects, key=lambda effect: effect.rank),
+                settings,
                 paired.ratio,
-                first.accuracy.error.larger(second.accuracy.error),
+                first.error.larger(second.error),
+                paired.samples,
+                max(effect_of(first), effect_of(second), key=lambda effect: effect.rank),
                 second.accuracy,
-                was_allowed,
-                paired.launches,
+                is_allowed=was_allowed,
             )
         )
 
-    def _why_not(self, first: Attempt, second: Attempt, was_allowed: bool, present: Present) -> str:
-        """Return why new starts do not confirm what settings do; empty where they do.
-
-        Args:
-          first: how they did in the search.
-          second: how they do from new starts.
-          was_allowed: whether their error in the search was.
-          present: the present settings, from the new starts.
-        """
+    def _why_not(
+        self, first: Attempt, second: Attempt, was_allowed: bool, present_error: float
+    ) -> str:
+        """Return why new starts do not confirm what settings do; empty where they do."""
         if second.accuracy is None:
             return second.detail
         was, now = effect_of(first), effect_of(second)
         if now.rank > was.rank:
             return f"{was} in the search, {now} from new starts"
-        share = present.error.share
-        if was_allowed and not is_allowed(second, self._plan.max_error, share):
-            return (
-                f"an error of {100 * error_of(second):.2g} % of the motion from new starts, where"
-                f" {100 * allowed_error(self._plan.max_error, share):.2g} % is allowed"
-            )
+        limit = self._plan.max_error
+        if was_allowed and not is_allowed(second, limit, present_error):
+            return f"an {too_far(error_of(second), allowed_error(limit, present_error))}"
         return ""
 
     def _has_time(self, share: float = 1.0) -> bool:
-        """Return whether anything may begin before a share of the search, without its second look.
-
-        Args:
-          share: of the time before the second look.
-        """
+        """Return whether anything may begin before a share of the time for the first look."""
         reserved_s = min(FRONT * LEAST_FINAL_S, self._plan.budget_s / 2)
-        return self._clock() - self._begin_s < share * (self._plan.budget_s - reserved_s)
+        return self._spent_s() < share * (self._plan.budget_s - reserved_s)
 
 
-def ended(run: Callable[[], None], record: Callable[[Status, str], Record]) -> Record:
-    """Return the record of a search, however it ended.
-
-    Args:
-      record: returns what was measured, from how the search ended and why, in one line.
-    """
-    try:
-        run()
-    except MjbenchError as error:
-        failure = failure_of(error)
-        return record(failure.status, failure.detail)
-    except KeyboardInterrupt:
-        return record(Status.INTERRUPTED, "")
-    return record(Status.OK, "")
+def too_far(error: float, limit: float) -> str:
+    """Return that an error, as a share of the motion, is larger than allowed."""
+    return (
+        f"error of {100 * error:.2g} % of the motion from new starts, where"
+        f" {100 * limit:.2g} % is allowed"
+    )
 
 
-def _why_not_faster(paired: PairedTime) -> str:
+def _why_not_faster(paired: VerdictRecord) -> str:
     """Return why fresh processes do not confirm that settings are faster; empty where they do."""
-    if paired.is_faster:
+    if paired.ratio is not None and saves_time(paired.ratio):
         return ""
     if paired.status == Status.OK and paired.ratio is None:
         return "its steps are too slow to compare it within the time of a second look"

@@ -1,8 +1,8 @@
 """A setting: edits of a model's MJCF, or options of the loop, that may make steps faster."""
 
 import enum
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class Setting:
       loop: what it changes in the loop.
       loses: what else the user gives up, in a few words, such as `sensor data`; empty for nothing.
       evidence: what was observed that makes it possible, in one sentence; empty for nothing.
+      buffer_sizes: `nconmax` or `njmax` of the make_data of MJX and Warp, for each simulation.
     """
 
     knob: str
@@ -76,11 +77,22 @@ class Setting:
     loop: LoopChange = NO_CHANGE
     loses: str = ""
     evidence: str = ""
+    buffer_sizes: Mapping[str, int] = field(default_factory=dict)
+
+
+def option(name: str, value: str, evidence: str = "") -> Setting:
+    """Return the setting of an attribute of `<option>`."""
+    return Setting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),), evidence=evidence)
 
 
 def edits_of(settings: Iterable[Setting]) -> list[Edit]:
     """Return the edits of some settings, in their order."""
     return [edit for setting in settings for edit in setting.edits]
+
+
+def buffer_sizes_of(settings: Iterable[Setting]) -> dict[str, int]:
+    """Return the buffer sizes that some settings have."""
+    return {name: size for each in settings for name, size in each.buffer_sizes.items()}
 
 
 def loop_change(settings: Iterable[Setting]) -> LoopChange:

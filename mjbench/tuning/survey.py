@@ -1,7 +1,8 @@
 """What there is to try on a model: settings, stages of its step, meshes; in a child process."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mjbench.errors import InputError, MachineError
 from mjbench.instrument import isolate
@@ -18,11 +19,7 @@ from mjbench.tuning.settings import Setting
 
 @dataclass(frozen=True)
 class SurveyRequest:
-    """Asks a child what there is to try.
-
-    Attributes:
-      hold: steps for which each control is held.
-    """
+    """Asks a child what there is to try."""
 
     source: ModelSource
     seed: int
@@ -35,12 +32,13 @@ class Survey:
     """What there is to try on a model.
 
     Attributes:
-      settings: of all knobs, that differ from the model's own.
       meshes: that collide, and that nearly fill a primitive.
+      stages: share of a step by stage; None where it cannot be measured.
     """
 
     settings: Sequence[Setting]
     meshes: Sequence[MeshNote]
+    stages: Mapping[str, float] | None = None
 
 
 def survey(request: SurveyRequest, limit_s: float = SILENCE_S) -> Survey:
@@ -52,20 +50,11 @@ def survey(request: SurveyRequest, limit_s: float = SILENCE_S) -> Survey:
     """
     messages: list[Survey] = []
     isolate.run("mjbench.tuning.survey:look", request, messages.append, limit_s).check()
-    return messages[0]
-
-
-def stages(
-    source: ModelSource, starts: StartPlan, limit_s: float = SILENCE_S
-) -> Mapping[str, float] | None:
-    """Return the share of a step by stage; None where it cannot be measured."""
-    messages: list[profile.StepTimes] = []
-    request = LoopRequest(source, starts)
-    try:
-        isolate.run("mjbench.loop.profile:step", request, messages.append, limit_s).check()
-    except (InputError, MachineError):
-        return None
-    return messages[0].stages
+    profiles: list[profile.StepTimes] = []
+    loop = LoopRequest(request.source, request.starts)
+    with contextlib.suppress(InputError, MachineError):
+        isolate.run("mjbench.loop.profile:step", loop, profiles.append, limit_s)
+    return replace(messages[0], stages=profiles[0].stages if profiles else None)
 
 
 def look(request: SurveyRequest, channel: Channel) -> None:

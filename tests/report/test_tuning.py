@@ -5,12 +5,19 @@ from dataclasses import replace
 import pytest
 from tuning_values import NOTHING, apart, present
 
+from mjbench.pages.tuning import print_record
 from mjbench.paired.records import Ratio
 from mjbench.report import tables, tuning
 from mjbench.status import Status
-from mjbench.tuning.attempts import Accuracy, Effect
 from mjbench.tuning.mesh_notes import MeshNote, Primitive
-from mjbench.tuning.records import AttemptRow, Recommendation, TuneRecord, Withdrawal
+from mjbench.tuning.records import (
+    Accuracy,
+    Attempt,
+    Effect,
+    Recommendation,
+    TuneRecord,
+    Withdrawal,
+)
 from mjbench.tuning.settings import Edit, LoopChange, Part, Setting
 
 PRESENT = present()
@@ -29,7 +36,9 @@ EXCLUDES = Setting(
 def recommended(effect, ratio, share, *settings, is_allowed=True):
     accuracy = Accuracy(effect, apart(share), apart(share), NOTHING, [share] * 64)
     interval = Ratio(ratio, ratio - 0.01, ratio + 0.01)
-    return Recommendation(settings, effect, interval, apart(share), accuracy, is_allowed)
+    return Recommendation(
+        settings, interval, apart(share), (), effect, accuracy, is_allowed=is_allowed
+    )
 
 
 def record(*front, **keywords):
@@ -68,7 +77,7 @@ def test_without_a_recommendation_it_says_what_was_asked_for(keywords, text):
 
 
 def test_lines_to_paste_are_those_of_each_recommendation():
-    printed = tables.text_of(lambda out: tuning.print_record(out, record(FREE, FASTER)))
+    printed = tables.text_of(lambda out: print_record(out, record(FREE, FASTER)))
     assert "To apply engine clock off, jacobian=sparse:" in printed
     assert '<option jacobian="sparse"/>' in printed
     assert '<option timestep="0.004"/>' in printed
@@ -87,7 +96,7 @@ def test_notes_say_what_figures_rest_on_and_what_was_left_out():
     of_all = record(
         FREE,
         withdrawn=[Withdrawal([TIMESTEP], "diverges in 3 of 64 runs")],
-        attempts=[AttemptRow([JACOBIAN], Status.CRASHED, "killed by SIGSEGV")],
+        attempts=[Attempt([JACOBIAN], Status.CRASHED, "killed by SIGSEGV")],
         untried=4,
         meshes=[MeshNote("arm", "arm_mesh", Primitive.BOX, 0.97)],
     )

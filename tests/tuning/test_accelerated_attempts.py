@@ -14,9 +14,8 @@ from mjbench.simulation.work import Peaks
 from mjbench.status import Status
 from mjbench.tuning import accelerated_settings
 from mjbench.tuning.accelerated_measurements import EngineOnThisMachine
-from mjbench.tuning.accelerated_settings import EngineSetting
 from mjbench.tuning.reference import TrialPlan
-from mjbench.tuning.settings import Edit, Part, label
+from mjbench.tuning.settings import Setting, label, option
 
 PLAN = TrialPlan(0, StartPlan(), ncontrol=4, horizon_ncontrol=4)
 # C under another name; it crashes, rejects or overflows with some settings.
@@ -54,10 +53,6 @@ class Divergent(Pretender):
 """
 
 
-def option(name, value):
-    return EngineSetting(name, f"{name}={value}", (Edit(Part.OPTION, name, value),))
-
-
 @pytest.fixture
 def on(tmp_path, monkeypatch):
     (tmp_path / "faulty.py").write_text(ENGINES)
@@ -86,9 +81,9 @@ def test_c_itself_transfers_without_error_and_fewer_iterations_do_not(on):
         engine, option("iterations", "1"), option("iterations", "99"), option("solver", "CG")
     )
     assert present.error is not None and present.error.share == 0.0
-    assert attempts["iterations=99"].error_share == 0.0
-    assert attempts["iterations=1"].error_share > 1e-6
-    assert attempts["solver=CG"].error_share > 0.0
+    assert attempts["iterations=99"].error.share == 0.0
+    assert attempts["iterations=1"].error.share > 1e-6
+    assert attempts["solver=CG"].error.share > 0.0
     assert attempts["solver=CG"].time_ratio is not None
 
 
@@ -111,12 +106,12 @@ def test_a_buffer_that_is_too_small_fails_and_the_engine_s_own_is_replaced(on):
     facts = engine.baseline(PLAN)
     sizes = {each.label: each.buffer_sizes for each in facts.settings if each.buffer_sizes}
     assert sizes == {"njmax=64": {"njmax": 64}}  # not nconmax, of which there are only 4
-    small = EngineSetting("nconmax", "nconmax=7", buffer_sizes={"nconmax": 7})
-    large = EngineSetting("nconmax", "nconmax=9", buffer_sizes={"nconmax": 9})
+    small = Setting("nconmax", "nconmax=7", buffer_sizes={"nconmax": 7})
+    large = Setting("nconmax", "nconmax=9", buffer_sizes={"nconmax": 9})
     _, attempts = tried(engine, small, large, has_errors=False)
     assert attempts["nconmax=7"].detail == "overflowed"
     assert attempts["nconmax=9"].status == Status.OK
-    assert attempts["nconmax=9"].error_share is None
+    assert attempts["nconmax=9"].error is None
 
 
 def test_present_settings_that_the_engine_rejects_or_that_diverge_end_the_search(on):

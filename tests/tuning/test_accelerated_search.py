@@ -4,45 +4,38 @@ import math
 from dataclasses import dataclass, field
 
 import pytest
+from tuning_values import apart
 
 from mjbench.errors import UnavailableError
+from mjbench.pages.tuning import print_record
 from mjbench.paired.records import LaunchRow
 from mjbench.report import tables
-from mjbench.report.tuning_accelerated import print_record
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.starts import Starts
 from mjbench.status import Status
-from mjbench.tuning.accelerated_records import (
-    EngineAttempt,
-    EngineFacts,
-    EngineProgram,
+from mjbench.tuning.accelerated_search import (
+    LEAST_PROCESSES,
+    EngineSearch,
+    combinations,
     log_ratios,
     mean_ratio,
 )
-from mjbench.tuning.accelerated_search import LEAST_PROCESSES, EngineSearch, combinations
-from mjbench.tuning.accelerated_settings import EngineSetting
-from mjbench.tuning.distance import Distance, Units
+from mjbench.tuning.records import Attempt, Batch, BatchFacts, Program, TuneRecord, log_ratio
 from mjbench.tuning.search import SearchPlan
-from mjbench.tuning.settings import Edit, Part, label
+from mjbench.tuning.settings import Edit, Part, Setting, label
 
 PRESENT_ERROR, ROUNDING_ERROR = 0.01, 1e-6
 
 
-def transfer(share):
-    return Distance(share, Units(share, None), Units(share, None))
-
-
 def program(share):
-    return EngineProgram(None if share is None else transfer(share), 1.0, 5.0, {})
+    return Program(None if share is None else apart(share), 1.0, 5.0, {})
 
 
 def setting(text):
     name, _, value = text.partition("=")
     if name == "njmax":
-        return EngineSetting(
-            name, text, evidence="32 at most in C", buffer_sizes={name: int(value)}
-        )
-    return EngineSetting(name, text, (Edit(Part.OPTION, name, value),))
+        return Setting(name, text, evidence="32 at most in C", buffer_sizes={name: int(value)})
+    return Setting(name, text, (Edit(Part.OPTION, name, value),))
 
 
 def blocks(ratio, noise=0.0):
@@ -71,8 +64,8 @@ class Planted:
         if self.unsuited:
             raise UnavailableError(self.unsuited)
         settings = [setting(text) for text in self.effects]
-        rounding = transfer(ROUNDING_ERROR)
-        return EngineFacts(
+        rounding = apart(ROUNDING_ERROR)
+        return BatchFacts(
             "cpu", Precision.FLOAT32, 64, 0.5, 31, Starts(0.1, 0.1), rounding, settings
         )
 
@@ -91,7 +84,7 @@ class Planted:
         texts = [each.label for each in settings]
         for text in texts:
             if text in self.fails:
-                return EngineAttempt(settings, Status.TIMEOUT, self.fails[text])
+                return Attempt(settings, Status.TIMEOUT, self.fails[text])
         is_fresh = self.seed == 1
         ratios = [
             self.fresh_ratios.get(t, self.effects[t][0]) if is_fresh else self.effects[t][0]
@@ -104,20 +97,16 @@ class Planted:
         error = self.present_error + sum(errors) if has_errors else None
         noise = 0.002 * math.sin(len(self.launches))
         samples = blocks(math.prod(ratios), noise)
-        return EngineAttempt(settings, Status.OK, program=program(error), samples=samples)
+        ratio = math.exp(log_ratio(samples))
+        return Attempt(
+            settings, Status.OK, time_ratio=ratio, program=program(error), samples=samples
+        )
 
 
-def searched(planted, **plan):
-    search = EngineSearch(
-        "robot",
-        "warp",
-        64,
-        SearchPlan(**{"budget_s": 1000.0, **plan}),
-        planted,
-        clock=lambda: planted.now_s,
-    )
-    search.run()
-    return search.record()
+def searched(planted, engine="warp", **plan):
+    record = TuneRecord(model="robot", engine=engine, batch=Batch(64))
+    of_plan = SearchPlan(**{"budget_s": 1000.0, **plan})
+    return EngineSearch(record, of_plan, planted, clock=lambda: planted.now_s).result()
 
 
 def printed(record):
@@ -143,9 +132,8 @@ def test_settings_that_help_are_combined_and_measured_in_fresh_processes_from_ne
 def test_a_faster_setting_that_does_not_transfer_is_in_the_table_and_not_recommended():
     record = searched(Planted({"iterations=1": (0.3, 0.2), "ls_iterations=8": (0.9, 0.0)}))
     assert [label(each.settings) for each in record.front] == ["ls_iterations=8"]
-    (line,) = [line for line in printed(record).splitlines() if line.startswith("iterations=1")]
-    assert "about 0.30" in line
-    assert "21 % of the motion" in line
+    (line,) = [line for line in printed(record).splitlines() if line.endswith("iterations=1")]
+    assert line.split()[:2] == ["0.3005", "21"]  # time, and error in percent of the motion
 
 
 def test_a_larger_transfer_error_is_recommended_where_it_is_allowed():
@@ -169,12 +157,12 @@ def test_a_setting_that_adds_no_certain_gain_is_left_out():
 
 def test_what_new_starts_or_fresh_processes_do_not_confirm_is_withdrawn():
     by_error = searched(Planted({"iterations=4": (0.7, 0.0)}, fresh_errors={"iterations=4": 0.05}))
-    assert by_error.front == []
+    assert not by_error.front
     assert "transfer error of 6 % of the motion" in by_error.withdrawn[0].reason
     by_time = searched(Planted({"iterations=4": (0.7, 0.0)}, fresh_ratios={"iterations=4": 1.0}))
-    assert by_time.front == []
+    assert not by_time.front
     assert "not certainly faster" in by_time.withdrawn[0].reason
-    assert "Withdrawn: iterations=4: not certainly faster" in printed(by_time)
+    assert "Withdrawn by the second look: iterations=4: not certainly faster" in printed(by_time)
 
 
 def test_a_setting_that_hangs_or_overflows_is_one_line():
@@ -209,10 +197,8 @@ def test_no_gain_is_no_recommendation():
 
 def test_a_model_that_the_engine_does_not_take_ends_the_search():
     planted = Planted({}, unsuited="MJX does not take this model: no PGS")
-    search = EngineSearch("robot", "mjx", 64, SearchPlan(), planted)
-    with pytest.raises(UnavailableError):
-        search.run()
-    record = search.record(Status.UNAVAILABLE, planted.unsuited)
+    record = searched(planted, engine="mjx")
+    assert record.status == Status.UNAVAILABLE
     assert printed(record).strip() == (
         "robot on MJX: unavailable: MJX does not take this model: no PGS"
     )
@@ -220,7 +206,7 @@ def test_a_model_that_the_engine_does_not_take_ends_the_search():
 
 def test_the_fastest_of_each_knob_is_combined_one_after_the_other():
     helpful = [
-        EngineAttempt((setting(text),), Status.OK)
+        Attempt((setting(text),), Status.OK)
         for text in ("iterations=4", "iterations=8", "solver=CG", "jacobian=dense")
     ]
     assert [label(each) for each in combinations(helpful)] == [

@@ -1,6 +1,7 @@
 """The search, with measurements that are planted."""
 
 import random
+from types import SimpleNamespace
 
 import pytest
 from tuning_values import NOTHING, PRESENT_ERROR, apart, present
@@ -9,11 +10,10 @@ from mjbench.errors import MachineError
 from mjbench.paired.records import Ratio
 from mjbench.status import Status
 from mjbench.tuning import fronts
-from mjbench.tuning.attempts import Accuracy, Attempt, Effect
-from mjbench.tuning.fronts import Faster
-from mjbench.tuning.measurements import PairedTime
-from mjbench.tuning.search import Search, SearchPlan
+from mjbench.tuning.records import Accuracy, Attempt, Effect, TuneRecord
+from mjbench.tuning.search import CSearch, SearchPlan
 from mjbench.tuning.settings import LoopChange, Setting
+from mjbench.tuning.survey import Survey
 
 
 def setting(label, **keywords):
@@ -33,6 +33,10 @@ class Planted:
         self.is_comparable = True
         self.seed = None
         self.now_s = 0.0
+        self.settings = [setting(label) for label in self.effects]
+
+    def survey(self, seed):
+        return Survey(self.settings, [])
 
     def baseline(self, plan):
         self.seed = plan.seed
@@ -62,15 +66,14 @@ class Planted:
     def compare(self, settings, seed, time_limit_s):
         self.now_s += 5.0
         ratio = self.ratio(tuple(each.label for each in settings))
-        return PairedTime(Status.OK, ratio=Ratio(ratio, 0.995 * ratio, 1.005 * ratio))
+        interval = Ratio(ratio, 0.995 * ratio, 1.005 * ratio)
+        return SimpleNamespace(status=Status.OK, detail="", ratio=interval, samples=())
 
 
-def searched(planted, settings=None, **plan):
-    settings = settings or [setting(label) for label in planted.effects]
+def searched(planted, **plan):
     of_plan = SearchPlan(**{"budget_s": 1000.0, **plan})
-    search = Search("robot", settings, of_plan, planted, clock=lambda: planted.now_s)
-    search.run()
-    return search.record()
+    record = TuneRecord(model="robot")
+    return CSearch(record, of_plan, planted, clock=lambda: planted.now_s).result()
 
 
 def labels(recommendation):
@@ -119,7 +122,7 @@ def test_what_new_starts_do_not_confirm_is_withdrawn():
     planted = Planted(jacobian_dense=(FREE, 0.9, 0.0))
     planted.fresh = {"jacobian=dense": (APPROXIMATE, 0.9, 0.0)}
     record = searched(planted)
-    assert record.front == []
+    assert not record.front
     assert "free in the search, approximate from new starts" in record.withdrawn[0].reason
 
 
@@ -138,8 +141,9 @@ def test_the_promised_error_is_the_larger_of_both_looks():
 
 def test_a_setting_that_gives_something_up_is_listed_and_not_recommended():
     planted = Planted(sensors_off=(FREE, 0.5, 0.0))
-    record = searched(planted, [setting("sensors=off", loses="sensor data")])
-    assert record.front == []
+    planted.settings = [setting("sensors=off", loses="sensor data")]
+    record = searched(planted)
+    assert not record.front
     assert record.attempts[0].ratio.estimate == 0.5
 
 
@@ -154,7 +158,7 @@ def test_a_setting_that_crashes_is_one_row_and_the_rest_goes_on():
 
 def test_no_gain_is_no_recommendation():
     record = searched(Planted(jacobian_dense=(FREE, 0.998, 0.0), solver_PGS=(FREE, 1.4, 0.0)))
-    assert record.front == [] and record.withdrawn == [] and record.best() is None
+    assert not record.front and not record.withdrawn and record.best() is None
 
 
 def test_the_second_look_has_other_starts():
@@ -173,12 +177,26 @@ def test_settings_for_which_there_is_no_time_are_counted():
 def test_the_reference_that_diverges_ends_the_search():
     class Diverges(Planted):
         def baseline(self, plan):
-            raise MachineError("crashed")
+            raise MachineError("robot: crashed")
 
-    of_search = Search("robot", [], SearchPlan(), Diverges())
-    with pytest.raises(MachineError):
-        of_search.run()
-    assert of_search.record(Status.CRASHED, "crashed").front == []
+    record = searched(Diverges())
+    assert (record.status, record.detail, record.front) == (Status.FAILED, "crashed", ())
+
+
+def test_ctrl_c_keeps_what_was_tried():
+    class Interrupted(Planted):
+        def compare(self, settings, seed, time_limit_s):
+            raise KeyboardInterrupt
+
+    record = searched(Interrupted(jacobian_dense=(FREE, 0.9, 0.0), solver_PGS=(FREE, 1.4, 0.0)))
+    assert record.status == Status.INTERRUPTED
+    assert [each.settings[0].label for each in record.attempts] == ["solver=PGS"]
+
+
+def test_a_knob_that_is_skipped_is_not_tried():
+    planted = Planted(jacobian_dense=(FREE, 0.9, 0.0), solver_CG=(FREE, 0.8, 0.0))
+    record = searched(planted, skip=("solver",))
+    assert labels(record.best()) == ["jacobian=dense"]
 
 
 def test_a_search_that_runs_out_of_time_keeps_what_was_confirmed_alone():
@@ -228,7 +246,7 @@ def test_where_errors_cannot_be_compared_only_free_settings_are_recommended():
 def faster(label, effect, ratio, **keywords):
     accuracy = Accuracy(effect, apart(0.1), apart(0.1), NOTHING, [0.1] * 64)
     settings = (setting(label, **keywords),)
-    return Faster(Attempt(settings, Status.OK, accuracy=accuracy, time_ratio=ratio), ratio)
+    return Attempt(settings, Status.OK, accuracy=accuracy, ratio=Ratio(ratio, None, None))
 
 
 def test_combinations_have_one_setting_of_each_knob():
