@@ -98,7 +98,7 @@ def _step_times(run: Run) -> Iterator[Metric]:
             for r in model_results.results:
                 if r.step_ns is not None:
                     name = f"{r.model}: {Variant(r.path, r.options)}, {r.nbatch} simulations"
-                    yield Metric(name, "ns/step", r.step_ns.median)
+                    yield Metric(name, "ns/step", r.step_ns)
 
 
 def _ratios(run: Run) -> Iterator[Metric]:

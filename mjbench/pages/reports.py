@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mjbench.comparison.planning_run import PlanningRow
 from mjbench.comparison.records import ModelRecord
-from mjbench.comparison.scaling import ScalingRecord
 from mjbench.counts.records import ExplainRecord, InstructionsRecord
 from mjbench.environment.records import EnvironmentRecord
 from mjbench.errors import printable
@@ -25,14 +24,12 @@ from mjbench.pages import (
     loops,
     machines,
     programs,
-    scaling,
     tuning,
     verdicts,
     web,
 )
 from mjbench.pages.content import Column, Conclusion, DataTable, Report, Section, Tone
 from mjbench.paired import family, selfcheck
-from mjbench.paired.confirmation import ConfirmationRecord
 from mjbench.paired.placement_spread import SpreadRecord
 from mjbench.paired.records import VerdictRecord
 from mjbench.paired.selfcheck_records import TrialRecord
@@ -44,7 +41,6 @@ from mjbench.report import across_machines as across
 from mjbench.report import history_files
 from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
-from mjbench.report.thread_advice import by_model
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
 from mjbench.web.records import WebExperimentsRecord, WebRecord
@@ -213,8 +209,6 @@ def _parts(named: NamedRun, machine: str) -> Iterator[_Part]:
 
 def _other_sections(run: Run, command: str) -> Iterator[Section]:
     """Yield the sections of a run of which nothing stands side by side with other machines."""
-    for results in by_model(run.of_type(ScalingRecord), run.of_type(ConfirmationRecord)):
-        yield scaling.section(results, command)
     yield from loops.overhead_sections(run.of_type(OverheadRow), command)
     yield from loops.profile_sections(run.of_type(ProfileRow), command)
     yield from loops.latency_sections(run.of_type(LatencyRow), command)

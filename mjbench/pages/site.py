@@ -367,10 +367,8 @@ def _summary(runs: Sequence[NamedRun]) -> Iterator[str]:
             escaped(row.model),
             row.loop.value,
             code(str(Variant(row.path, row.options))),
-            f"{tables.factor(row.speedup)}×" if row.speedup else "",
-            f"{tables.factor(row.low)} to {tables.factor(row.high)}"
-            if row.low and row.high
-            else "",
+            f"{tables.factor(row.speedup.estimate)}×" if row.speedup else "",
+            tables.ends(row.speedup),
         )
         for row in advice
     ]

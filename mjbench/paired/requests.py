@@ -235,6 +235,52 @@ class Prepare(Request[int]):
 
 
 @dataclass(frozen=True)
+class EquipRace(Request[None]):
+    """Read a saved model and a workload for the paths of a race (see `race_blocks`).
+
+    Attributes:
+      model_file: holds the model.
+      workload_file: holds a pickled `PortableWorkload`, with its final states.
+      returns: what runs return.
+      cores: to run on.
+      import_from: a folder that paths of the user's own may be imported from; None for none.
+    """
+
+    activity = "reading the workload"
+    model_file: Path
+    workload_file: Path
+    returns: "Product"
+    cores: Sequence[int]
+    import_from: str | None = None
+
+
+@dataclass(frozen=True)
+class PrepareEntrant(Request[None]):
+    """Prepare one more path of a race, and check it.
+
+    Attributes:
+      path: its name.
+      options: of the path.
+    """
+
+    activity = "preparing a run"
+    path: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class TimeRounds(Request["TimedRounds"]):
+    """Time rounds of the paths that were prepared.
+
+    Attributes:
+      orders: in which the paths run in each round, numbered in the order they were prepared.
+    """
+
+    activity = "timing blocks"
+    orders: Sequence[Sequence[int]]
+
+
+@dataclass(frozen=True)
 class PrepareOperation(Request["ReadyOperation"]):
     """Prepare an operation in fresh memory, do it, and return nanoseconds of a block.
 
@@ -267,6 +313,19 @@ class CountCores(Request[float]):
 
     activity = "counting cores"
     nthread: int
+
+
+@dataclass(frozen=True)
+class TimedRounds:
+    """Rounds of blocks, one block a path.
+
+    Attributes:
+      ns: (rounds, paths) nanoseconds of each block.
+      differences: where a timed block first differs from the plain loop, by path; none of most.
+    """
+
+    ns: Sequence[Sequence[int]]
+    differences: Mapping[int, str]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from mjbench.comparison.records import ModelRecord
 from mjbench.instrument.machine_identity import Software, software_names
 from mjbench.instrument.runs import InputFile, Run
 from mjbench.report import tables
-from mjbench.report.advice import Advice, Loop, Reason, advise
+from mjbench.report.advice import Advice, Loop, advise
 from mjbench.report.results import ModelResults, derive_all
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.workload import Product
@@ -177,15 +177,9 @@ def _by_loop(results: ModelResults) -> dict[Loop, list[Advice]]:
 
 
 def _gain(advice: Advice) -> str:
-    """Return a path's speed-up over the plain loop with its interval, or that it has no rival."""
-    if advice.reason == Reason.UNCONFIRMED and advice.rival:
-        return f" ({advice.rival} seems faster)"
-    if not advice.speedup:
-        return ""
-    text = f" {tables.factor(advice.speedup)}×"
-    if advice.low and advice.high:
-        text += f" ({tables.factor(advice.low)} to {tables.factor(advice.high)})"
-    return text
+    """Return a path's speed-up over the plain loop with its interval; empty for the loop itself."""
+    gain = advice.speedup
+    return f" {gain.text(lambda ratio: tables.factor(ratio) + '×')}" if gain else ""
 
 
 def _with_software(runs: Sequence[Run], names: Sequence[str]) -> list[str]:

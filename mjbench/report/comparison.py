@@ -1,14 +1,16 @@
-"""The output of `mjbench compare`: heading, table, notes and advice of each model."""
+"""The output of `mjbench compare`: what follows for each model, its table, and notes."""
 
-import statistics
 from collections.abc import Sequence
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
+from mjbench import paths
 from mjbench.comparison.plan import Variant, describe_options
 from mjbench.comparison.records import ModelRecord
+from mjbench.instrument.interval import Interval
+from mjbench.paths import BASE
 from mjbench.paths.accelerated import keyword_arguments
 from mjbench.paths.parallelism import nthread
 from mjbench.report import tables
@@ -17,16 +19,12 @@ from mjbench.report.crossovers import Crossover, crossovers
 from mjbench.report.results import ModelResults, PathResult
 from mjbench.report.run_differences import RunDifference
 from mjbench.report.starts import starts_lines
+from mjbench.report.thread_advice import ThreadAdvice, advise_threads
 from mjbench.report.work_crossovers import CallWork, WorkCrossover, work_crossovers
 from mjbench.simulation import accelerated_limits, package_timer
 from mjbench.simulation.accelerated_limits import Precision
 from mjbench.simulation.workload import Product
 from mjbench.status import Status
-
-# Below this share of the usable cores, threaded figures say more about the machine's other
-# guests than about the paths.
-POOR_CORES = 0.85
-
 
 # A model on whose free bodies gravity acts falls where it has fewer contacts than this in a step.
 _FALLING_CONTACTS = 0.05
@@ -34,36 +32,6 @@ _FALLING = (
     "Warning: a free body falls, and touches nothing: these are the speeds of free fall. Let it"
     " settle (--settle 3s), or give states of your own (--states)."
 )
-
-
-def print_model(out: Console, model_results: ModelResults, code: bool = False) -> None:
-    """Print one model's heading, table, warnings and advice.
-
-    Args:
-      out: where to.
-      model_results: of the model.
-      code: whether to print the Python of the paths that are advised.
-    """
-    model, results = model_results.model, model_results.results
-    out.print()
-    for line in heading_lines(model):
-        out.print(line, soft_wrap=True)
-    if model.status != Status.OK and not any(r.step_ns or r.agrees is False for r in results):
-        return
-    shown = [result for result in results if not _is_unavailable(result)]
-    out.print(_path_table(shown))
-    if any(result.compile_s is not None for result in shown):
-        out.print(_compile_table(shown))
-    for line in notes(model_results):
-        out.print(line, soft_wrap=True)
-    all_advice = advise(model_results)
-    clock = advise_clock(model_results)
-    if clock is not None:
-        _print_clock(out, clock, results)
-    for advice in all_advice:
-        _print_advice(out, advice)
-    if code:
-        _print_code(out, all_advice)
 
 
 def print_models(out: Console, models: Sequence[ModelResults], code: bool = False) -> None:
@@ -74,11 +42,133 @@ def print_models(out: Console, models: Sequence[ModelResults], code: bool = Fals
       models: in the order they were measured.
       code: whether to print the Python of the paths that are advised.
     """
-    for model_results in models:
-        print_model(out, model_results, code)
+    for name in dict.fromkeys(each.model.model for each in models):
+        print_model(out, [each for each in models if each.model.model == name], code)
     print_crossovers(out, models)
-    if len(models) > 1:
+    if len({each.model.model for each in models}) > 1:
         print_summary(out, models)
+
+
+def print_model(out: Console, sizes: Sequence[ModelResults], code: bool = False) -> None:
+    """Print what follows for one model at each of its sizes, and one table of all sizes.
+
+    Args:
+      out: where to.
+      sizes: the results of the model, one a size.
+      code: whether to print the Python of the paths that are advised.
+    """
+    timed = [each for each in sizes if _has_results(each)]
+    for model_results in sizes:
+        out.print()
+        print_lines(out, heading_lines(model_results))
+        if model_results in timed:
+            print_lines(out, conclusion_lines(model_results))
+    if not timed:
+        return
+    out.print(path_table(timed))
+    compiled = [r for each in timed for r in each.results if r.compile_s is not None]
+    if compiled:
+        out.print(_compile_table(compiled))
+    print_lines(out, list(dict.fromkeys(line for each in timed for line in notes(each))))
+    if code:
+        _print_code(out, [advice for each in timed for advice in advise(each)])
+
+
+def shown_so_far(sizes: Sequence[ModelResults]) -> Group | None:
+    """Return what is shown of a model while it is measured; None before there is a speed."""
+    timed = [each for each in sizes if any(result.is_timed for result in each.results)]
+    if not timed:
+        return None
+    return Group(*conclusion_lines(timed[-1]), path_table(timed))
+
+
+def print_lines(out: Console, lines: Sequence[str | Text]) -> None:
+    """Print lines, which the terminal wraps."""
+    for line in lines:
+        out.print(line, soft_wrap=True)
+
+
+def _has_results(model_results: ModelResults) -> bool:
+    is_ok = model_results.model.status == Status.OK
+    return is_ok or any(r.is_timed or r.agrees is False for r in model_results.results)
+
+
+def conclusion_lines(model_results: ModelResults) -> list[str | Text]:
+    """Return what follows from a comparison, for each loop, and for MuJoCo's timer."""
+    lines: list[str | Text] = [
+        tables.headed(*conclusion(advice)) for advice in advise(model_results)
+    ]
+    lines += [tables.headed(*thread_conclusion(row)) for row in advise_threads(model_results)]
+    if (clock := advise_clock(model_results)) is not None:
+        lines.append(tables.headed(*clock_conclusion(clock)))
+    return lines
+
+
+_LOOPS = {
+    Loop.OPEN: "For controls known beforehand (open loop)",
+    Loop.CLOSED: "For RL (closed loop)",
+}
+
+
+def conclusion(advice: Advice) -> tuple[str, str]:
+    """Return which path to use, and why: the beginning of a sentence, and its rest."""
+    begin = f"{_LOOPS[advice.loop]}: {described(Variant(advice.path, advice.options))}"
+    return begin, f", {why(advice)}" if advice.reason != Reason.NO_GAIN else f"; {why(advice)}"
+
+
+def described(variant: Variant) -> str:
+    """Return a path with its options for a sentence, such as `Batch.step on 2 threads`."""
+    path, options = paths.find(variant.path), dict(variant.options)
+    text = path.title or path.name
+    if "threads" in options:
+        text += f" on {tables.count_of(options.pop('threads'), 'thread')}"
+    rest = describe_options(options)
+    return f"{text} ({rest})" if rest else text
+
+
+def why(advice: Advice) -> str:
+    """Return why a path is advised, in a clause."""
+    gain = ""
+    if advice.speedup is not None:
+        gain = _times_the_loop(advice.speedup)
+    match advice.reason:
+        case Reason.FASTER | Reason.PAYS:
+            text = gain
+        case Reason.SIMPLER:
+            text = ", ".join(filter(None, (gain, "and no other path is faster by 2 %")))
+        case Reason.NO_GAIN:
+            text = "no path is certainly faster"
+        case Reason.ALONE:
+            text = "no other path was timed for it"
+    if not advice.is_certain and advice.reason != Reason.PAYS:
+        text += "; not certain"
+    if advice.rivals and not advice.is_certain:
+        text += f": {' or '.join(advice.rivals)} may be faster"
+    return "; ".join(filter(None, (text, *advice.unable, advice.break_even)))
+
+
+def _times_the_loop(speedup: Interval) -> str:
+    low_high = ""
+    if speedup.low is not None and speedup.high is not None:
+        low_high = f" ({tables.factor(speedup.low)} to {tables.factor(speedup.high)})"
+    return f"{tables.factor(speedup.estimate)} times the plain loop{low_high}"
+
+
+def thread_conclusion(row: ThreadAdvice) -> tuple[str, str]:
+    """Return how many threads a path should have: the beginning of a sentence, and its rest."""
+    threads = "one thread" if row.nthread == 1 else f"{row.nthread} threads"
+    begin = f"{paths.find(row.path).title or row.path}: {threads}"
+    if row.over_one is None:
+        return begin, f"; no number up to {row.most_tried} is certainly faster"
+    most = "" if row.nthread == row.most_tried else f"; {row.most_tried} are no faster by 5 %"
+    chunk = f" (chunk {row.chunk})" if row.chunk else ""
+    return begin + chunk, f", {row.over_one.text(tables.factor)} times one thread{most}"
+
+
+def clock_conclusion(clock: ClockAdvice) -> tuple[str, str]:
+    """Return what turning MuJoCo's timer off gains: the beginning of a sentence, and its rest."""
+    begin = f"Any path: turn off {package_timer.NAME} ({package_timer.OFF_CODE})"
+    return begin, f", {_times_the_loop(clock.speedup)}. {package_timer.OFF_NOTE}"
 
 
 def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
@@ -96,21 +186,22 @@ def print_summary(out: Console, models: Sequence[ModelResults]) -> None:
     names = tables.short_names([row.model for row in advice])
     for row in advice:
         size = [f"{row.nbatch:,}"] if has_sizes else []
-        interval = (
-            f"{tables.factor(row.low)}–{tables.factor(row.high)}" if row.low and row.high else ""
-        )
         table.add_row(
             names[row.model],
             *size,
             row.loop,
-            str(Variant(row.path, row.options)),
-            tables.factor(row.speedup) if row.speedup else "1",
-            interval,
+            f"{_mark(row.is_certain)} {Variant(row.path, row.options)}",
+            tables.factor(row.speedup.estimate) if row.speedup else "1",
+            tables.ends(row.speedup),
             _times_real_time(row.realtime_factor),
         )
     out.print()
-    out.print(tables.headed("Advice", " (speed-ups over the plain loop, in fresh processes)"))
+    out.print(tables.headed("Advice", " (speed-ups over the plain loop; ? is not certain)"))
     out.print(table)
+
+
+def _mark(is_certain: bool) -> str:
+    return "✓" if is_certain else "?"
 
 
 def print_code_hint(out: Console, models: Sequence[ModelResults]) -> None:
@@ -196,8 +287,22 @@ def differences_table(rows: Sequence[RunDifference]) -> Table:
     return table
 
 
-def heading_lines(model: ModelRecord) -> list[str | Text]:
-    """Return what stands above the table of a model: its sizes, what its steps did, its starts."""
+def heading_lines(model_results: ModelResults) -> list[str | Text]:
+    """Return what stands above the results of a model: what disturbed it, sizes, its steps."""
+    lines: list[str | Text] = []
+    if model_results.disturbances:
+        text = f"Disturbed: {'; '.join(model_results.disturbances)}. Measure again."
+        lines.append(Text(text, style="yellow"))
+    if model_results.is_former:
+        lines.append(
+            "An earlier version of mjbench timed these paths in one process: the speed-ups have no"
+            " interval, and no path is advised."
+        )
+    return [*lines, *model_lines(model_results.model)]
+
+
+def model_lines(model: ModelRecord) -> list[str | Text]:
+    """Return the sizes of a model's comparison, what its steps did, and its starts."""
     detail = model.detail.removeprefix(f"{model.model}: ")
     if model.facts is None or model.work is None:
         status = "" if model.status == Status.INPUT else f"{model.status}: "
@@ -244,28 +349,49 @@ _RETURNS = {
 }
 
 
-def _path_table(results: Sequence[PathResult]) -> Table:
+def path_table(sizes: Sequence[ModelResults]) -> Table:
+    """Return the table of the paths on one model, at each of its sizes.
+
+    Advised paths have a mark: ✓ where that is certain, ? where it is not.
+    """
+    has_sizes = len(sizes) > 1
+    headings = ["", "path", *(["simulations"] if has_sizes else [])]
     table = tables.plain_table(
-        ["path", "ns/step", "speed-up", "× real", "loop", "agrees"], right=range(1, 4)
+        [*headings, "ns/step", "speed-up", "95 %", "× real", "loop", "agrees"],
+        right=range(2, len(headings) + 4),
     )
-    for result in results:
-        table.add_row(
-            str(Variant(result.path, result.options)),
-            *_speed_cells(result),
-            Loop.CLOSED if result.closed_loop else Loop.OPEN,
-            agrees(result),
-        )
+    for model_results in sizes:
+        marks = {
+            str(Variant(row.path, row.options)): _mark(row.is_certain)
+            for row in advise(model_results)
+        }
+        for result in model_results.results:
+            if _is_unavailable(result) or _is_pending(result):
+                continue
+            table.add_row(
+                marks.get(str(result.variant), ""),
+                str(result.variant),
+                *([f"{result.nbatch:,}" if result.nbatch else ""] if has_sizes else []),
+                *_speed_cells(result),
+                Loop.CLOSED if result.closed_loop else Loop.OPEN,
+                agrees(result),
+            )
     return table
 
 
 def _speed_cells(result: PathResult) -> list[str]:
-    if result.step_ns is None:
-        return [""] * 3
+    if result.step_ns is None or result.speedup is None:
+        return [""] * 4
     return [
-        f"{result.step_ns.median:,.0f}",
-        tables.factor(result.speedup.median) if result.speedup else "",
+        f"{result.step_ns:,.0f}",
+        tables.factor(result.speedup.estimate),
+        tables.ends(result.speedup) if result.path != BASE or result.options else "",
         _times_real_time(result.realtime_factor),
     ]
+
+
+def _is_pending(result: PathResult) -> bool:
+    return result.status == Status.INTERRUPTED and result.agrees is None
 
 
 def _times_real_time(factor: float | None) -> str:
@@ -300,7 +426,7 @@ def _compile_table(results: Sequence[PathResult]) -> Table:
             "" if result.trace_s is None else f"{result.trace_s:.1f}",
             f"{result.compile_s:.1f}",
             "" if result.cached_compile_s is None else f"{result.cached_compile_s:.1f}",
-            f"{result.step_ns.median:,.0f}" if result.step_ns else "",
+            f"{result.step_ns:,.0f}" if result.step_ns else "",
             _memory(result),
             _break_even(result),
         )
@@ -349,15 +475,12 @@ def _buffer_lines(results: Sequence[PathResult]) -> list[str]:
 
 
 def _cores_note(model_results: ModelResults) -> list[str | Text]:
-    cores, usable = model_results.cores_had, model_results.model.usable_cores
-    is_threaded = any(r.step_ns and nthread(r.options) > 1 for r in model_results.results)
-    if cores is None or not is_threaded:
+    """Return how many cores threads had; where they had too few, the heading says so."""
+    cores = model_results.cores_had
+    if cores is None or model_results.disturbances:
         return []
-    text = f"Threads had {cores:.2f} of {usable} usable cores in this run (calibration)."
-    if cores < POOR_CORES * usable:
-        text = f"Warning: {text} Threaded figures are low by about as much."
-        return [Text(text, style="yellow")]
-    return [text]
+    usable = model_results.model.usable_cores
+    return [f"Threads had {cores:.2f} of {usable} usable cores (calibration)."]
 
 
 def _error_causes(results: Sequence[PathResult]) -> list[str]:
@@ -381,59 +504,10 @@ def _unavailable_lines(results: Sequence[PathResult]) -> list[str]:
     ]
 
 
-def _print_clock(out: Console, clock: ClockAdvice, results: Sequence[PathResult]) -> None:
-    low, high = tables.factor(clock.low), tables.factor(clock.high)
-    gain = f"{tables.factor(clock.speedup)}× the plain loop ({low} to {high} in fresh processes)"
-    heading, code = f"Any path: turn off {package_timer.NAME}", package_timer.OFF_CODE
-    out.print(tables.headed(heading, f", {gain}: {code}"), soft_wrap=True)
-    out.print(f"  {package_timer.OFF_NOTE}", soft_wrap=True)
-    gains = [result.clock_gain for result in results if result.clock_gain is not None]
-    if len(gains) > 1:
-        gain = tables.factor(statistics.median(gains))
-        out.print(
-            f"  In this process, {len(gains)} paths gain {gain}× (the median).", soft_wrap=True
-        )
-
-
-_LOOPS = {Loop.OPEN: "Open loop", Loop.CLOSED: "Closed loop"}
-
-
-def _print_advice(out: Console, advice: Advice) -> None:
-    heading = f"{_LOOPS[advice.loop]}: {Variant(advice.path, advice.options)}"
-    out.print(tables.headed(heading, f", {why(advice)}"), soft_wrap=True)
-
-
-def why(advice: Advice) -> str:
-    """Return why a path is advised, in a clause."""
-    gain = ""
-    if advice.speedup:
-        gain = f"{tables.factor(advice.speedup)}× the plain loop"
-        if advice.low and advice.high:
-            low, high = tables.factor(advice.low), tables.factor(advice.high)
-            gain += f" ({low} to {high} in fresh processes)"
-    match advice.reason:
-        case Reason.FASTER | Reason.PAYS:
-            text = gain
-        case Reason.SIMPLER:
-            text = f"{gain + '; ' if gain else ''}{advice.rival} is not faster by 3 %"
-        case Reason.NO_GAIN:
-            text = "no path is certainly faster"
-        case Reason.ALONE:
-            text = "no other path was timed for it"
-        case Reason.UNCONFIRMED if advice.rival:
-            text = f"{advice.rival} seems faster, but was not compared again in fresh processes"
-        case Reason.UNCONFIRMED:
-            text = "no path seems faster; nothing was compared again in fresh processes"
-    if advice.detail:
-        text += f": {advice.detail}"
-    unable = [f"cannot run beside the others: {each}" for each in advice.unable]
-    return "; ".join(filter(None, (text, *unable, advice.break_even)))
-
-
 def _print_code(out: Console, all_advice: Sequence[Advice]) -> None:
     """Print the Python of the paths that are advised, each once."""
     for snippet in dict.fromkeys(advice.snippet for advice in all_advice):
-        loops = [_LOOPS[advice.loop].lower() for advice in all_advice if advice.snippet == snippet]
+        loops = [f"{advice.loop} loop" for advice in all_advice if advice.snippet == snippet]
         path = next(str(Variant(a.path, a.options)) for a in all_advice if a.snippet == snippet)
         print_snippet(out, path, snippet, f" ({' and '.join(loops)})")
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mjbench.comparison.plan import Variant
 from mjbench.comparison.records import MeasurementRecord
 from mjbench.errors import InputError
 from mjbench.instrument import stats
@@ -13,6 +14,7 @@ from mjbench.instrument.machine_identity import MachineIdentity, identify
 from mjbench.instrument.run_set import RunSet
 from mjbench.instrument.runs import Run
 from mjbench.instrument.stats import TimedBlocks
+from mjbench.paired.race import RaceRecord
 from mjbench.paired.records import Ratio
 from mjbench.paths.accelerated import CPU
 from mjbench.report.results import steps_per_block
@@ -135,10 +137,11 @@ def identity(record: MeasurementRecord, machine: Machine) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class _Timed:
-    """A measurement, and the machine that did it."""
+    """A measurement, the machine that did it, and seconds of a step in each launch or block."""
 
     record: MeasurementRecord
     machine: Machine
+    step_s: Sequence[float]
 
 
 def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) -> RunDifference:
@@ -154,8 +157,8 @@ def _difference(olds: Sequence[_Timed], news: Sequence[_Timed], across: bool) ->
             raise InputError(f"not comparable: one returns {old.returns}, the other {new.returns}")
         # how many times faster the old one is: new time over old
         speedup = stats.unpaired(
-            TimedBlocks(_step_s(new), identity(new, news[-1].machine)),
-            TimedBlocks(_step_s(old), identity(old, olds[-1].machine)),
+            TimedBlocks(news[-1].step_s, identity(new, news[-1].machine)),
+            TimedBlocks(olds[-1].step_s, identity(old, olds[-1].machine)),
             across,
         )
         ratio = Ratio(speedup.median, speedup.low, speedup.high)
@@ -171,9 +174,14 @@ def _timed(runs: Sequence[Run]) -> dict[_Key, list[_Timed]]:
     """
     timed: dict[_Key, list[_Timed]] = defaultdict(list)
     for run in runs:
-        of_run = {_key(r): r for r in run.of_type(MeasurementRecord) if r.is_timed}
-        for key, record in of_run.items():
-            timed[key].append(_Timed(record, run.header.machine))
+        races = {(race.model, race.nbatch_asked): race for race in run.of_type(RaceRecord)}
+        of_run: dict[_Key, _Timed] = {}
+        for record in run.of_type(MeasurementRecord):
+            step_s = _step_s(record, races.get((record.model, record.nbatch_asked)))
+            if record.agrees and record.status == Status.OK and step_s:
+                of_run[_key(record)] = _Timed(record, run.header.machine, step_s)
+        for key, measured in of_run.items():
+            timed[key].append(measured)
     return timed
 
 
@@ -181,6 +189,9 @@ def _key(record: MeasurementRecord) -> _Key:
     return record.model, record.path, repr(sorted(record.options.items())), record.nbatch
 
 
-def _step_s(record: MeasurementRecord) -> Sequence[float]:
-    steps = steps_per_block(record)
-    return [seconds / steps for seconds in record.samples_s]
+def _step_s(record: MeasurementRecord, race: RaceRecord | None) -> Sequence[float]:
+    """Return the seconds of a step in each launch, or in each block of one process."""
+    if record.samples_s:
+        steps = steps_per_block(record)
+        return [seconds / steps for seconds in record.samples_s]
+    return race.step_s(Variant(record.path, record.options)) if race is not None else ()

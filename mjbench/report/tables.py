@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mjbench.errors import printable
+from mjbench.instrument.interval import Interval
 from mjbench.instrument.units import count_of as count_of
 from mjbench.instrument.units import plain as plain
 from mjbench.status import ExitCode
@@ -131,6 +132,13 @@ def _simulations(counts: Mapping[str, int]) -> str:
 def factor(ratio: float) -> str:
     """Return a speed-up in the digits that mean something."""
     return f"{ratio:.2f}" if ratio >= 0.1 else plain(ratio, 1)
+
+
+def ends(interval: Interval | None) -> str:
+    """Return the ends of the interval of a speed-up; empty without."""
+    if interval is None or interval.low is None or interval.high is None:
+        return ""
+    return f"{factor(interval.low)}–{factor(interval.high)}"
 
 
 def yes_no(value: bool) -> str:
