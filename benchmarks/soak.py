@@ -131,7 +131,7 @@ def launch_once(pool: "WorkerPool") -> None:
     target = Target(installs.parse_release(installs.INSTALLED), models.resolve(MODEL))
     pair = TargetPair(pool, target, target, Sizes(nbatch=1, nstep=1))
     try:
-        pair.launch_batch()
+        pair.launch()
     finally:
         pair.close()
         pair.baseline_workload.unlink()  # it would last as long as the pool

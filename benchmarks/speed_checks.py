@@ -3,32 +3,25 @@
     python -m benchmarks.speed_checks [PROCESSES]
 
 Each process draws a load of the machine (none, or busy processes), builds some functions twice, and
-measures the two against each other, as `mjbench.not_slower(new, baseline=old)` does; and one of
-them against the calibrators, as with a stored baseline. Both ratios should be the same in every
-process. The tables say how far they are not, and how often the fixture would have been wrong.
-docs/python.md cites them.
+measures the two against each other, as `mjbench.not_slower(new, baseline=old)` does. The ratio
+should be one in every process. The tables say how far it is not, how often the fixture would have
+been wrong, and how much the time of one function differs from process to process. docs/python.md
+cites them.
 """
 
-import itertools
 import json
 import math
 import random
-import statistics
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
 from mjbench.simulation import models, workload
 from mjbench.testing.answer import Answer
-
-if TYPE_CHECKING:
-    from mjbench.testing.stored import Occasion
 
 PROCESSES = 30
 Function = Callable[[], object]
@@ -54,7 +47,6 @@ class Measured:
       answer: on it and its twin.
       log_ratio: of the two.
       candidate_s: seconds of a call.
-      occasion: as a file would hold it.
     """
 
     function: str
@@ -62,7 +54,6 @@ class Measured:
     answer: Answer
     log_ratio: float
     candidate_s: float
-    occasion: "Occasion"
 
 
 def _steps(name: str, nstep: int) -> Function:
@@ -99,7 +90,7 @@ FUNCTIONS: dict[str, Callable[[], Function]] = {
 
 def measure(load: str) -> list[Measured]:
     """Measure each function and its twin in this process."""
-    from mjbench.testing import callables, stored
+    from mjbench.testing import callables
     from mjbench.testing.callables import Pair, Question
     from mjbench.testing.fixture import MAX_SLOWDOWN
 
@@ -109,41 +100,14 @@ def measure(load: str) -> list[Measured]:
         first, second = make(), make()
         check = callables.compare(Pair(first, second), question)
         assert check.ratio is not None
-        benchmark = _Benchmark()
-        occasion = stored.measure(benchmark, first, _nothing)
-        candidate_s = statistics.median(benchmark.stats.stats.data)
+        assert check.candidate_s is not None
         log_ratio = math.log(check.ratio)
-        measured.append(Measured(name, load, check.answer, log_ratio, candidate_s, occasion))
+        measured.append(Measured(name, load, check.answer, log_ratio, check.candidate_s))
     return measured
-
-
-class _Benchmark:
-    """Times as pytest-benchmark's fixture does."""
-
-    def __init__(self) -> None:
-        self.disabled = False
-        self.extra_info: dict[str, Any] = {}
-        self.stats: Any = SimpleNamespace(stats=SimpleNamespace(data=[]))
-
-    def pedantic(
-        self, target: Function, *, teardown: Function, rounds: int, iterations: int
-    ) -> None:
-        from mjbench.testing import callables
-
-        for _ in range(rounds):
-            block_s = callables.block_s(target, iterations)
-            self.stats.stats.data.append(block_s / iterations)
-            teardown()
-
-
-def _nothing() -> None:
-    pass
 
 
 def in_processes(count: int) -> list[Measured]:
     """Return what some processes measured, one after the other, each under a load of its own."""
-    from mjbench.testing.stored import Occasion
-
     measured = []
     for number in range(count):
         load, program, busy = random.choice(LOADS)
@@ -159,59 +123,33 @@ def in_processes(count: int) -> list[Measured]:
             for other in others:
                 other.kill()
                 other.wait()
-        for row in json.loads(done.stdout):
-            occasion = Occasion(**row.pop("occasion"))
-            measured.append(Measured(**{**row, "answer": Answer(row["answer"])}, occasion=occasion))
+        measured += [
+            Measured(**{**row, "answer": Answer(row["answer"])}) for row in json.loads(done.stdout)
+        ]
         print(f"\r{number + 1} of {count}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return measured
 
 
-def table_of_functions(measured: Sequence[Measured]) -> list[str]:
+def table(measured: Sequence[Measured]) -> list[str]:
     """Return how far two identical functions of one process differ, as Markdown."""
     lines = [
-        "| function | processes | sd of the ratio | largest | not slower | inconclusive | slower |",
-        "|---|---:|---:|---:|---:|---:|---:|",
+        "| function | processes | sd of the ratio | largest | not slower | inconclusive | slower"
+        " | sd of its time |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for name in FUNCTIONS:
         rows = [row for row in measured if row.function == name]
         logs = [row.log_ratio for row in rows]
         answers = [sum(row.answer == answer for row in rows) for answer in _ANSWERS]
         cells = f"{_percent(np.std(logs))} | {_percent(np.max(np.abs(logs)))}"
-        lines.append(f"| {name} | {len(rows)} | {cells} | {' | '.join(map(str, answers))} |")
+        spread = _percent(np.std([np.log(row.candidate_s) for row in rows]))
+        counts = " | ".join(map(str, answers))
+        lines.append(f"| {name} | {len(rows)} | {cells} | {counts} | {spread} |")
     return lines
 
 
 _ANSWERS = (Answer.NOT_SLOWER, Answer.INCONCLUSIVE, Answer.SLOWER)
-
-
-def table_of_occasions(measured: Sequence[Measured]) -> list[str]:
-    """Return what a stored time of another process would have said, as Markdown."""
-    from mjbench.testing import stored
-    from mjbench.testing.callables import Question
-    from mjbench.testing.fixture import MAX_SLOWDOWN_OF_STORED
-
-    question = Question(MAX_SLOWDOWN_OF_STORED, CONFIDENCE, TIME_LIMIT_S)
-    lines = [
-        "| function | sd of its time | by the first calibrator | by the second | pairs"
-        " | not slower | inconclusive | slower |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    for name in FUNCTIONS:
-        rows = [row for row in measured if row.function == name]
-        spreads = [
-            np.std([np.log(row.candidate_s) for row in rows]),
-            np.std([np.mean(row.occasion.compute_log_ratios) for row in rows]),
-            np.std([np.mean(row.occasion.memory_log_ratios) for row in rows]),
-        ]
-        answers = [
-            stored.judge(then.occasion, now.occasion, question, now.candidate_s, 1).answer
-            for then, now in itertools.permutations(rows, 2)
-        ]
-        counts = [answers.count(answer) for answer in _ANSWERS]
-        cells = " | ".join(map(_percent, spreads))
-        lines.append(f"| {name} | {cells} | {len(answers)} | {' | '.join(map(str, counts))} |")
-    return lines
 
 
 def _percent(share: float) -> str:
@@ -219,14 +157,17 @@ def _percent(share: float) -> str:
 
 
 def main() -> None:
-    """Measure, and print both tables; with `--measure LOAD`, be one of the processes."""
+    """Measure, and print tables; with `--measure LOAD`, be one of the processes."""
     if sys.argv[1:2] == ["--measure"]:
         print(json.dumps([asdict(row) for row in measure(sys.argv[2])]))
         return
     measured = in_processes(int(sys.argv[1]) if len(sys.argv) > 1 else PROCESSES)
-    for title, rows in (("quiet", [m for m in measured if m.load == "quiet"]), ("all", measured)):
+    quiet = [each for each in measured if each.load == "quiet"]
+    for title, rows in (("quiet", quiet), ("all", measured)):
+        if not rows:
+            continue
         print(f"\nLoad: {title}\n")
-        print("\n".join([*table_of_functions(rows), "", *table_of_occasions(rows)]))
+        print("\n".join(table(rows)))
 
 
 if __name__ == "__main__":

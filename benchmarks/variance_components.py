@@ -1,13 +1,11 @@
 """Where the noise of launches comes from: blocks, layouts of memory, or launches themselves.
 
     python -m benchmarks.variance_components [MODEL]... [--programs 10] [--releases OLD NEW]
-                                             [--at-once 1]
 
 splits the variance of launches' log ratios into three components. More blocks in a launch reduce
 the first, more layouts the second; only more launches reduce the third. It then prints the mean of
 the log ratios, the correlation of launches whose workers were forked from the same programs, and
-the standard deviation of a launch for several ways to sum up its blocks. With `--at-once 2`, which
-needs four cores, two launches are measured at the same time, and their correlation is printed, too.
+the standard deviation of a launch for several ways to sum up its blocks.
 
 Both sides are the installed release, unless two others are given; their code is moved from launch
 to launch. Leave the machine alone meanwhile; 10 programs take about a minute for each model.
@@ -22,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjbench.paired import cores, launch_seeds
+from mjbench.paired import launch_seeds
 from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.targets import Target
 from mjbench.paired.worker_pool import WorkerPool
@@ -128,26 +126,16 @@ def correlation(groups: Sequence[Sequence[Launch]]) -> tuple[float, float]:
     return float(estimate), float(np.sqrt(2 / (count * size * (size - 1))))
 
 
-def _described(correlation: tuple[float, float]) -> str:
-    return f"{correlation[0]:.2f} +- {correlation[1]:.2f}"
-
-
-def measure(
-    old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int, at_once: int
-) -> list[list[list[Launch]]]:
-    """Return the launches of each pair of programs, by when they ran; every pair has its own pool.
-
-    Those that ran at the same time are in one list. Where fewer cores were free, they are left out.
-    """
+def measure(old: ReleaseSpec, new: ReleaseSpec, model: str, programs: int) -> list[list[Launch]]:
+    """Return the launches of each pair of programs; every pair has its own pool."""
     baseline, candidate = (Target(release, models.resolve(model)) for release in (old, new))
     groups = []
     for _ in range(programs):
         with WorkerPool() as pool:
             placements = placement.schedule(random.Random())
-            pair = TargetPair(pool, baseline, candidate, placements=placements, at_once=at_once)
-            count = launch_seeds.launches_of_a_program() // at_once - 1
-            together = [pair.launch_batch() for _ in range(count)]
-            groups.append([launches for launches in together if len(launches) == at_once])
+            pair = TargetPair(pool, baseline, candidate, placements=placements)
+            count = launch_seeds.launches_of_a_program() - 1
+            groups.append([pair.launch() for _ in range(count)])
             pair.close()
     return groups
 
@@ -158,15 +146,11 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("models", nargs="*", metavar="MODEL")
     parser.add_argument("--programs", type=int, default=10)
     parser.add_argument("--releases", nargs=2, default=2 * [installs.INSTALLED])
-    parser.add_argument("--at-once", type=int, default=1, choices=(1, 2))
     options = parser.parse_args(arguments)
-    if cores.launches_at_once(options.at_once) < options.at_once:
-        parser.error("--at-once 2 needs four cores")
     old, new = map(installs.parse_release, options.releases)
     for model in options.models or models.shipped():
-        programs = measure(old, new, model, options.programs, options.at_once)
-        together = list(itertools.chain(*programs))
-        launches = list(itertools.chain(*together))
+        programs = measure(old, new, model, options.programs)
+        launches = list(itertools.chain(*programs))
         parts = components(launches)
         layouts = np.mean([len(launch.layouts) for launch in launches])
         print(
@@ -177,13 +161,8 @@ def main(arguments: Sequence[str]) -> None:
         values = 100 * np.array([launch.log_ratio for launch in launches])
         mean_error = values.std(ddof=1) / np.sqrt(len(values))
         print(f"  mean: {values.mean():+.2f} +- {mean_error:.2f} %")
-        size = min(map(len, programs))
-        groups = [list(itertools.chain(*program[:size])) for program in programs]
-        print(f"  correlation of launches of one program: {_described(correlation(groups))}")
-        if options.at_once > 1:
-            print(
-                f"  correlation of launches at the same time: {_described(correlation(together))}"
-            )
+        estimate, error = correlation(programs)
+        print(f"  correlation of launches of one program: {estimate:.2f} +- {error:.2f}")
         for name, summary in SUMMARIES.items():
             spread = _spread([summary(launch) for launch in launches])
             print(f"  {name}: {spread:.2f} %", flush=True)

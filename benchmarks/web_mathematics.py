@@ -119,7 +119,7 @@ def _check(row: Mapping[str, Any]) -> Mapping[str, Any]:
 def _measure(names: Sequence[str], folder: Path, environment: Mapping[str, str]) -> Any:
     """Return the document of `mjbench web`, run with further environment variables."""
     file = folder / "web.json"
-    options = ["--no-experiments", "--budget", "0", "--results", str(folder), "--json", str(file)]
+    options = ["--budget", "0", "--results", str(folder), "--json", str(file)]
     command = [sys.executable, "-m", "mjbench", "web", *names, *options]
     done = subprocess.run(command, env={**os.environ, **environment}, check=False)
     if not file.is_file():

@@ -3,16 +3,7 @@
 from typing import Any
 
 from mjbench.simulation.work import Work
-from mjbench.web.messages import (
-    Examined,
-    HeapGrowth,
-    HeapLimit,
-    ObjectMemory,
-    StateTarget,
-    StoredViews,
-)
-from mjbench.web.npm_package import Build
-from mjbench.web.records import Mathematics, StartUp, WebExperimentsRecord, WebPathRecord, WebRecord
+from mjbench.web.records import StartUp, WebPathRecord, WebRecord
 from mjbench.web.rounding_check import FirstDifference, PointDifference, RoundingCheck, StepErrors
 
 FIRST = FirstDifference(7, "qpos", 1, 3, 2.2e-16)
@@ -51,21 +42,3 @@ def record(*builds: WebPathRecord) -> WebRecord:
 
 def wasm(check: RoundingCheck = CHECK, name: str = "wasm") -> WebPathRecord:
     return path(name, 5_000_000, check=check, start_up=START_UP, heap_bytes=1 << 24, rss_bytes=1)
-
-
-def experiments(build: Build = Build.WASM) -> WebExperimentsRecord:
-    memory = ObjectMemory(10, 0, 1 << 20, 1 << 20, 4)
-    return WebExperimentsRecord(
-        build=build,
-        release="3.14.0",
-        node="20.1.2",
-        examined=Examined(
-            growth=HeapGrowth(1, 1 << 24, 1 << 25, 7, 0, False, 7),
-            snapshot=StoredViews(200, 0.0, 0.2269),
-            data=memory,
-            contact=memory,
-            state=StateTarget(False, True, ""),
-        ),
-        limits=[HeapLimit("", 9, 1 << 31, "no memory"), HeapLimit("<size/>", 99, 1 << 31, "")],
-        mathematics=Mathematics(1000, 30, 0, 1e-16),
-    )

@@ -114,43 +114,6 @@ class Pretender:
     def memory(self) -> dict[str, Any]:
         return {"heap_bytes": 300, "rss_bytes": 400}
 
-    def rotate(self, angles: list[float]) -> dict[str, Any]:
-        import mujoco
-        import numpy as np
-
-        quaternions = np.empty((len(angles), 4))
-        for quaternion, angle in zip(quaternions, angles, strict=True):
-            mujoco.mju_axisAngle2Quat(quaternion, np.array([0, 0, 1.0]), angle)
-        return {"quaternions": quaternions.tolist()}
-
-    def examine(self, cartpole_file: str) -> dict[str, Any]:
-        assert Path(cartpole_file).name == "cartpole.xml"
-        memory = {
-            "count": 10,
-            "deleted_bytes": 0,
-            "undeleted_bytes": 1 << 20,
-            "again_bytes": 1 << 20,
-        }
-        return {
-            "growth": {
-                "created": 1,
-                "heap_bytes": 1 << 24,
-                "grown_bytes": 1 << 25,
-                "length": 7,
-                "grown_length": 0,
-                "is_live": False,
-                "new_length": 7,
-            },
-            "snapshot": {"nstep": 200, "views_range_m": 0.0, "copies_range_m": 0.2269},
-            "data": memory,
-            "contact": {**memory, "ncon": 4},
-            "state": {"is_array_written": False, "is_buffer_written": True, "error": ""},
-        }
-
-    def fill(self) -> dict[str, Any]:
-        few = {"size": "", "count": 9, "heap_bytes": 1 << 31, "error": "no memory"}
-        return {"limits": [few, {**few, "size": "<size/>", "count": 99}]}
-
     def _step(
         self,
         starts_file: str,

@@ -209,16 +209,12 @@ def _web(run: RunContext, stored: "Run") -> object | None:
     """Print what WebAssembly builds were like; return the document, or None without any."""
     from mjbench.report import web, web_results
     from mjbench.report.documents import WebDocument
-    from mjbench.web.records import WebExperimentsRecord, WebRecord
+    from mjbench.web.records import WebRecord
 
     rows = [web_results.derive(record) for record in stored.of_type(WebRecord)]
-    experiments = stored.of_type(WebExperimentsRecord)
     for row in rows:
         web.print_model(run.out, row)
-    web.print_findings(run.out, experiments)
-    if not rows and not experiments:
-        return None
-    return WebDocument(machine=stored.header.machine, results=rows, experiments=experiments)
+    return WebDocument(machine=stored.header.machine, results=rows) if rows else None
 
 
 def _comparison(run: RunContext, stored: "Run", code: bool) -> object:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from mjbench.web.build_run import Engine
     from mjbench.web.c_reference import WebSizes
     from mjbench.web.measure import WebPlan
-    from mjbench.web.records import WebExperimentsRecord
 
 
 @cli.command()
@@ -61,11 +60,6 @@ if TYPE_CHECKING:
     show_default=True,
     help="Time to spend on timing each model.",
 )
-@click.option(
-    "--no-experiments",
-    is_flag=True,
-    help="Leave out the experiments with views, memory, sines and cosines.",
-)
 @with_options(*SIZES, LIMIT, RESULTS, WAIT, JSON)
 def web(
     names: tuple[str, ...],
@@ -73,7 +67,6 @@ def web(
     package_folder: Path | None,
     node_command: str,
     budget_s: float,
-    no_experiments: bool,
     time_limit: float,
     results: Path,
     wait: bool,
@@ -111,17 +104,12 @@ def web(
         "node": plan.engine.node.version,
         "sizes": plan.sizes,
         "budget_s": budget_s,
-        "experiments": not no_experiments,
     }
     files = [*(source.path for source in sources), *plan.sizes.starts.files]
     with RunContext("web", json_file, files, Storage(results, arguments), wait) as run:
         rows = _measure(run, sources, plan)
-        experiments: Sequence[WebExperimentsRecord] = ()
-        if not no_experiments and not run.interrupted:
-            experiments = _examine(run, engine)
-        run.write(WebDocument(machine=run.machine, results=rows, experiments=experiments))
-    statuses = [status for row in rows for status in row.statuses()]
-    run.exit([*statuses, *(record.status for record in experiments)])
+        run.write(WebDocument(machine=run.machine, results=rows))
+    run.exit([status for row in rows for status in row.statuses()])
 
 
 def _engine(
@@ -180,20 +168,3 @@ def _measure(run: RunContext, sources: "Sequence[ModelSource]", plan: "WebPlan")
                 run.interrupt()
                 break
     return rows
-
-
-def _examine(run: RunContext, engine: "Engine") -> list["WebExperimentsRecord"]:
-    """Run the experiments with each build; print and store what they showed."""
-    from mjbench.report.web import print_findings
-    from mjbench.web import experiments
-    from mjbench.web.npm_package import Build
-
-    records = []
-    for build in Build:
-        records.append(experiments.examine(engine, build))
-        run.record(records[-1])
-        if records[-1].status == Status.INTERRUPTED:
-            run.interrupt()
-            break
-    print_findings(run.out, records)
-    return records

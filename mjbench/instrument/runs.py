@@ -25,6 +25,8 @@ SCHEMA = 1
 # Keys whose texts have several lines; line breaks in other texts are foreign.
 _MULTILINE_KEYS = {"snippet", "code"}
 
+# Records that earlier versions stored; they are left out.
+_REMOVED_TYPES = frozenset({"web_experiments"})
 # Numbers are not larger: their products and ratios do not overflow.
 _LARGEST = 1e100
 
@@ -205,12 +207,16 @@ def parse(
             f"{where}: format {values[0].get('schema')!r}, this version of mjbench reads {SCHEMA}"
         )
     types = {**record_types, RunHeader.record_type: RunHeader}
-    numbered = enumerate(values, first_number)
+    numbered = [(n, v) for n, v in enumerate(values, first_number) if not _is_removed(v)]
     header, *records = (_typed(path, number, value, types) for number, value in numbered)
-    for number, record in enumerate(records, first_number + 1):
+    for (number, _), record in zip(numbered[1:], records, strict=True):
         if isinstance(record, RunHeader):
             raise InputError(f"{path}, line {number}: a second header")
     return Run(header, tuple(records), is_torn)
+
+
+def _is_removed(value: Any) -> bool:
+    return isinstance(value, dict) and str(value.get("type")) in _REMOVED_TYPES
 
 
 def _values(

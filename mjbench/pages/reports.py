@@ -43,7 +43,7 @@ from mjbench.report.documents import RECORD_TYPES
 from mjbench.report.results import derive_all
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebExperimentsRecord, WebRecord
+from mjbench.web.records import WebRecord
 
 # Sections of single runs, at most, where there are several runs: a page of more is of no use.
 _MOST_SECTIONS = 100
@@ -215,7 +215,7 @@ def _other_sections(run: Run, command: str) -> Iterator[Section]:
     yield from loops.planning_sections(run.of_type(PlanningRow), command)
     yield from programs.sections(run.of_type(ProgramRow), command)
     yield from environments.sections(run.of_type(EnvironmentRecord), command)
-    yield from web.sections(run.of_type(WebRecord), run.of_type(WebExperimentsRecord), command)
+    yield from web.sections(run.of_type(WebRecord), command)
     yield from tuning.sections(run.of_type(TuneRecord), command)
     yield from tuning.engine_sections(run.of_type(EngineTuneRecord), command)
     yield from verdicts.explanation_sections(run.of_type(ExplainRecord), command)

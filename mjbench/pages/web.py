@@ -1,4 +1,4 @@
-"""Reports of WebAssembly builds: agreement with C, speed, start-up, memory, and what to watch."""
+"""Reports of WebAssembly builds: agreement with C, speed, start-up, memory."""
 
 from collections.abc import Iterator, Sequence
 
@@ -7,26 +7,15 @@ from mjbench.pages.content import Column, Conclusion, DataTable, Section, Tone
 from mjbench.report import web, web_results
 from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.status import Status
-from mjbench.web.records import WebExperimentsRecord, WebRecord
+from mjbench.web.records import WebRecord
 
 _MIB = 1 << 20
 
 
-def sections(
-    records: Sequence[WebRecord], experiments: Sequence[WebExperimentsRecord], command: str
-) -> Iterator[Section]:
-    """Yield a section for each model, and one for what experiments with the builds showed."""
+def sections(records: Sequence[WebRecord], command: str) -> Iterator[Section]:
+    """Yield a section for each model."""
     for record in records:
         yield _section(web_results.derive(record), command)
-    if findings := web.findings(experiments):
-        yield Section(
-            heading="WebAssembly: what experiments with the builds showed",
-            command=command,
-            conclusions=[
-                Conclusion(f"{', '.join(finding.builds)}: {finding.text} {finding.code}".strip())
-                for finding in findings
-            ],
-        )
 
 
 def _section(row: WebRow, command: str) -> Section:

@@ -48,7 +48,6 @@ class Operation:
       title: in Python, as people write it.
       model: that it is done with; empty where it builds its own.
       repeats: how often a block does it.
-      api: single words by which the changelog names what it calls.
       prepare: takes the model and the number of repeats.
     """
 
@@ -56,7 +55,6 @@ class Operation:
     title: str
     model: str
     repeats: int
-    api: tuple[str, ...]
     prepare: Callable[[ModelSource, int], PreparedOperation]
 
     def prepared(self, file: Path) -> PreparedOperation:
@@ -222,29 +220,21 @@ def _sizes(model: mujoco.MjModel) -> np.ndarray:
     return np.concatenate([sizes, model.body_mass, model.geom_pos.ravel()])
 
 
-_LOADING = ("from_xml_path", "mj_loadXML", "mj_compile")
-_EDITING = ("MjSpec", "mjSpec", "mjs_addGeom", "mj_compile")
-_CREATING = ("mj_makeData",)
-_COPYING = ("mj_copyData",)
-_RESETTING = ("mj_resetData",)
-_CASTING = ("mj_ray",)
-_ROLLOUT = ("rollout",)
-_BATCH = ("batch", "Batch")
 _ALL = (
-    Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, _LOADING, _load),
-    Operation("load pile", "MjModel.from_xml_path", "pile", 1, _LOADING, _load),
-    Operation("spec", "MjSpec: add 500 geoms and compile", "", 500, _EDITING, _edit_spec),
-    Operation("data cartpole", "MjData(model)", "cartpole", 2, _CREATING, _create_data),
-    Operation("data pile", "MjData(model)", "pile", 1, _CREATING, _create_data),
-    Operation("copy pile", "copy.copy(data)", "pile", 1, _COPYING, _copy_data),
-    Operation("reset cartpole", "mj_resetData", "cartpole", 100, _RESETTING, _reset),
-    Operation("reset pile", "mj_resetData", "pile", 40, _RESETTING, _reset),
-    Operation("rays humanoid", "mj_ray", "humanoid", 500, _CASTING, _cast_rays),
-    Operation("rays pile", "mj_ray", "pile", 300, _CASTING, _cast_rays),
-    Operation("rollout cartpole", "rollout, 64 × 5 steps", "cartpole", 64, _ROLLOUT, _call_rollout),
-    Operation("rollout humanoid", "rollout, 8 × 5 steps", "humanoid", 8, _ROLLOUT, _call_rollout),
-    Operation("batch cartpole", "Batch.rollout, 64 × 5 steps", "cartpole", 64, _BATCH, _call_batch),
-    Operation("batch humanoid", "Batch.rollout, 8 × 5 steps", "humanoid", 8, _BATCH, _call_batch),
+    Operation("load cartpole", "MjModel.from_xml_path", "cartpole", 1, _load),
+    Operation("load pile", "MjModel.from_xml_path", "pile", 1, _load),
+    Operation("spec", "MjSpec: add 500 geoms and compile", "", 500, _edit_spec),
+    Operation("data cartpole", "MjData(model)", "cartpole", 2, _create_data),
+    Operation("data pile", "MjData(model)", "pile", 1, _create_data),
+    Operation("copy pile", "copy.copy(data)", "pile", 1, _copy_data),
+    Operation("reset cartpole", "mj_resetData", "cartpole", 100, _reset),
+    Operation("reset pile", "mj_resetData", "pile", 40, _reset),
+    Operation("rays humanoid", "mj_ray", "humanoid", 500, _cast_rays),
+    Operation("rays pile", "mj_ray", "pile", 300, _cast_rays),
+    Operation("rollout cartpole", "rollout, 64 × 5 steps", "cartpole", 64, _call_rollout),
+    Operation("rollout humanoid", "rollout, 8 × 5 steps", "humanoid", 8, _call_rollout),
+    Operation("batch cartpole", "Batch.rollout, 64 × 5 steps", "cartpole", 64, _call_batch),
+    Operation("batch humanoid", "Batch.rollout, 8 × 5 steps", "humanoid", 8, _call_batch),
 )
 
 

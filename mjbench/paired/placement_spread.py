@@ -19,7 +19,7 @@ from mjbench.instrument.bounds import NonNegativeFloat, NonNegativeInt, Positive
 from mjbench.paired import moved_check
 from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch, TargetPair, launches_at_once
+from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import LaunchRow, Ratio
 from mjbench.paired.run_sizes import Sizes
 from mjbench.paired.targets import Target
@@ -186,7 +186,7 @@ def measure(
       pool: starts the processes.
       target: the release, and the model to step.
       plan: how many launches, and for how long.
-      on_launch: called after each batch of launches, with their number so far.
+      on_launch: called after each launch, with their number so far.
       clock: returns seconds.
     """
     begin_s = clock()
@@ -196,11 +196,10 @@ def measure(
     try:
         _check_movable(pool, target)
         needed = min(MIN_LAUNCHES, plan.launches) * len(RESIDUES)
-        at_once = launches_at_once(target)
-        time_limit = TimeLimit(plan.time_limit_s, needed, clock, "a spread", at_once)
+        time_limit = TimeLimit(plan.time_limit_s, needed, clock, "a spread")
         placements = schedule(random.Random())
-        pair = TargetPair(pool, target, target, plan.sizes, time_limit, placements, at_once)
-        detail = launch_all(pair.launch_batch, plan, time_limit, launches, on_launch)
+        pair = TargetPair(pool, target, target, plan.sizes, time_limit, placements)
+        detail = launch_all(pair.launch, plan, time_limit, launches, on_launch)
     except ENDING_ERRORS as error:
         ending = ending_of(error)
         status, detail = ending.status, ending.detail
@@ -212,7 +211,7 @@ def measure(
 
 
 def launch_all(
-    launch_batch: Callable[[], Sequence[Launch]],
+    launch: Callable[[], Launch],
     plan: SpreadPlan,
     time_limit: TimeLimit,
     launches: list[Launch],
@@ -221,11 +220,11 @@ def launch_all(
     """Add launches to a list until every residue has its number, or time is up.
 
     Args:
-      launch_batch: measures once, or several times at once.
+      launch: measures once.
       plan: how many.
       time_limit: that has been started.
       launches: those so far.
-      on_launch: called after each batch of launches, with their number so far.
+      on_launch: called after each launch, with their number so far.
 
     Returns:
       That time is up; empty where every residue has its launches.
@@ -234,15 +233,13 @@ def launch_all(
       OutOfTimeError: time is up, and a residue has too few launches for an interval.
     """
     before_s, most = time_limit.spent_s(), plan.launches * len(RESIDUES)
-    batches = 0
     while True:
-        launches += launch_batch()
-        batches += 1
+        launches.append(launch())
         on_launch(len(launches))
         if len(launches) >= most:
             return ""
         has_intervals = len(launches) >= MIN_LAUNCHES * len(RESIDUES)
-        if not time_limit.allows_another(batches, before_s, has_intervals):
+        if not time_limit.allows_another(len(launches), before_s, has_intervals):
             return f"time ran out after {len(launches)} of {most} launches"
 
 

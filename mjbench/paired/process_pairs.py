@@ -1,9 +1,8 @@
-"""The processes of launches: those of the next ones start while others are measured."""
+"""The processes of launches: those of the next one start while one is measured."""
 
 import contextlib
 import itertools
 import random
-import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -45,9 +44,8 @@ class ProcessPairs:
         releases: tuple[ReleaseSpec, ReleaseSpec],
         names: tuple[str, str],
         placements: Iterator[PlacementPair] | None = None,
-        count: int = 1,
     ):
-        """Start the processes of the first launches; `equip` tells all of them what they need.
+        """Start the processes of the first launch; `equip` tells all of them what they need.
 
         Args:
           pool: starts the processes.
@@ -55,18 +53,16 @@ class ProcessPairs:
           names: of the two, for error messages.
           placements: of their libraries, launch by launch, as `placement.schedule` yields them;
             None for as shipped.
-          count: of launches that are measured at the same time, at most.
         """
-        self._pool, self._releases, self._names, self._count = pool, releases, names, count
+        self._pool, self._releases, self._names = pool, releases, names
         self._placements = placements or itertools.repeat(AS_SHIPPED)
         self._seeds = pool.seeds(releases)
         self._next_seeds = next(self._seeds)
         self._equip: Equip | None = None
-        # Those that were started ahead, for the next launches; threads ask whether they are ready.
-        self._next: list[ProcessPair] = []
+        # Those that were started ahead, for the next launch.
+        self._next: ProcessPair | None = None
         # Those whose launches are over, and which are ended while the next ones start.
         self._finished: list[ProcessPair] = []
-        self._asking = threading.Lock()
         self._failure: MjbenchError | None = None
         try:
             self._start_ahead(cores.USABLE)
@@ -75,13 +71,13 @@ class ProcessPairs:
             raise
 
     def equip(self, equip: Equip) -> None:
-        """Have the processes of every launch asked for what they need, the next ones' at once."""
+        """Have the processes of every launch asked for what they need, the next one's now."""
         self._equip = equip
-        for pair in self._next:
-            equip(pair.processes)
+        if self._next is not None:
+            equip(self._next.processes)
 
     def wait(self) -> None:
-        """Wait until the processes of the next launches are ready.
+        """Wait until the processes of the next launch are ready.
 
         Raises:
           InputError: what they were asked for cannot be.
@@ -90,65 +86,65 @@ class ProcessPairs:
         try:
             if self._failure is not None:
                 raise self._failure
-            self._start_ahead(cores.USABLE)
-            for pair in self._next:
-                for process, release in zip(pair.processes, self._releases, strict=True):
-                    self._pool.wait_for(process, release)
+            next_pair = self._start_ahead(cores.USABLE)
+            for process, release in zip(next_pair.processes, self._releases, strict=True):
+                self._pool.wait_for(process, release)
         except BaseException:
             self.close()
             raise
 
     @contextlib.contextmanager
-    def batch(self, chosen: Sequence[int]) -> Iterator[list[ProcessPair]]:
-        """Yield the processes of a launch on each core, which must be ready.
+    def launch(self, core: int | None) -> Iterator[ProcessPair]:
+        """Yield the processes of a launch, which must be ready.
 
-        The processes of the next launches start on other cores meanwhile. Ask nothing of the
-        processes of these launches after the batch: they are ended now or later.
+        The processes of the next launch start on other cores meanwhile. Ask nothing of the
+        processes of this launch after the block: they are ended now or later.
 
         Args:
-          chosen: cores that launches are measured on; none for one launch on all of them, where
-            nothing else may run.
+          core: that the launch is measured on; None for all of them, where nothing else may run.
         """
-        count = max(1, len(chosen))
-        others = cores.beside(chosen) if chosen and machine.usable_cores() > 1 else ()
-        pairs = self._next[:count]
+        assert self._next is not None, "`wait` has started them"
+        pair, self._next = self._next, None
+        others = cores.beside(core) if core is not None and machine.usable_cores() > 1 else ()
         try:
-            self._next = self._next[count:]
-            if others:
-                self._start_ahead(others)
+            ahead = self._start_ahead(others) if others else None
             self._end_finished()
-            yield pairs
-            for pair in self._next:
-                cores.confine([process.pid for process in pair.processes], cores.USABLE)
+            yield pair
+            if ahead is not None:
+                cores.confine([process.pid for process in ahead.processes], cores.USABLE)
         finally:
-            self._finished += pairs
+            self._finished.append(pair)
             if not others:  # nothing starts meanwhile, and what comes next may need all memory
                 self._end_finished()
 
-    def are_next_ready(self) -> bool:
-        """Return whether nothing is started ahead that is still starting; any thread may ask."""
-        with self._asking:
-            processes = [process for pair in self._next for process in pair.processes]
-            try:
-                return self._failure is not None or all(p.is_ready() for p in processes)
-            except MjbenchError as error:
-                self._failure = error
-                return True
+    def is_next_ready(self) -> bool:
+        """Return whether nothing is started ahead that is still starting."""
+        try:
+            return (
+                self._failure is not None
+                or self._next is None
+                or all(process.is_ready() for process in self._next.processes)
+            )
+        except MjbenchError as error:
+            self._failure = error
+            return True
 
     def close(self) -> None:
         """End all processes that have not ended yet."""
-        self._finished += self._next
-        self._next, self._failure = [], None
+        if self._next is not None:
+            self._finished.append(self._next)
+        self._next, self._failure = None, None
         self._end_finished()
 
     def _end_finished(self) -> None:
         pairs, self._finished = self._finished, []
         self._pool.end([process for pair in pairs for process in pair.processes])
 
-    def _start_ahead(self, allowed: Collection[int]) -> None:
-        """Start what is missing for the next launches on the allowed cores, without waiting."""
-        for _ in range(self._count - len(self._next)):
-            self._next.append(self._start(allowed))
+    def _start_ahead(self, allowed: Collection[int]) -> ProcessPair:
+        """Return the processes of the next launch; start them if need be, without waiting."""
+        if self._next is None:
+            self._next = self._start(allowed)
+        return self._next
 
     def _start(self, allowed: Collection[int]) -> ProcessPair:
         """Start the processes of one launch on the allowed cores, without waiting for them."""

@@ -1,7 +1,7 @@
 """Two targets, timed in alternating blocks in fresh processes: the engine of paired comparisons.
 
-A launch starts one program for each target anew. Both run on one core, with a thread of this
-process, and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
+A launch starts one program for each target anew. Both run on one core, with this process,
+and take turns in quads, ABBA or BAAB at random (A is the baseline), so that drift and the
 order of turns hit both alike; a few times per launch both lay out their memory anew. The quads of
 a layout take the sections of the launch's run in turn. Where a block is the whole run, each layout
 draws simulations anew. A launch yields one number, the log ratio of all that was timed. Launches
@@ -11,15 +11,12 @@ the programs of the next start on the other cores.
 
 import math
 import random
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from mjbench.errors import MachineError, one_line
 from mjbench.instrument import stats, timing
 from mjbench.paired import cores, preparation, requests
 from mjbench.paired.balanced_draws import BalancedDraws
@@ -116,7 +113,6 @@ class TargetPair:
       work_check: whether they do the same work.
       baseline_workload: file of the baseline's `PortableWorkload`, final states included; it lasts
         as long as the pool.
-      at_once: launches that are measured at the same time, at most.
     """
 
     def __init__(
@@ -127,7 +123,6 @@ class TargetPair:
         sizes: Sizes | None = None,
         time_limit: TimeLimit | None = None,
         placements: Iterator[PlacementPair] | None = None,
-        at_once: int | None = None,
     ):
         """Load the models, and make sure that both targets can do the same work.
 
@@ -139,7 +134,6 @@ class TargetPair:
           time_limit: starts when the models are loaded; None for no limit.
           placements: of the targets' libraries, launch by launch, as `placement.schedule` yields
             them; None for as shipped.
-          at_once: launches to measure at the same time, at most; None for `launches_at_once`.
 
         Raises:
           InputError: a target cannot do it.
@@ -151,13 +145,11 @@ class TargetPair:
         self._returns, self._metric = sizes.returns, sizes.metric
         self._nthread = max(baseline.nthread, candidate.nthread)
         self._calibrator = Calibrator(pool, baseline.release, self._nthread)
-        self._drawing = threading.Lock()
         self._time_limit, self._has_timed = time_limit or TimeLimit(), False
-        self.at_once = launches_at_once(baseline, candidate) if at_once is None else at_once
         releases = baseline.release, candidate.release
         names = preparation.describe(self._targets)
         # those of the first launch import MuJoCo while the work is prepared
-        self._pairs = ProcessPairs(pool, releases, names, placements, self.at_once)
+        self._pairs = ProcessPairs(pool, releases, names, placements)
         try:
             self._prepared = preparation.prepare(pool, self._targets, sizes, self._time_limit)
         except BaseException:
@@ -169,52 +161,39 @@ class TargetPair:
         self._draws = BalancedDraws(self._prepared.nsim, random.Random())
         self.baseline_workload: Path = self._prepared.workloads[0]
 
-    def launch_batch(self) -> list[Launch]:
-        """Measure once, or several times at once on free cores, each time in fresh processes.
+    def launch(self) -> Launch:
+        """Measure once, in fresh processes, on a free core.
 
         Raises:
           InputError: a target cannot run its path.
           TargetError: a target crashed, hung or failed.
-          MachineError: no thread can be started.
           OutOfTimeError: this is the first launch, and the time limit does not allow it.
         """
         self._pairs.wait()
         # targets with threads get all cores, so nothing may start on one of them meanwhile
         threaded = self._nthread > 1
         calibrated = self._calibrator.count() if threaded else None
-        chosen = [] if threaded else cores.freest_cores(self.at_once)
-        where: Sequence[int | None] = chosen or [None]
-        with self._pairs.batch(chosen) as pairs, ThreadPoolExecutor(len(pairs)) as executor:
-            measured: list[Future[Launch]] = []
-            try:
-                for pair, core in zip(pairs, where, strict=True):
-                    is_first = not self._has_timed and not measured
-                    measured.append(_submit(executor, self._measure, pair, core, is_first))
-                launches = _results(measured)
-            except BaseException:  # such as Ctrl-C: what waits for a process is not to wait longer
-                for pair in pairs:
-                    for process in pair.processes:
-                        process.kill()
-                raise
+        core = None if threaded else cores.freest_core()
+        with self._pairs.launch(core) as pair, cores.pinned(core):
+            launch = self._measure(pair, core)
         self._has_timed = True
-        return [replace(launch, cores=calibrated) for launch in launches]
+        return replace(launch, cores=calibrated)
 
-    def _measure(self, pair: ProcessPair, core: int | None, is_first: bool) -> Launch:
+    def _measure(self, pair: ProcessPair, core: int | None) -> Launch:
         """Measure a launch on a core, or on all; the first one only if it fits the time limit."""
         layouts: list[tuple[list[str], np.ndarray]] = []
         all_blocks_s, nsection = math.inf, self._prepared.nsection
         rows: list[int] = []
-        with cores.pinned(core):
-            while len(layouts) < layout_count(all_blocks_s, nsection) or (
-                len(layouts) < MAX_LAYOUTS and not self._pairs.are_next_ready()
-            ):
-                if not rows or nsection == 1:
-                    rows = self._draw()
-                now_s = self._lay_out(pair.processes, core, rows)
-                if is_first and not layouts:  # steps may be heavier than those at the start
-                    self._time_limit.check_first_launch(launch_s(now_s, nsection))
-                all_blocks_s = min(all_blocks_s, now_s)
-                layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
+        while len(layouts) < layout_count(all_blocks_s, nsection) or (
+            len(layouts) < MAX_LAYOUTS and not self._pairs.is_next_ready()
+        ):
+            if not rows or nsection == 1:
+                rows = self._draws.draw(self.work_check.nbatch)
+            now_s = self._lay_out(pair.processes, core, rows)
+            if not self._has_timed and not layouts:  # steps may be heavier than those at the start
+                self._time_limit.check_first_launch(launch_s(now_s, nsection))
+            all_blocks_s = min(all_blocks_s, now_s)
+            layouts.append(time_quads(*pair.processes, quad_count(now_s, nsection)))
         orders = [order for layout_orders, _ in layouts for order in layout_orders]
         ns = np.concatenate([ns for _, ns in layouts])
         sizes = [len(layout_orders) for layout_orders, _ in layouts]
@@ -235,11 +214,6 @@ class TargetPair:
             processes, self._targets, self._prepared.models, self._prepared.workloads, strict=True
         ):
             process.ask(requests.Equip(model, workload, target.path, target.import_from))
-
-    def _draw(self) -> list[int]:
-        """Return the simulations of a run; any thread may call it."""
-        with self._drawing:
-            return self._draws.draw(self.work_check.nbatch)
 
     def _lay_out(
         self, processes: Sequence[WorkerProcess], core: int | None, rows: Sequence[int]
@@ -262,32 +236,6 @@ class TargetPair:
                 )
             )
         return 1e-9 * ns
-
-
-def launches_at_once(*targets: Target) -> int:
-    """Return how many launches are measured at the same time; one if a target uses threads."""
-    return 1 if any(target.nthread > 1 for target in targets) else cores.launches_at_once()
-
-
-def _submit(
-    executor: ThreadPoolExecutor,
-    measure: Callable[[ProcessPair, int | None, bool], Launch],
-    pair: ProcessPair,
-    core: int | None,
-    is_first: bool,
-) -> "Future[Launch]":
-    try:
-        return executor.submit(measure, pair, core, is_first)
-    except RuntimeError as error:
-        raise MachineError(f"cannot start a thread: {one_line(error)}") from error
-
-
-def _results(measured: Sequence["Future[Launch]"]) -> list[Launch]:
-    """Wait for launches; raise the error of the first that fails, not waiting for the others."""
-    finished, _ = wait(measured, return_when=FIRST_EXCEPTION)
-    for launch in finished:
-        launch.result()
-    return [launch.result() for launch in measured]
 
 
 def time_quads(

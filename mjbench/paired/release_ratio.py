@@ -201,20 +201,19 @@ class _Measurement:
 def _launch_once(tasks: Sequence[ReleaseTask], pairs: ProcessPairs) -> None:
     """Time all tasks in one launch."""
     pairs.wait()
-    chosen = cores.freest_cores()
-    core = chosen[0] if chosen else None
-    with pairs.batch(chosen) as (pair,), cores.pinned(core):
-        _time_all(random.sample(tasks, len(tasks)), pair, core, pairs.are_next_ready)
+    core = cores.freest_core()
+    with pairs.launch(core) as pair, cores.pinned(core):
+        _time_all(random.sample(tasks, len(tasks)), pair, core, pairs.is_next_ready)
 
 
 def _time_all(
     tasks: Sequence[ReleaseTask],
     pair: ProcessPair,
     core: int | None,
-    are_next_ready: Callable[[], bool],
+    is_next_ready: Callable[[], bool],
 ) -> None:
     """Time each task once; one that fails says how, and ends the launch if its process may have."""
-    is_enough = are_next_ready if len(tasks) == 1 else lambda: True
+    is_enough = is_next_ready if len(tasks) == 1 else lambda: True
     for task in tasks:
         try:
             launch = _time(task, pair, core, is_enough)

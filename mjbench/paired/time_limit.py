@@ -71,7 +71,6 @@ class TimeLimit:
         min_launches: int = 1,
         clock: Callable[[], float] = time.monotonic,
         purpose: str = "a verdict",
-        at_once: int = 1,
     ):
         """Set the limit; it begins to count with `start`.
 
@@ -80,9 +79,8 @@ class TimeLimit:
           min_launches: that it needs.
           clock: returns seconds.
           purpose: what it is, for messages.
-          at_once: launches that are measured at the same time, at most.
         """
-        self._purpose, self._at_once = purpose, at_once
+        self._purpose = purpose
         self._seconds, self._min_launches, self._clock = seconds, min_launches, clock
         self._begin_s: float | None = None
 
@@ -111,19 +109,19 @@ class TimeLimit:
         if spent_s + needed_s > self._seconds:
             raise OutOfTimeError(self._sentence(launch_s, spent_s + preparation_s))
 
-    def allows_another(self, batches: int, before_s: float, can_judge: bool) -> bool:
-        """Return whether another batch of launches fits, if it takes as long as the average one.
+    def allows_another(self, launches: int, before_s: float, can_judge: bool) -> bool:
+        """Return whether another launch fits, if it takes as long as the average one.
 
         Args:
-          batches: of launches at the same time, so far.
+          launches: so far.
           before_s: what was spent before the first of them.
-          can_judge: whether their launches are enough for a verdict.
+          can_judge: whether they are enough for a verdict.
 
         Raises:
           OutOfTimeError: it does not, and they are not.
         """
         spent_s = self.spent_s()
-        launch_s = (spent_s - before_s) / batches
+        launch_s = (spent_s - before_s) / launches
         if spent_s + launch_s <= self._seconds:
             return True
         if not can_judge:
@@ -131,8 +129,7 @@ class TimeLimit:
         return False
 
     def _sentence(self, launch_s: float, before_s: float) -> str:
-        batches = math.ceil(self._min_launches / self._at_once)
-        enough_s = _MARGIN * (before_s + batches * launch_s)
+        enough_s = _MARGIN * (before_s + self._min_launches * launch_s)
         return (
             f"a launch takes about {_two_digits(launch_s)} s, and {self._purpose} needs at least"
             f" {self._min_launches} launches: give --time-limit {_rounded_up(enough_s)}s or more"

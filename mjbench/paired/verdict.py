@@ -17,7 +17,7 @@ from mjbench.paired.ending import ENDING_ERRORS, ending_of
 from mjbench.paired.judgement import MIN_LAUNCHES, Judgement, conclude, judge
 from mjbench.paired.outcomes import Cause, Metric, Verdict
 from mjbench.paired.preparation import WorkCheck
-from mjbench.paired.protocol import Launch, TargetPair, launches_at_once
+from mjbench.paired.protocol import Launch, TargetPair
 from mjbench.paired.records import (
     MAX_E_VALUE,
     DivergedPair,
@@ -228,7 +228,7 @@ def decide(
       baseline: the one target.
       candidate: the other.
       plan: how certain, and for how long.
-      on_launch: called after each batch of launches, with what all launches say so far.
+      on_launch: called after each launch, with what all launches say so far.
       clock: returns seconds.
     """
     begin = clock()
@@ -242,12 +242,9 @@ def decide(
             if plan.as_shipped
             else averaging(pool, baseline.release, candidate.release)
         )
-        at_once = launches_at_once(baseline, candidate)
-        time_limit = TimeLimit(
-            plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock, at_once=at_once
-        )
+        time_limit = TimeLimit(plan.time_limit_s, averaged.launches_with(MIN_LAUNCHES), clock)
         placements = averaged.placements()
-        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, placements, at_once)
+        pair = TargetPair(pool, baseline, candidate, plan.sizes, time_limit, placements)
         _launch_until_enough(pair, plan, time_limit, launches, on_launch)
     except ENDING_ERRORS as error:
         ending = ending_of(error)
@@ -286,15 +283,14 @@ def _launch_until_enough(
     Raises:
       OutOfTimeError: time is up before there are enough launches for a verdict.
     """
-    before_s, batches, log_scale = time_limit.spent_s(), 0, _log_scale(pair, plan)
+    before_s, log_scale = time_limit.spent_s(), _log_scale(pair, plan)
     while True:
-        launches += pair.launch_batch()
-        batches += 1
+        launches.append(pair.launch())
         judgement = _judge_launches(launches, plan, log_scale)
         assert judgement is not None, "there is a launch"
         on_launch(judgement)
         can_judge = judgement.launches >= MIN_LAUNCHES
-        if judgement.enough or not time_limit.allows_another(batches, before_s, can_judge):
+        if judgement.enough or not time_limit.allows_another(len(launches), before_s, can_judge):
             return
 
 

@@ -1,10 +1,8 @@
 """A process in the environment of one release, seen from its parent."""
 
 import contextlib
-import os
 import pickle
 import shutil
-import signal
 from collections import deque
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -128,15 +126,6 @@ class WorkerProcess:
         with contextlib.suppress(OSError):
             self.connection.send_bytes(requests.END)
         self._answer()
-
-    def kill(self) -> None:
-        """Have a thread that waits for an answer get an error at once; `end` follows.
-
-        It only sends the signal: that thread may wait for the end of the process, too.
-        """
-        for kill in (os.killpg, os.kill):  # it may not lead its group yet
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                kill(self.pid, signal.SIGKILL)
 
     def end(self) -> None:
         """End the process, whatever it is doing."""

@@ -129,18 +129,6 @@ def knows_work(before: Measured, after: Measured) -> bool:
     return old.drift is not None and new.drift is not None
 
 
-def changed_counters(before: Measured, after: Measured) -> list[str]:
-    """Return the names of the counters of work that changed; none where they are not known."""
-    works = [
-        each.record.work.as_dict()
-        for each in (before, after)
-        if isinstance(each.record, StepRatioRecord) and each.record.work is not None
-    ]
-    if len(works) < 2 or not knows_work(before, after):
-        return []
-    return agreement.changed_counters(*works)
-
-
 def work_changes(before: Measured, after: Measured) -> list[str]:
     """Describe how the work changed from one release to another; empty where it did not.
 

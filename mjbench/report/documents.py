@@ -42,7 +42,7 @@ from mjbench.report.work_crossovers import WorkCrossover, work_crossovers
 from mjbench.status import Status
 from mjbench.tuning.accelerated_records import EngineTuneRecord
 from mjbench.tuning.records import TuneRecord
-from mjbench.web.records import WebExperimentsRecord, WebRecord
+from mjbench.web.records import WebRecord
 
 # The records of a run file by their `type`.
 RECORD_TYPES: Mapping[str, type] = {
@@ -64,7 +64,6 @@ RECORD_TYPES: Mapping[str, type] = {
     TuneRecord.record_type: TuneRecord,
     EngineTuneRecord.record_type: EngineTuneRecord,
     WebRecord.record_type: WebRecord,
-    WebExperimentsRecord.record_type: WebExperimentsRecord,
 }
 
 
@@ -268,12 +267,11 @@ class TuneDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class WebDocument:
-    """What `mjbench web --json` writes; `experiments` has an item for each build."""
+    """What `mjbench web --json` writes."""
 
     schema: int = SCHEMA
     machine: Machine
     results: Sequence[WebRow]
-    experiments: Sequence[WebExperimentsRecord]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from mjbench.errors import InputError, shown, suggestion
 from mjbench.instrument import run_set
 from mjbench.instrument.machine_identity import MachineIdentity, identify
 from mjbench.instrument.runs import Run
-from mjbench.releases import changelog, known_causes
+from mjbench.releases import known_causes
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord, StepRatioRecord
 from mjbench.releases.speed_history import in_order
 from mjbench.report import speed_history
@@ -83,7 +83,7 @@ def choose(histories: Sequence[MachineHistory], machine: str | None) -> SpeedHis
 def read_each(
     files: Sequence[Path], causes: Path | None, since: str | None = None
 ) -> list[MachineHistory]:
-    """Return the histories that run files and run sets hold, with MuJoCo's changelog if installed.
+    """Return the histories that run files and run sets hold.
 
     Args:
       files: in the order that they were written; of several builds of a release the last counts.
@@ -109,7 +109,6 @@ def of_runs(
     part of every history that has none.
     """
     known = known_causes.load(causes) if causes else []
-    installed = changelog.installed()
     # counts hold for any machine
     counts = [record for run in runs for record in run.of_type(ExplainRecord)]
     timed = [run for run in runs if run.of_type(RatioRecord)]
@@ -124,7 +123,6 @@ def of_runs(
         records = [record for run in (*of_machine, *borrowed) for record in run.records]
         history = speed_history.from_records(
             [*counts, *records],
-            installed,
             known,
             of_machine[0].header.machine,
             since,

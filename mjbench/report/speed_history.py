@@ -13,7 +13,6 @@ from mjbench.instrument.machine import Machine
 from mjbench.paired.outcomes import Cause
 from mjbench.releases import known_causes, speed_history
 from mjbench.releases.change_points import ChangePoint
-from mjbench.releases.changelog import Changelog
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord, RatioRecord
 from mjbench.releases.speed_history import Measured, SpeedSeries, order
@@ -32,12 +31,10 @@ class Background:
 
     Attributes:
       counts: of instructions by function, of neighbouring releases.
-      changelog: of MuJoCo; None where no installed package carries it.
       causes: that no measurement names.
     """
 
     counts: Counts
-    changelog: Changelog | None = None
     causes: Sequence[KnownCause] = ()
 
 
@@ -86,7 +83,6 @@ class SpeedHistory:
 
 def from_records(
     records: Sequence[object],
-    changelog: Changelog | None = None,
     causes: Sequence[KnownCause] = (),
     machine: Machine | None = None,
     since: str | None = None,
@@ -96,7 +92,6 @@ def from_records(
 
     Args:
       records: of `history measure` and `history explain`; others are left out.
-      changelog: of MuJoCo; None where no installed package carries it.
       causes: that no measurement names.
       machine: that measured the records.
       since: the first release whose changes are listed; None for all.
@@ -110,7 +105,7 @@ def from_records(
         )
         for is_operation in (False, True)
     )
-    background = Background(counts, changelog, causes)
+    background = Background(counts, causes)
     measured = {
         (series.name, each.release) for series in (*models, *operations) for each in series.measured
     }

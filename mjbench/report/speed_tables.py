@@ -10,11 +10,9 @@ from mjbench.counts.function_differences import (
     largest_differences,
 )
 from mjbench.counts.records import ExplainRecord
-from mjbench.paired import operations
 from mjbench.releases import release_ratios, speed_history
 from mjbench.releases.change_points import MIN_CHANGE
-from mjbench.releases.changelog import Changelog, ChangelogItem
-from mjbench.releases.release_ratios import OperationRatioRecord, Ratio
+from mjbench.releases.release_ratios import Ratio
 from mjbench.releases.speed_history import Measured, SpeedSeries
 from mjbench.report import tables
 from mjbench.report.markdown import change, change_with_error, code, escaped, table
@@ -28,8 +26,6 @@ MIN_PLACEMENT = math.log1p(0.015)
 DEVIATIONS = 4.0
 # The smallest change of a function that is named, as a share of the step's instructions.
 _MIN_SHARE = 0.0005
-# As many characters are quoted of an item of the changelog.
-_MAX_QUOTED = 160
 
 
 def step_changes(history: SpeedHistory, only: str | None = None) -> Iterator[str]:
@@ -47,7 +43,7 @@ def step_changes(history: SpeedHistory, only: str | None = None) -> Iterator[str
             _with_error(each.point.change, each.point.deviation),
             instruction_change(each.counts),
             str(each.cause),
-            "<br>".join(_accounts(each, history.background.changelog)),
+            "<br>".join(_accounts(each)),
         ]
         for each in listed
     ]
@@ -69,7 +65,7 @@ def operation_changes(history: SpeedHistory, only: str | None = None) -> Iterato
             _with_error(each.point.change, each.point.deviation),
             instruction_change(each.counts),
             str(each.cause),
-            "<br>".join(_accounts(each, history.background.changelog)),
+            "<br>".join(_accounts(each)),
         ]
         for each in listed
     ]
@@ -92,8 +88,8 @@ def _releases(listed: Listed) -> Sequence[str]:
     return f"{listed.before.release} → {listed.after.release}", _title(listed.series)
 
 
-def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
-    """Yield what accounts for a change: work, functions, known causes, an item of the changelog."""
+def _accounts(listed: Listed) -> Iterator[str]:
+    """Yield what accounts for a change: work, functions, known causes."""
     if listed.work_changes:
         yield "; ".join(listed.work_changes)
     if listed.has_same_code:
@@ -105,26 +101,6 @@ def _accounts(listed: Listed, changelog: Changelog | None) -> Iterator[str]:
         yield functions
     for cause in listed.causes:
         yield escaped(cause.text) + (f" ({code(cause.commit)})" if cause.commit else "")
-    item = None if listed.causes else _fitting_item(listed, changelog)
-    if item is not None:
-        text = item.text
-        quoted = text if len(text) <= _MAX_QUOTED else f"{text[:_MAX_QUOTED]}…"
-        commits = f" ({', '.join(map(code, item.commits))})" if item.commits else ""
-        yield f"changelog, perhaps: “{escaped(quoted)}”{commits}"
-
-
-def _fitting_item(listed: Listed, changelog: Changelog | None) -> ChangelogItem | None:
-    """Return the item of the changelog that fits what changed, if one does."""
-    if changelog is None:
-        return None
-    if isinstance(listed.after.record, OperationRatioRecord):
-        operation = operations.registry().get(listed.series.name)
-        return changelog.naming(listed.after.release, operation.api) if operation else None
-    differences = {name: d.difference for d in _main_differences(listed) for name in d.names}
-    if not differences:
-        return None
-    counters = speed_history.changed_counters(listed.before, listed.after)
-    return changelog.fitting(listed.after.release, differences, counters)
 
 
 def _functions(listed: Listed) -> str:

@@ -1,7 +1,6 @@
-"""What `mjbench web` prints: WebAssembly builds beside C, and what experiments with them showed."""
+"""What `mjbench web` prints: WebAssembly builds beside C."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 from rich.console import Console
 
@@ -11,28 +10,12 @@ from mjbench.report import tables
 from mjbench.report.starts import starts_lines
 from mjbench.report.web_results import WebPathRow, WebRow
 from mjbench.status import Status
-from mjbench.web.messages import Examined, HeapLimit, ObjectMemory
-from mjbench.web.records import C_PATH, Mathematics, WebExperimentsRecord
+from mjbench.web.records import C_PATH
 from mjbench.web.rounding_check import FirstDifference, RoundingCheck
 
-_MIB, _GIB = 1 << 20, 1 << 30
+_MIB = 1 << 20
 # Below so many milliseconds, a block of C takes visibly longer than its steps.
 _SHORT_MS = 1.0
-
-
-@dataclass(frozen=True)
-class WebFinding:
-    """What an experiment showed, and the correct JavaScript.
-
-    Attributes:
-      builds: that behave so.
-      text: what happens, in a sentence or two.
-      code: correct JavaScript; empty if there is none to write.
-    """
-
-    builds: Sequence[str]
-    text: str
-    code: str = ""
 
 
 def print_model(out: Console, row: WebRow) -> None:
@@ -200,119 +183,3 @@ def _interval(ratio: Estimate) -> str:
 
 def _small(value: float) -> str:
     return "0" if value == 0 else f"{value:.1e}"
-
-
-def print_findings(out: Console, records: Sequence[WebExperimentsRecord]) -> None:
-    """Print what experiments with builds showed."""
-    shown = findings(records)
-    if shown:
-        out.print(tables.headed("\nExperiments with the builds", ", on memory and mathematics:"))
-    for finding in shown:
-        out.print(f"{', '.join(finding.builds)}: {finding.text}", soft_wrap=True)
-        if finding.code:
-            out.print(f"    {finding.code}", soft_wrap=True)
-    for record in records:
-        if record.status not in (Status.OK, Status.INTERRUPTED):
-            out.print(f"{record.build}: {record.status}: {record.detail}", soft_wrap=True)
-
-
-def findings(records: Sequence[WebExperimentsRecord]) -> list[WebFinding]:
-    """Return what experiments showed, each once for all builds that behave alike."""
-    builds: dict[tuple[str, str], list[str]] = {}
-    for record in records:
-        shown = [] if record.examined is None else list(_shown(record.examined))
-        if record.limits:
-            shown.append(_limit(record.limits))
-        if record.mathematics is not None:
-            shown.append((_mathematics(record.mathematics), ""))
-        for each in shown:
-            builds.setdefault(each, []).append(record.build.value)
-    return [WebFinding(names, text, code) for (text, code), names in builds.items()]
-
-
-def _shown(examined: Examined) -> Iterator[tuple[str, str]]:
-    """Yield what experiments showed, and the correct JavaScript."""
-    yield _growth(examined)
-    snapshot = examined.snapshot
-    if snapshot.views_range_m < snapshot.copies_range_m:
-        yield (
-            f"A view is not a snapshot: over {snapshot.nstep} steps of the falling cart-pole, the"
-            f" tip's x ranges over {snapshot.copies_range_m:.4f} m in stored copies, and over"
-            f" {snapshot.views_range_m:.4f} m in stored views. Copy what you keep:",
-            "log.push(data.site_xpos.slice());",
-        )
-    if examined.data.again_bytes:
-        yield (
-            "An MjData stays in the heap until it is deleted, even after a garbage collection:"
-            f" {_taken(examined.data)}. Delete it:",
-            "data.delete();",
-        )
-    if examined.contact.again_bytes:
-        yield (
-            "Each read of data.contact copies all contacts, and the copy stays in the heap, too:"
-            f" {_taken(examined.contact)}, of {examined.contact.ncon} contacts each. Delete it:",
-            "const contacts = data.contact; /* … */ contacts.delete();",
-        )
-    if not examined.state.is_array_written:
-        error = examined.state.error
-        how = f"fails: {error}" if error else "raises no error"
-        yield (
-            f"mj_getState writes nothing to a Float64Array, and {how}. Give it a buffer in the"
-            " heap:",
-            "const state = new mujoco.DoubleBuffer(size); mujoco.mj_getState(model, data, state,"
-            " sig); log.push(state.GetView().slice());",
-        )
-
-
-def _growth(examined: Examined) -> tuple[str, str]:
-    """Return what became of a stored view when the heap grew."""
-    growth = examined.growth
-    grew = f"{growth.heap_bytes / _MIB:.0f} to {growth.grown_bytes / _MIB:.0f} MiB"
-    others = "another MjData" if growth.created == 1 else f"{growth.created} more MjData"
-    if growth.is_live:
-        return (
-            f"A stored view stays valid when the heap grows, because its memory is shared: {others}"
-            f" made it grow from {grew}, and a stored data.qpos still shows the current state",
-            "",
-        )
-    return (
-        f"A stored view becomes invalid when the heap grows: {others} made it grow from {grew}, and"
-        f" a stored data.qpos then had {growth.grown_length} numbers instead of {growth.length}."
-        " Take the view anew each time you need it:",
-        "data.qpos[0]",
-    )
-
-
-def _limit(limits: Sequence[HeapLimit]) -> tuple[str, str]:
-    """Return how many MjData fill the heap, and what makes them smaller."""
-    usual, *others = limits
-    text = (
-        f"{usual.count:,} MjData of a box on a plane fill the heap, which ends at"
-        f" {usual.heap_bytes / _GIB:.1f} GiB; the next one fails: {usual.error}"
-    )
-    if not usual.error:  # it has room for more than are tried
-        text = f"{usual.count:,} MjData of a box on a plane fit into the heap"
-    smaller = max(others, key=lambda limit: limit.count, default=usual)
-    if smaller.count <= usual.count:
-        return text, ""
-    return f"{text}. {smaller.count:,} fit with this in the MJCF:", smaller.size
-
-
-def _taken(memory: ObjectMemory) -> str:
-    """Return the memory that unreferenced objects took."""
-    total_bytes = memory.undeleted_bytes + memory.again_bytes
-    return f"{2 * memory.count:,} of them took {total_bytes / _MIB:.0f} MiB"
-
-
-def _mathematics(mathematics: Mathematics) -> str:
-    """Return how often sines and cosines differ."""
-    if not mathematics.sines + mathematics.cosines:
-        return f"Sines and cosines of {mathematics.count:,} angles are C's, to the last bit"
-    sines, cosines = (
-        f"{100 * count / mathematics.count:.1f} %"
-        for count in (mathematics.sines, mathematics.cosines)
-    )
-    return (
-        f"Of {mathematics.count:,} angles, {sines} of the sines and {cosines} of the cosines differ"
-        f" from those of this system's C library, by {mathematics.difference:.1e} at most"
-    )

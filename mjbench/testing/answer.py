@@ -32,7 +32,7 @@ class SpeedCheck:
       low: lower end of its interval; None likewise.
       high: upper end of its interval; None likewise.
       candidate_s: median seconds of a call; None where it was not timed.
-      baseline_s: the same of the baseline; of a stored one, as it would be on the machine of now.
+      baseline_s: the same of the baseline.
       rounds: that were timed.
       detail: why the answer is inconclusive, in one line; empty otherwise.
     """

@@ -28,8 +28,6 @@ from mjbench.web.node import Node
 
 _T = TypeVar("_T")
 _RUNNER = Path(__file__).with_name("runner.mjs")
-# Lets experiments ask for a garbage collection.
-_OPTIONS = ("--expose-gc",)
 # No answer is longer.
 _MAX_ANSWER_BYTES = 1 << 26
 # A process that has closed its pipe has ended, or does within this many seconds.
@@ -89,7 +87,7 @@ class NodeProcess:
             output = self._output_file.open("wb")
         with output:
             return child.Child(
-                [str(node.file), *_OPTIONS, str(_RUNNER), str(writer)],
+                [str(node.file), str(_RUNNER), str(writer)],
                 stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=output,

@@ -1,4 +1,4 @@
-"""What is stored of a model in WebAssembly builds and in C, and of experiments with the builds.
+"""What is stored of a model in WebAssembly builds and in C.
 
 Frozen dataclasses. Raw times are of blocks; the same position is the same round for all paths. A
 path that was left out of the last rounds has fewer.
@@ -18,8 +18,6 @@ from mjbench.instrument.bounds import (
 from mjbench.simulation.starts import Starts
 from mjbench.simulation.work import Work
 from mjbench.status import Status
-from mjbench.web.messages import Examined, HeapLimit
-from mjbench.web.npm_package import Build
 from mjbench.web.rounding_check import RoundingCheck
 
 # The path of C that others are compared with: between its steps there is no Python.
@@ -127,46 +125,3 @@ class WebRecord:
             raise ValueError(f"a path has more rounds than {C_PATH}")
         if rounds and (self.block_nbatch is None or self.block_nstep is None):
             raise ValueError("paths were timed, but the size of a block is missing")
-
-
-@dataclass(frozen=True)
-class Mathematics:
-    """How often sines and cosines of a build differ from those of this system's C library.
-
-    Attributes:
-      count: of angles.
-      sines: of them whose sine differs in any bit.
-      cosines: the same.
-      difference: the largest.
-    """
-
-    count: PositiveInt
-    sines: NonNegativeInt
-    cosines: NonNegativeInt
-    difference: NonNegativeFloat
-
-
-@dataclass(frozen=True, kw_only=True)
-class WebExperimentsRecord:
-    """What experiments with a build showed, whatever the model.
-
-    Attributes:
-      build: of the engine.
-      release: of MuJoCo.
-      node: version of Node.
-      status: `ok`, or why there is nothing.
-      detail: one line; empty when ok.
-      examined: what experiments with its memory showed; None where they failed.
-      limits: how many MjData fill the heap, of each size that was tried.
-      mathematics: how its sines and cosines differ; None likewise.
-    """
-
-    record_type: ClassVar[str] = "web_experiments"
-    build: Build
-    release: Version
-    node: str
-    status: Status = Status.OK
-    detail: str = ""
-    examined: Examined | None = None
-    limits: Sequence[HeapLimit] = ()
-    mathematics: Mathematics | None = None

@@ -35,7 +35,7 @@ let finalStates;
 /** The bits of mjSTATE_INTEGRATION. */
 let integration = 0;
 
-const ACTIONS = { instantiate, load, record, prepare, block, save, memory, examine, fill, rotate };
+const ACTIONS = { instantiate, load, record, prepare, block, save, memory };
 
 /** Import and instantiate a build. */
 async function instantiate({ script, nthread }) {
@@ -135,29 +135,6 @@ function save({ states_file }) {
 /** Say how much memory the module and this process take. */
 function memory() {
   return { heap_bytes: heapBytes(), rss_bytes: process.memoryUsage.rss() };
-}
-
-/** Try what goes wrong with the memory of a module (see experiments.mjs). */
-async function examine({ cartpole_file }) {
-  const experiments = await import('./experiments.mjs');
-  return experiments.examine(mujoco, fs.readFileSync(cartpole_file, 'utf8'));
-}
-
-/** Fill the heap (see experiments.mjs); use a process for nothing else. */
-async function fill() {
-  const experiments = await import('./experiments.mjs');
-  return experiments.fill(mujoco);
-}
-
-/** Return quaternions of rotations about z: the cosine and the sine of half of each angle. */
-function rotate({ angles }) {
-  const buffer = new mujoco.DoubleBuffer(4);
-  const quaternions = angles.map((angle) => {
-    mujoco.mju_axisAngle2Quat(buffer, [0, 0, 1], angle);
-    return Array.from(buffer.GetView());
-  });
-  buffer.delete();
-  return { quaternions };
 }
 
 /** Copy the whole state of `data` to a row of an array. */

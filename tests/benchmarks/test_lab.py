@@ -66,7 +66,7 @@ def web_row(model: str, release: str = "3.14.0") -> WebRow:
 @pytest.fixture
 def figures_file(tmp_path: Path) -> Path:
     rows = [web_row("cartpole"), web_row("pile")]
-    document = WebDocument(machine=machine.describe(), results=rows, experiments=())
+    document = WebDocument(machine=machine.describe(), results=rows)
     file = tmp_path / "web.json"
     file.write_bytes(msgspec.json.encode(document))
     return file

@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 from example_environment_records import record as environment_record
 from example_records import CHECK, measurement, model_record
-from example_web_records import experiments as web_experiments
 from example_web_records import record as web_record
 from example_web_records import wasm
 from hypothesis import given, settings
@@ -90,7 +89,7 @@ SPREADS = (
 KINDS = {
     "compare": COMPARISON, "versions": VERDICTS, "selfcheck": TRIALS, "placement": SPREADS,
     "env": (environment_record(),),
-    "web": (web_record(wasm()), web_experiments()),
+    "web": (web_record(wasm()),),
 }  # fmt: skip
 FOREIGN: list[Any] = [
     None, True, 0, -1, 1, 10**30, -0.0, 1e-320, 1e308, -1e308, "", "x", "NaN", "a\x1b]52;\nb",

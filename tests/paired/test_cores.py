@@ -20,75 +20,29 @@ def test_the_freest_core_is_one_of_ours_and_leaves_the_affinity_as_it_was() -> N
     assert os.sched_getaffinity(0) == allowed
 
 
-@pytest.mark.parametrize(
-    ("cores_and_threads", "expected"),
-    [
-        (Topology(1, 1), 1),
-        (Topology(2, 2), 1),
-        (Topology(4, 2), 1),
-        (Topology(4, 4, quota_cores=2.0), 1),
-        (Topology(4, 4, quota_cores=3.5), 1),
-        (Topology(4, None), 1),
-        (Topology(4, 4), 2),
-        (Topology(64, 32), 2),
-    ],
-    ids=[
-        "one",
-        "two",
-        "hyper-threads of two",
-        "a quota of two",
-        "a quota below four",
-        "unknown",
-        "four",
-        "many",
-    ],
-)
-def test_two_launches_can_be_measured_at_the_same_time_where_each_has_a_core_to_spare(
-    cores_and_threads: Topology, expected: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cores.topology, "read", lambda usable: cores_and_threads)
-    assert cores.launches_at_once(most=2) == expected
-    assert cores.launches_at_once() == 1
-
-
-def test_processes_start_on_other_cores_than_those_that_are_measured_on(
+def test_processes_start_on_other_cores_than_the_one_that_is_measured_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(cores, "USABLE", set(range(8)))
     monkeypatch.setattr(cores.topology, "siblings", lambda thread: {thread, (thread + 4) % 8})
     monkeypatch.setattr(cores.topology, "read", lambda usable: Topology(8, 4))
-    assert cores.beside([0, 1]) == {2, 3, 6, 7}
-    assert cores.beside([0, 1, 2, 3]) == {4, 5, 6, 7}, "hyper-threads, where nothing else is left"
+    assert cores.beside(0) == {1, 2, 3, 5, 6, 7}
     monkeypatch.setattr(cores.topology, "read", lambda usable: Topology(8, 4, quota_cores=3.5))
-    assert cores.beside([0, 1]) == {2}
-    assert cores.beside([0, 1, 2]) == {3}
+    assert cores.beside(0) == {1, 2}
+    monkeypatch.setattr(cores, "USABLE", {0, 4})
+    assert cores.beside(0) == {4}, "a hyper-thread, where nothing else is left"
 
 
-def test_without_affinity_launches_are_measured_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "USABLE", set())
-    assert cores.launches_at_once() == 1
+def test_without_affinity_no_core_is_the_freest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cores.platforms, "affinity", set)
+    assert cores.freest_core() is None
 
 
-def test_free_cores_are_no_hyper_threads_of_one_core(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores.topology, "siblings", lambda thread: {thread, thread ^ 1})
-    assert cores._on_different_cores([3, 0, 2, 1, 5]) == [3, 0, 5]
-    monkeypatch.setattr(cores.topology, "siblings", lambda thread: frozenset())
-    assert cores._on_different_cores([3, 0, 2]) == [3, 0, 2], "where the kernel does not say"
-
-
-def test_as_many_free_cores_are_returned_as_are_asked_for() -> None:
-    chosen = cores.freest_cores(2, probe_s=0.001)
-    assert 1 <= len(chosen) <= 2
-    assert len(set(chosen)) == len(chosen)
-    assert set(chosen) <= os.sched_getaffinity(0)
-
-
-def test_cores_are_tried_only_until_enough_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cores_are_tried_only_until_one_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
     shares = {0: 0.5, 1: 1.0, 2: 0.99, 3: 1.0}
     tried: list[int] = []
     monkeypatch.setattr(cores.platforms, "affinity", lambda: set(shares))
     monkeypatch.setattr(cores.platforms, "set_affinity", lambda pid, chosen: None)
-    monkeypatch.setattr(cores.topology, "siblings", lambda thread: {thread})
     monkeypatch.setattr(cores.random, "sample", lambda values, count: sorted(values)[:count])
 
     def share(core: int, probe_s: float) -> float:
@@ -96,12 +50,10 @@ def test_cores_are_tried_only_until_enough_are_free(monkeypatch: pytest.MonkeyPa
         return shares[core]
 
     monkeypatch.setattr(cores, "_share", share)
-    assert cores.freest_cores() == [1]
+    assert cores.freest_core() == 1
     assert tried == [0, 1]
-    assert cores.freest_cores(2) == [1, 2]
-    assert tried == [0, 1, 0, 1, 2]
-    shares.update(dict.fromkeys(shares, 0.5))
-    assert set(cores.freest_cores(4)) == set(shares), "equally busy ones, where none is free"
+    shares.update({0: 0.4, 1: 0.6, 2: 0.7, 3: 0.5})
+    assert cores.freest_core() == 2, "the least busy one, where none is free"
 
 
 def test_pinning_ends_with_its_block_even_when_that_fails() -> None:

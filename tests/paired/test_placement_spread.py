@@ -111,9 +111,9 @@ class Clock:
     def __call__(self) -> float:
         return self.now
 
-    def launch(self) -> list[Launch]:
+    def launch(self) -> Launch:
         self.now += 1.0
-        return [launch(PlacementPair(None, Placement(0, 0)), 0.0)]
+        return launch(PlacementPair(None, Placement(0, 0)), 0.0)
 
 
 def launched(limit_s: float, plan: SpreadPlan) -> tuple[int, str]:

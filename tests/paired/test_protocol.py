@@ -2,9 +2,8 @@
 
 import os
 import random
-import threading
+import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -36,7 +35,7 @@ class Spied:
     launches: list[Launch] = field(default_factory=list)
     affinities: list[list[set[int]]] = field(default_factory=list)
     pids: list[tuple[int, int]] = field(default_factory=list)
-    started_ahead: list[int] = field(default_factory=list)
+    started_ahead: list[bool] = field(default_factory=list)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
 
     def spying(baseline: Any, candidate: Any, count: int) -> Any:
         spied.pids.append((baseline.pid, candidate.pid))
-        spied.started_ahead.append(len(pair._pairs._next))
+        spied.started_ahead.append(pair._pairs._next is not None)
         if has_affinity:
             pids = (0, baseline.pid, candidate.pid)
             spied.affinities.append([os.sched_getaffinity(pid) for pid in pids])
@@ -57,16 +56,16 @@ def spied(pool: WorkerPool) -> Iterator[Spied]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(protocol, "time_quads", spying)
         patch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
-        pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
+        pair = TargetPair(pool, CARTPOLE, CARTPOLE)
         for _ in range(LAUNCHES):
-            spied.launches += pair.launch_batch()
+            spied.launches.append(pair.launch())
         pair.close()
     yield spied
 
 
 @needs_affinity
 def test_the_next_processes_start_on_other_cores_while_a_launch_is_measured(spied: Spied) -> None:
-    expected = 1 if machine.usable_cores() > 1 else 0
+    expected = machine.usable_cores() > 1
     assert spied.started_ahead == [expected] * (LAUNCHES * time_limit.LAYOUTS)
 
 
@@ -95,104 +94,29 @@ def test_a_launch_goes_on_while_the_next_processes_start(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = iter([False, False, True])
-    monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
+    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
     monkeypatch.setattr(protocol, "quad_count", lambda all_blocks_s, nsection: nsection)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
-    (launch,) = pair.launch_batch()
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
+    launch = pair.launch()
     pair.close()
     assert launch.layouts == [launch.nsection] * (time_limit.LAYOUTS + 2)
 
 
-@needs_affinity
-def test_launches_at_the_same_time_run_on_cores_and_processes_of_their_own(
+def test_an_interrupt_ends_what_is_measured(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    chosen = sorted(cores.USABLE)[:2]
-    if len(chosen) < 2:
-        pytest.skip("one core")
-    monkeypatch.setattr(cores, "freest_cores", lambda most: chosen[:most])
-    monkeypatch.setattr(protocol, "MAX_LAYOUTS", time_limit.LAYOUTS)
-    pids: dict[int, set[int]] = {core: set() for core in chosen}
-    met = threading.Barrier(2, timeout=60.0)
-    time_quads = protocol.time_quads
-
-    def spying(baseline: Any, candidate: Any, count: int) -> Any:
-        met.wait()
-        (core,) = os.sched_getaffinity(0)
-        pids[core].update((baseline.pid, candidate.pid))
-        return time_quads(baseline, candidate, count)
-
-    monkeypatch.setattr(protocol, "time_quads", spying)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
-    launches = pair.launch_batch() + pair.launch_batch()
-    pair.close()
-    assert [launch.core for launch in launches] == chosen + chosen
-    assert [len(of_core) for of_core in pids.values()] == [4, 4]
-    assert not pids[chosen[0]] & pids[chosen[1]]
-
-
-@needs_affinity
-def test_where_fewer_cores_are_free_other_processes_wait_for_their_launch(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cores, "freest_cores", lambda most: [min(cores.USABLE)])
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
-    waiting = pair._pairs._next[1]
-    assert len(pair.launch_batch()) == 1
-    assert pair._pairs._next[0] is waiting
-    assert len(pair.launch_batch()) == 1
-    pair.close()
-
-
-def test_an_interrupt_does_not_wait_for_what_is_measured(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The main thread is interrupted while a worker would go on for as long as nobody ends it."""
-    measuring = threading.Event()
-    interrupted: list[Future[Launch]] = []
-
-    def hang(baseline: Any, candidate: Any, count: int) -> Any:
-        measuring.set()
+    def interrupt(baseline: Any, candidate: Any, count: int) -> Any:
         baseline.ask(requests.TimeBlocks())  # it waits for a block to run, and is asked for none
-        return baseline.wait()
-
-    def interrupt(measured: Sequence[Future[Launch]]) -> list[Launch]:
-        measuring.wait(60.0)
-        interrupted.extend(measured)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(protocol, "time_quads", hang)
-    monkeypatch.setattr(protocol, "_results", interrupt)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
+    monkeypatch.setattr(protocol, "time_quads", interrupt)
+    before, allowed = list(pool._processes), platforms.affinity()
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     with pytest.raises(KeyboardInterrupt):
-        pair.launch_batch()
+        pair.launch()
     pair.close()
-    (measured,) = interrupted
-    assert "killed by signal 9" in str(measured.exception()), "not: no answer within its time"
-
-
-def test_of_two_launches_that_fails_first_says_why(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    chosen = sorted(cores.USABLE)[:2]
-    if len(chosen) < 2:
-        pytest.skip("one core, or no affinity")
-    monkeypatch.setattr(cores, "freest_cores", lambda most: chosen[:most])
-    hanging = threading.Event()
-
-    def fail_or_hang(baseline: Any, candidate: Any, count: int) -> Any:
-        if os.sched_getaffinity(0) == {chosen[0]}:
-            hanging.set()
-            baseline.ask(requests.TimeBlocks())
-            return baseline.wait()
-        hanging.wait(60.0)
-        raise TargetError("the second one failed")
-
-    monkeypatch.setattr(protocol, "time_quads", fail_or_hang)
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=2)
-    with pytest.raises(TargetError, match="the second one failed"):
-        pair.launch_batch()
-    pair.close()
+    assert pool._processes == before
+    assert platforms.affinity() == allowed
 
 
 @needs_affinity
@@ -201,17 +125,19 @@ def test_a_process_that_fails_while_it_starts_does_not_end_the_launch_before(
 ) -> None:
     if machine.usable_cores() < 2:
         pytest.skip("one core: nothing starts ahead")
-    pair = TargetPair(pool, CARTPOLE, CARTPOLE, at_once=1)
+    pair = TargetPair(pool, CARTPOLE, CARTPOLE)
     time_quads = protocol.time_quads
 
     def kill_next(baseline: Any, candidate: Any, count: int) -> Any:
-        pair._pairs._next[0].processes[0].kill()
+        ahead = pair._pairs._next
+        assert ahead is not None
+        os.kill(ahead.processes[0].pid, signal.SIGKILL)
         return time_quads(baseline, candidate, count)
 
     monkeypatch.setattr(protocol, "time_quads", kill_next)
-    assert len(pair.launch_batch()) == 1
+    pair.launch()
     with pytest.raises(TargetError, match=r"baseline .*killed by signal 9"):
-        pair.launch_batch()
+        pair.launch()
     pair.close()
 
 
@@ -237,7 +163,7 @@ def test_programs_of_other_seeds_start_with_the_last_launch_of_those_before(
         patch.setattr(pool, "start_program_early", start_early)
         pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
         for _ in range(launches):
-            with pairs.batch([]):
+            with pairs.launch(None):
                 pass
             pairs.wait()
         pairs.close()
@@ -253,7 +179,7 @@ def test_the_processes_of_a_launch_end_while_the_next_start(
     """Where a launch has the whole machine, they end before that."""
     if machine.usable_cores() < 2:
         pytest.skip("one core")
-    chosen = [] if is_alone else [min(cores.USABLE)]
+    core = None if is_alone else min(cores.USABLE)
     end, ended = pool.end, list[WorkerProcess]()
 
     def spying(processes: Sequence[WorkerProcess]) -> None:
@@ -264,11 +190,11 @@ def test_the_processes_of_a_launch_end_while_the_next_start(
     with monkeypatch.context() as patch:
         patch.setattr(pool, "end", spying)
         pairs = ProcessPairs(pool, (release, release), ("baseline", "candidate"))
-        with pairs.batch(chosen) as (first,):
+        with pairs.launch(core) as first:
             assert ended == []
         assert ended == ([*first.processes] if is_alone else [])
         pairs.wait()
-        with pairs.batch(chosen) as (second,):
+        with pairs.launch(core) as second:
             assert ended == [*first.processes]
         pairs.close()
     assert ended[:4] == [*first.processes, *second.processes]
@@ -280,23 +206,23 @@ def test_comparisons_of_the_same_releases_share_their_programs(pool: WorkerPool)
     assert pool.seeds((first, second)) is not pool.seeds((second, first))
 
 
-def test_where_the_processes_of_a_second_launch_cannot_start_those_of_the_first_end(
+def test_where_one_process_of_a_launch_cannot_start_the_other_ends(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     start, started = pool.start, list[Any]()
 
-    def start_three(*arguments: Any) -> Any:
-        if len(started) == 3:
+    def start_one(*arguments: Any) -> Any:
+        if started:
             raise MachineError("no process is left")
         started.append(start(*arguments))
         return started[-1]
 
-    monkeypatch.setattr(pool, "start", start_three)
+    monkeypatch.setattr(pool, "start", start_one)
     release = CARTPOLE.release
     before = list(pool._processes)
     with pytest.raises(MachineError, match="no process is left"):
-        ProcessPairs(pool, (release, release), ("baseline", "candidate"), count=2)
-    assert len(started) == 3
+        ProcessPairs(pool, (release, release), ("baseline", "candidate"))
+    assert len(started) == 1
     assert pool._processes == before
 
 
@@ -309,8 +235,8 @@ def test_a_launch_is_stored_with_its_raw_times(spied: Spied) -> None:
 
 def test_targets_with_threads_are_not_pinned_and_their_cores_are_counted(pool: WorkerPool) -> None:
     threaded = replace(CARTPOLE, path="rollout", options={"threads": 2})
-    pair = TargetPair(pool, threaded, threaded, at_once=2)
-    (launch,) = pair.launch_batch()
+    pair = TargetPair(pool, threaded, threaded)
+    launch = pair.launch()
     pair.close()
     assert launch.core is None
     assert launch.cores is not None

@@ -264,7 +264,7 @@ def test_a_task_that_is_alone_is_timed_until_the_next_processes_are_ready(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch, tasks: int, layouts: int
 ) -> None:
     answers = iter([False, False, *[True] * 9])
-    monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: next(answers))
+    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: next(answers))
     enough_after(monkeypatch, 1)
     prepared: list[str] = []
 
@@ -284,7 +284,7 @@ def test_a_task_that_is_alone_is_timed_until_the_next_processes_are_ready(
 def test_a_task_that_is_alone_does_not_wait_for_ever(
     pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ProcessPairs, "are_next_ready", lambda pairs: False)
+    monkeypatch.setattr(ProcessPairs, "is_next_ready", lambda pairs: False)
     enough_after(monkeypatch, 1)
     ready = itertools.count()
     release_ratio.measure(pool, [InventedTask("alone", lambda count: fine(next(ready)))])

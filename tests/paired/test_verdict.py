@@ -11,7 +11,7 @@ from paired_examples import BRIEF, CARTPOLE, INSTALLED
 
 from benchmarks.simulated_launches import Scenario, simulate, skewed, two_modes
 from mjbench.instrument import runs
-from mjbench.paired import cores, preparation, protocol, verdict
+from mjbench.paired import preparation, protocol, verdict
 from mjbench.paired.averaging import Averaging
 from mjbench.paired.judgement import Judgement, judge
 from mjbench.paired.outcomes import Cause, Verdict
@@ -40,10 +40,7 @@ def test_a_known_slowdown_is_a_share_of_the_simulations(pool: WorkerPool) -> Non
     assert result.judgement.ratio > 1.5  # twice the work
 
 
-def test_time_runs_out_with_an_interval_and_no_verdict(
-    pool: WorkerPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cores, "launches_at_once", lambda: 1)
+def test_time_runs_out_with_an_interval_and_no_verdict(pool: WorkerPool) -> None:
     ticks = iter(range(0, 10_000, 100))
     plan = verdict.VerdictPlan(time_limit_s=350.0, as_shipped=True)
     result = verdict.decide(pool, CARTPOLE, CARTPOLE, plan, clock=lambda: float(next(ticks)))

@@ -43,7 +43,7 @@ def test_a_path_that_computes_something_else_is_refused(monkeypatch: pytest.Monk
     with WorkerPool(limit_s=30.0) as pool:
         pair = TargetPair(pool, target, target)
         with pytest.raises(TargetError, match="does not reach the final states"):
-            pair.launch_batch()
+            pair.launch()
 
 
 @pytest.mark.parametrize("placement", [None, Placement(16, 32)], ids=["as shipped", "moved"])

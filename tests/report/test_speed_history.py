@@ -14,7 +14,6 @@ from mjbench.counts.records import (
     FunctionDifference,
 )
 from mjbench.paired.outcomes import Cause
-from mjbench.releases.changelog import Changelog, ChangelogItem
 from mjbench.releases.known_causes import KnownCause
 from mjbench.releases.release_ratios import OperationRatioRecord
 from mjbench.releases.speed_history import SpeedSeries
@@ -37,12 +36,10 @@ COUNTS = ExplainRecord(
     ],
     time=None,
 )
-ISLANDS = ChangelogItem("1.6", ("abc1234",), "Constraint islands became the default.")
-CHANGELOG = Changelog([ISLANDS, *(ChangelogItem("1.2", (), f"Sensor {i}.") for i in range(99))])
 STEP = history([1.0] * 6 + [1.25] * 6)
 
 
-COUNTED = Background({("pile", "1.5", "1.6"): COUNTS}, CHANGELOG)
+COUNTED = Background({("pile", "1.5", "1.6"): COUNTS})
 
 
 def speed_of(*models: SpeedSeries) -> SpeedHistory:
@@ -53,17 +50,16 @@ def listed_in(history: SpeedHistory) -> list[Listed]:
     return speed_history.listed_changes(history, history.models)
 
 
-def test_a_change_point_has_its_cause_its_functions_and_an_item_of_the_changelog() -> None:
+def test_a_change_point_has_its_cause_and_its_functions() -> None:
     history_of_step = SpeedHistory([STEP], background=COUNTED)
     (listed,) = listed_in(history_of_step)
     assert listed.cause == Cause.CODE
     _, _, row = speed_tables.step_changes(history_of_step)
     assert row.startswith("| 1.5 → 1.6 | `pile` | +25.0 ±0.1 % | +20.0 % | code | ")
     assert "`mj_island` +19.0 %, `mj_crb` +1.0 %" in row
-    assert "perhaps: “Constraint islands became the default.” (`abc1234`)" in row
 
 
-def test_a_known_cause_stands_in_place_of_the_changelog() -> None:
+def test_a_known_cause_follows_the_functions() -> None:
     known = [KnownCause("1.6", "pile", "", "found by measuring"), KnownCause("1.6", "x", "", "no")]
     background = replace(COUNTED, causes=known)
     _, _, row = speed_tables.step_changes(SpeedHistory([STEP], background=background))
@@ -116,7 +112,7 @@ def test_the_conclusion_counts_models_and_names_the_largest_changes() -> None:
 
 def test_functions_whose_instructions_changed_in_the_other_direction_do_not_account() -> None:
     counts = replace(COUNTS, instructions_per_step=CountPair(1000.0, 900.0))
-    background = Background({("pile", "1.5", "1.6"): counts}, CHANGELOG)
+    background = Background({("pile", "1.5", "1.6"): counts})
     (*_, row) = speed_tables.step_changes(SpeedHistory([STEP], background=background))
     assert row.endswith("| code | its instructions changed in the other direction |")
 
@@ -153,18 +149,14 @@ def test_operations_have_tables_of_their_own() -> None:
         )
         for version, ratio in zip(VERSIONS, [1.0] * 6 + [1.5] * 6, strict=True)
     ]
-    item = ChangelogItem("1.6", (), "Casting a ray with mj_ray is slower.")
-    others = [ChangelogItem("1.2", (), f"Sensor {i}.") for i in range(99)]
-    changelog = Changelog([item, *others])
     counts = replace(COUNTS, operation="rays pile", model="pile")
     steps = [record(v, 1.0) for v in VERSIONS]
-    around = speed_history.from_records([*records, *steps, counts], changelog)
+    around = speed_history.from_records([*records, *steps, counts])
     assert [series.name for series in around.models] == ["pile"]
     (*_, row) = speed_tables.operation_changes(around)
     assert row.startswith(
         "| 1.5 → 1.6 | mj_ray, `pile` | +50.0 ±0.1 % | +20.0 % | code | `mj_island`"
     )
-    assert "changelog, perhaps: “Casting a ray with mj_ray is slower.”" in row
     assert around.instructions("pile") == {}, "they are those of the operation"
     rows = [*speed_tables.times(around, around.operations)]
     assert rows[2 + 6] == "| 1.6 | 4.5▲ |"

@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 
-from example_web_records import CHECK, experiments, record, wasm
+from example_web_records import CHECK, record, wasm
 
 from mjbench.report import tables, web, web_results
 from mjbench.status import Status
-from mjbench.web.npm_package import Build
 from mjbench.web.records import WebRecord
 from mjbench.web.rounding_check import PointDifference
 
@@ -84,18 +83,3 @@ def test_a_model_that_failed_has_no_table() -> None:
         model="a.xml", release="3.14.0", node="20.1.2", status=Status.INPUT, detail="b"
     )
     assert printed(stored) == "a.xml: input: b"
-
-
-def test_findings_name_the_builds_that_they_are_of() -> None:
-    of_wasm = replace(experiments(), examined=None)
-    assert of_wasm.mathematics is not None
-    exact = replace(of_wasm.mathematics, sines=0)
-    of_both = [of_wasm, replace(of_wasm, build=Build.WASM_MT, mathematics=exact)]
-    limit, sines, same = web.findings(of_both)
-    assert limit.builds == ["wasm", "wasm_mt"]
-    assert limit.text.startswith(
-        "9 MjData of a box on a plane fill the heap, which ends at 2.0 GiB"
-    )
-    assert (limit.text[-29:], limit.code) == ("99 fit with this in the MJCF:", "<size/>")
-    assert sines.builds == ["wasm"] and "3.0 % of the sines" in sines.text
-    assert same.builds == ["wasm_mt"] and "to the last bit" in same.text

@@ -10,7 +10,7 @@ from mjbench.paired.worker_pool import WorkerPool
 from mjbench.releases import installs
 from mjbench.simulation import models
 from mjbench.status import Status
-from mjbench.web import experiments, measure, node, npm_package
+from mjbench.web import measure, node, npm_package
 from mjbench.web.build_run import Engine
 from mjbench.web.c_reference import WebSizes
 from mjbench.web.measure import WebPlan
@@ -62,24 +62,3 @@ def test_they_agree_with_c_in_contact(pool: WorkerPool, plan: WebPlan) -> None:
     for path in record.paths[2:]:
         assert path.status == Status.OK, path.detail
         assert path.check is not None and path.check.constrained.count > 0
-
-
-@pytest.mark.parametrize("build", [*Build])
-def test_experiments_show_how_their_memory_behaves(engine: Engine, build: Build) -> None:
-    record = experiments.examine(engine, build)
-    assert record.status == Status.OK, record.detail
-    examined, mathematics = record.examined, record.mathematics
-    assert examined is not None and mathematics is not None
-    growth = examined.growth
-    assert growth.grown_bytes > growth.heap_bytes
-    assert growth.length == growth.new_length == 7
-    assert growth.is_live == (build == Build.WASM_MT)
-    assert growth.grown_length == (7 if growth.is_live else 0)
-    assert examined.snapshot.views_range_m == 0.0
-    assert examined.snapshot.copies_range_m == pytest.approx(0.2269, abs=5e-5)
-    assert examined.data.again_bytes > examined.data.deleted_bytes
-    assert examined.contact.again_bytes > examined.contact.deleted_bytes
-    assert not examined.state.is_array_written and examined.state.is_buffer_written
-    usual, small = record.limits
-    assert usual.error and small.count > usual.count
-    assert mathematics.difference < 1e-15

@@ -1,8 +1,15 @@
 /**
  * What goes wrong with the memory of MuJoCo's WebAssembly builds, each tried on the build itself.
  *
- * Python's side of the results is `Examined` in messages.py.
+ *     node --expose-gc web_memory.mjs OUTPUT examine SCRIPT CARTPOLE ANGLES
+ *     node --expose-gc web_memory.mjs OUTPUT fill SCRIPT
+ *
+ * SCRIPT is the module of a build, CARTPOLE the MJCF of the model whose pole falls from keyframe 0,
+ * ANGLES are in rad, as JSON. It writes one value to OUTPUT, as JSON.
  */
+
+import fs from 'node:fs';
+import { pathToFileURL } from 'node:url';
 
 /** The size of MjData that people get, and one that they can ask for. */
 const SIZES = ['', '<size memory="1M"/>'];
@@ -22,25 +29,27 @@ const TURNS = 20;
  * Fill the heap, once with MjData of each size.
  * @param {any} mujoco a module that was just instantiated
  */
-export function fill(mujoco) {
+function fill(mujoco) {
   return { limits: SIZES.map((size) => examineLimit(mujoco, size)) };
 }
 
 /**
  * Try everything else.
  * @param {any} mujoco an instantiated module
- * @param {string} cartpole MJCF of the model whose pole falls from keyframe 0
+ * @param {string} cartpole a file
+ * @param {string} angles
  */
-export async function examine(mujoco, cartpole) {
+async function examine(mujoco, cartpole, angles) {
   const tools = { mujoco, heapBytes: () => heapBytes(mujoco) };
   const model = mujoco.MjModel.from_xml_string(box(SIZES[0]));
   try {
     return {
       growth: examineGrowth(tools, model),
-      snapshot: examineSnapshot(tools, cartpole),
+      snapshot: examineSnapshot(tools, fs.readFileSync(cartpole, 'utf8')),
       data: await examineObjects(tools, DATA_COUNT, () => new mujoco.MjData(model)),
       contact: await examineContacts(tools, model),
       state: examineState(tools, model),
+      quaternions: rotate(tools, JSON.parse(angles)),
     };
   } finally {
     model.delete();
@@ -160,9 +169,28 @@ function examineState({ mujoco }, model) {
   return result;
 }
 
+/** Return quaternions of rotations about z: the cosine and the sine of half of each angle. */
+function rotate({ mujoco }, angles) {
+  const buffer = new mujoco.DoubleBuffer(4);
+  const quaternions = angles.map((angle) => {
+    mujoco.mju_axisAngle2Quat(buffer, [0, 0, 1], angle);
+    return Array.from(buffer.GetView());
+  });
+  buffer.delete();
+  return quaternions;
+}
+
 function heapBytes(mujoco) {
   const buffer = new mujoco.DoubleBuffer(1);
   const bytes = buffer.GetView().buffer.byteLength;
   buffer.delete();
   return bytes;
 }
+
+const [output, action, script, ...rest] = process.argv.slice(2);
+// Node has it since version 21; the build with threads reads it, and starts as many workers
+globalThis.navigator ??= /** @type {any} */ ({ hardwareConcurrency: 2 });
+const { default: loadMujoco } = await import(pathToFileURL(script).href);
+const mujoco = await loadMujoco({ print: console.error, printErr: console.error });
+fs.writeFileSync(output, JSON.stringify(await { examine, fill }[action](mujoco, ...rest)));
+process.exit(0); // the workers of the build with threads would keep it alive
