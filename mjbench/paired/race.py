@@ -224,9 +224,7 @@ class RaceRecord:
             return [None for _ in self.groups]
         return [standing(race, group, len(self.variants)) for group in self.groups]
 
-    def _interval(
-        self, launches: Sequence[RaceLaunch], baseline: int, candidate: int
-    ) -> Interval:
+    def _interval(self, launches: Sequence[RaceLaunch], baseline: int, candidate: int) -> Interval:
         """Return the ratio of two variants' times, the candidate's over the baseline's.
 
         How many launches there are after a race does not depend on what they say, so theirs has
