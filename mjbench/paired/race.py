@@ -193,13 +193,17 @@ class RaceRecord:
         """
         if variant not in self.variants:
             return None
-        return self._speedups[list(self.variants).index(variant)]
+        return self.speedups[list(self.variants).index(variant)]
 
     def ratio(self, faster: Variant, slower: Variant) -> Interval | None:
         """Return how many times faster one variant is than another; None where none timed both."""
         if faster not in self.variants or slower not in self.variants:
             return None
         first, second = (list(self.variants).index(each) for each in (faster, slower))
+        return self.ratio_of(first, second)
+
+    def ratio_of(self, first: int, second: int) -> Interval | None:
+        """Return how many times faster the first variant is than the second, by positions."""
         both = [each for each in self.launches if {first, second} <= set(each.variants)]
         return self._interval(both, first, second) if both else None
 
@@ -245,7 +249,8 @@ class RaceRecord:
         return final or [launch for launch in self.launches if position in launch.variants]
 
     @functools.cached_property
-    def _speedups(self) -> list[Interval | None]:
+    def speedups(self) -> list[Interval | None]:
+        """The speed-up of each variant over the plain loop; None where it was not timed."""
         speedups: list[Interval | None] = []
         for position in range(len(self.variants)):
             launches = self._launches_of(position)
