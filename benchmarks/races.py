@@ -31,7 +31,7 @@ from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
 
 if TYPE_CHECKING:
-    from mjbench.paired.race import RaceLaunch, RaceRecord
+    from mjbench.paired.race import RaceRecord
 
 RESULTS = Path(__file__).parents[1] / "results"
 LAUNCHES_FILE, TALLY_FILE = RESULTS / "races.jsonl", RESULTS / "races.json"
@@ -259,7 +259,8 @@ def _is_faster_than_itself(record: "RaceRecord") -> bool:
 
 def _row(row: ModelTally) -> str:
     return (
-        f"{row.model:20} regret {100 * row.regret:5.2f} % (1 in 100: {100 * row.worst_regret:.1f} %)"
+        f"{row.model:20} regret {100 * row.regret:5.2f} %, {100 * row.worst_regret:.1f} % in one of"
+        " a hundred"
         f"  dropped {100 * row.dropped:.2f} %  decided {100 * row.decided:.0f} %"
         f"  held {100 * row.covered_left:.1f} % left, {100 * row.covered_final:.1f} % final"
         f"  ±{100 * row.half_width:.1f} %  itself {100 * row.faster_than_itself:.1f} %"
