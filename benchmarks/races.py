@@ -7,7 +7,7 @@
 writes the launches to results/races.jsonl. That takes a minute or more a model.
 
 `replay` draws launches from that file at random, runs the race on them as `compare` does, and
-writes results/races.json. What all stored launches say is the truth there, so it counts: how often
+writes results/races.json and the table in docs/method/timing.md. What all stored launches say is the truth there, so it counts: how often
 the fastest path is dropped; the regret, by how much the fastest path is faster than the one that is
 advised; how often the interval of a speed-up holds, of paths that left and of those that won; and
 how often a path is called faster than itself.
@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks import tally_command
+from benchmarks.tally_file import dumps
 from mjbench.errors import InputError, MachineError
 from mjbench.simulation import models
 from mjbench.status import ExitCode, Status
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 RESULTS = Path(__file__).parents[1] / "results"
 LAUNCHES_FILE, TALLY_FILE = RESULTS / "races.jsonl", RESULTS / "races.json"
+PAGE = Path(__file__).parents[1] / "docs" / "method" / "timing.md"
+_BEGIN, _END = "<!-- races: written by benchmarks.races -->", "<!-- end -->"
 # Seconds that a launch takes beside its blocks, and blocks that prepare a path, untimed.
 _START_S, _PREPARING_BLOCKS = 0.4, 2
 
@@ -137,15 +140,55 @@ def _closed_loop(path: str) -> bool:
 
 def replay(races: int) -> ExitCode:
     """Run races on the stored launches, and store the tally."""
-    from benchmarks.tally_file import dumps
-
     header, records = load(LAUNCHES_FILE)
     rows = []
     for number, record in enumerate(records):
         rows.append(tally(record, races, np.random.default_rng(number)))
         print(_row(rows[-1]), flush=True)
-    TALLY_FILE.write_text(dumps(RaceTally(header["cpu"], header["mujoco"], rows)), encoding="utf-8")
+    result = RaceTally(header["cpu"], header["mujoco"], rows)
+    TALLY_FILE.write_text(dumps(result), encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
+    before, _, rest = page.partition(_BEGIN)
+    _, _, after = rest.partition(_END)
+    text = "\n".join([_BEGIN, *lines(result), _END])
+    PAGE.write_text(f"{before}{text}{after}", encoding="utf-8")
     return ExitCode.OK
+
+
+def lines(tally: RaceTally) -> list[str]:
+    """Return what the page says of a tally: what follows first, then the table."""
+    rows = tally.models
+    races = min(row.races for row in rows)
+    return [
+        f"Over {len(rows)} models, the advised path is slower than the fastest by"
+        f" {100 * max(row.regret for row in rows):.2f} % at most, on average over {races} races of"
+        f" a model; the fastest path is dropped in {100 * max(row.dropped for row in rows):.1f} % of"
+        " the races at most. Intervals hold in"
+        f" {100 * min(min(row.covered_left, row.covered_final) for row in rows):.1f} % of cases at"
+        " least. A path that enters twice is called faster than itself in"
+        f" {100 * max(row.faster_than_itself for row in rows):.1f} % of the races at most.",
+        f"(MuJoCo {tally.mujoco}, {tally.cpu}.)",
+        "",
+        "| model | paths | regret, % | in 1 of 100, % | dropped, % | decided, % | holds, left, % |"
+        " holds, final, % | ±, % | launches | seconds |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        *(_line(row) for row in rows),
+    ]
+
+
+def _line(row: ModelTally) -> str:
+    shares = (
+        row.regret,
+        row.worst_regret,
+        row.dropped,
+        row.decided,
+        row.covered_left,
+        row.covered_final,
+        row.half_width,
+    )
+    cells = [f"{100 * share:.1f}" if math.isfinite(share) else "" for share in shares]
+    numbers = f"{row.race_launches:.0f} | {row.race_s:.0f}"
+    return f"| {row.model} | {row.entrants} | {' | '.join(cells)} | {numbers} |"
 
 
 def load(file: Path) -> "tuple[dict[str, str], list[RaceRecord]]":
