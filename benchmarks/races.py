@@ -7,10 +7,10 @@
 writes the launches to results/races.jsonl. That takes a minute or more a model.
 
 `replay` draws launches from that file at random, runs the race on them as `compare` does, and
-writes results/races.json and the table in docs/method/timing.md. What all stored launches say is the truth there, so it counts: how often
-the fastest path is dropped; the regret, by how much the fastest path is faster than the one that is
-advised; how often the interval of a speed-up holds, of paths that left and of those that won; and
-how often a path is called faster than itself.
+writes results/races.json and the table in docs/method/timing.md. What all stored launches say is
+the truth there, so it counts: how often the fastest path is dropped; the regret, by how much the
+fastest path is faster than the one that is advised; how often the interval of a speed-up holds, of
+paths that left and of those that won; and how often a path is called faster than itself.
 """
 
 import argparse
@@ -162,8 +162,8 @@ def lines(tally: RaceTally) -> list[str]:
     return [
         f"Over {len(rows)} models, the advised path is slower than the fastest by"
         f" {100 * max(row.regret for row in rows):.2f} % at most, on average over {races} races of"
-        f" a model; the fastest path is dropped in {100 * max(row.dropped for row in rows):.1f} % of"
-        " the races at most. Intervals hold in"
+        " a model; the fastest path is dropped in"
+        f" {100 * max(row.dropped for row in rows):.1f} % of the races at most. Intervals hold in"
         f" {100 * min(min(row.covered_left, row.covered_final) for row in rows):.1f} % of cases at"
         " least. A path that enters twice is called faster than itself in"
         f" {100 * max(row.faster_than_itself for row in rows):.1f} % of the races at most.",

@@ -1,4 +1,4 @@
-"""The race of `compare` on stored launches: the tally finds what is planted, and the page has it."""
+"""The race of `compare` on stored launches: the tally, and the page that has it."""
 
 import numpy as np
 import pytest
